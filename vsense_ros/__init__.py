@@ -1,0 +1,1 @@
+"""On-vehicle virtual sensing: multibody state observers, their sensors and their recordings."""

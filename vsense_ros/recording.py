@@ -1,0 +1,166 @@
+"""Messages as numbers: one `Sample`, a `Channel` of many, a `Recording` of all.
+
+This is the only form in which data travels between importers, bags, drivers, nodes, observers and reports.
+It depends on numpy alone, so that everything can be used without ROS. Units are SI, axes ISO 8855; times are
+integer nanoseconds since the Unix epoch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Fields of each message type that carry numbers, with their length; 0 stands for "as many as `names`",
+# where an empty array says that the message does not carry the field.
+FIELDS: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {
+        "sensor_msgs/msg/Imu": {
+            "orientation": 4,  # quaternion x, y, z, w
+            "orientation_covariance": 9,
+            "angular_velocity": 3,  # [rad/s]
+            "angular_velocity_covariance": 9,
+            "linear_acceleration": 3,  # specific force [m/s²]
+            "linear_acceleration_covariance": 9,
+        },
+        "sensor_msgs/msg/NavSatFix": {
+            "status": 1,
+            "service": 1,
+            "latitude": 1,  # [deg]
+            "longitude": 1,  # [deg]
+            "altitude": 1,  # above the ellipsoid [m]
+            "position_covariance": 9,  # ENU [m²]
+            "position_covariance_type": 1,
+        },
+        "sensor_msgs/msg/JointState": {"position": 0, "velocity": 0, "effort": 0},
+        "geometry_msgs/msg/TwistWithCovarianceStamped": {"linear": 3, "angular": 3, "covariance": 36},
+        "geometry_msgs/msg/AccelStamped": {"linear": 3, "angular": 3},
+        "geometry_msgs/msg/AccelWithCovarianceStamped": {"linear": 3, "angular": 3, "covariance": 36},
+        "geometry_msgs/msg/Vector3Stamped": {"vector": 3},
+        "geometry_msgs/msg/WrenchStamped": {"force": 3, "torque": 3},
+        "nav_msgs/msg/Odometry": {
+            "position": 3,
+            "orientation": 4,
+            "pose_covariance": 36,
+            "linear": 3,
+            "angular": 3,
+            "twist_covariance": 36,
+        },
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One message.
+
+    `values` maps the field names of `FIELDS[kind]` to float arrays of shape `(length,)`.
+    """
+
+    topic: str
+    kind: str
+    stamp: int  # time of measurement [ns]
+    values: Mapping[str, NDArray[np.float64]]
+    frame_id: str = ""
+    names: tuple[str, ...] = ()  # of the joints of a JointState
+    child_frame_id: str = ""  # of an Odometry
+    received: int | None = None  # time of arrival [ns]; None: unknown
+
+
+@dataclass(frozen=True)
+class Channel:
+    """All messages of one topic, one row each, in order of arrival.
+
+    `columns` maps the field names of `FIELDS[kind]` to float arrays of shape `(rows, length)`.
+    """
+
+    topic: str
+    kind: str
+    stamp: NDArray[np.int64]  # (rows,) time of measurement [ns]
+    received: NDArray[np.int64]  # (rows,) time of arrival [ns]
+    columns: Mapping[str, NDArray[np.float64]]
+    frame_id: str = ""
+    names: tuple[str, ...] = ()
+    child_frame_id: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in FIELDS:
+            raise ValueError(f"{self.topic}: message type {self.kind!r} has no numeric form; known: {sorted(FIELDS)}")
+        rows = len(self.stamp)
+        for name, column in self.columns.items():
+            if name not in FIELDS[self.kind]:
+                raise ValueError(f"{self.topic}: {self.kind} has no field {name!r}")
+            if column.ndim != 2 or len(column) != rows:
+                raise ValueError(f"{self.topic}: field {name} has shape {column.shape}, expected ({rows}, …)")
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """Time of measurement relative to the first row [s]."""
+        return (self.stamp - self.stamp[0]) * 1e-9 if len(self) else np.zeros(0)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Channel:
+        """The same channel with only these rows."""
+        return replace(
+            self,
+            stamp=self.stamp[rows],
+            received=self.received[rows],
+            columns={name: column[rows] for name, column in self.columns.items()},
+        )
+
+    def sample(self, row: int) -> Sample:
+        """One row as a `Sample`."""
+        return Sample(
+            self.topic,
+            self.kind,
+            int(self.stamp[row]),
+            {name: column[row] for name, column in self.columns.items()},
+            self.frame_id,
+            self.names,
+            self.child_frame_id,
+            int(self.received[row]),
+        )
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Channels by topic, and what the reader had to say about the file they come from."""
+
+    channels: Mapping[str, Channel]
+    name: str = ""
+    notes: tuple[str, ...] = ()  # losses, repairs and doubts, in plain words
+    messages_lost: int = 0
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __contains__(self, topic: str) -> bool:
+        return topic in self.channels
+
+    def __getitem__(self, topic: str) -> Channel:
+        return self.channels[topic]
+
+    @property
+    def start(self) -> int:
+        """Earliest time of arrival [ns]; 0 for an empty recording."""
+        return min((int(c.received.min()) for c in self.channels.values() if len(c)), default=0)
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last arrival [s]."""
+        last = max((int(c.received.max()) for c in self.channels.values() if len(c)), default=0)
+        return (last - self.start) * 1e-9
+
+    def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
+        """All messages in order of arrival, ties in the order of the channels."""
+        chosen = [c for topic, c in self.channels.items() if topics is None or topic in topics]
+        if not chosen:
+            return
+        received = np.concatenate([c.received for c in chosen])
+        source = np.repeat(np.arange(len(chosen)), [len(c) for c in chosen])
+        row = np.concatenate([np.arange(len(c)) for c in chosen])
+        for index in np.argsort(received, kind="stable"):
+            yield chosen[source[index]].sample(int(row[index]))
