@@ -1,0 +1,199 @@
+"""Scores of the estimates of a drive against its reference.
+
+All scores are taken at the stamps of the reference: the estimate is interpolated linearly between its own stamps,
+never extrapolated, and never across a gap of more than `LONGEST_GAP`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.evaluate.signals import Array, Series, read_signals, wrap
+from vsense_ros.recording import Recording
+
+LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
+LONGEST_LAG = 1.0  # that is searched for [s]
+WEAKEST_CORRELATION = 0.5  # of estimate and truth, for a lag to mean something
+
+
+@dataclass(frozen=True, slots=True)
+class SignalScore:
+    """How well one signal was estimated.
+
+    - `rmse`: root mean square of the error [unit]; of the horizontal distance for the position.
+    - `nrmsd_percent`: RMSE over the range (max - min) of the truth in percent (Leung 2010, eq. 1.2); over the
+      diagonal of the bounding box for the position; None where the truth does not change.
+    - `bias`: mean of estimate - truth [unit]; length of the mean error vector for the position.
+    - `lag_s`: delay that brings the estimate closest to the truth [s], positive where the estimate is late; None
+      where the signals do not tell (constant, a ramp, unlike each other).
+    - `n`: number of reference values compared.
+    """
+
+    rmse: float
+    nrmsd_percent: float | None
+    bias: float
+    lag_s: float | None
+    unit: str
+    n: int
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """Estimate and truth of one signal at the stamps of the truth.
+
+    `stamp` (n,) [ns]; `estimate`, `truth` (n, k) [unit of the signal]; angles are continuous and never more than
+    half a turn apart.
+    """
+
+    stamp: NDArray[np.int64]
+    estimate: Array
+    truth: Array
+
+    @property
+    def error(self) -> Array:
+        """(n, k) estimate - truth."""
+        return self.estimate - self.truth
+
+
+def compare(output: Recording, input: Recording) -> dict[str, SignalScore]:
+    """Scores of every signal that stands below `vsense/` in `output` and below `reference/` in `input`.
+
+    The side slip is scored where the reference moves faster than `signals.SLOWEST_SIDE_SLIP`.
+    """
+    estimates, truths = read_signals(output, "vsense"), read_signals(input, "reference")
+    scores = {name: score(estimates[name], truths[name]) for name in estimates if name in truths}
+    return {name: found for name, found in scores.items() if found is not None}
+
+
+def without_reference(output: Recording, input: Recording) -> list[str]:
+    """What `output` estimates and `input` has no truth for: signals, and topics that hold none of the signals."""
+    scored = compare(output, input)
+    missing = [name for name in read_signals(output, "vsense") if name not in scored]
+    for topic, channel in output.channels.items():
+        name = topic.removeprefix("/")
+        if len(channel) and name.startswith(("vsense/wheel_slip/", "vsense/parameters")):
+            missing.append(name.removeprefix("vsense/").replace("/", "_"))
+    return missing
+
+
+def score(estimate: Series, truth: Series) -> SignalScore | None:
+    """Score one signal; None where the two have no time in common."""
+    aligned = align(estimate, truth)
+    if not len(aligned.stamp):
+        return None
+    error = aligned.error
+    rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    extent = float(np.linalg.norm(np.ptp(aligned.truth, axis=0)))
+    mean = error.mean(axis=0)
+    return SignalScore(
+        rmse=rmse,
+        nrmsd_percent=100.0 * rmse / extent if extent > 1e-9 else None,
+        bias=float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean)),
+        lag_s=lag(estimate, truth),
+        unit=estimate.signal.unit,
+        n=len(error),
+    )
+
+
+def align(estimate: Series, truth: Series) -> Aligned:
+    """Bring an estimate to the stamps of the truth, leaving out what it does not cover."""
+    angle = truth.signal.angle
+    times = (truth.stamp - truth.stamp[0]) * 1e-9 if len(truth) else np.zeros(0)
+    value, known = _resample(estimate, truth.stamp[0] if len(truth) else 0, times, LONGEST_GAP)
+    value, stamp, reference = value[known], truth.stamp[known], truth.value[known]
+    if angle and len(reference):
+        reference = np.unwrap(reference, axis=0)
+        value = reference + wrap(value - reference)
+    return Aligned(stamp, value, reference)
+
+
+def lag(estimate: Series, truth: Series) -> float | None:
+    """Delay τ of the estimate behind the truth [s], by least squares.
+
+    τ minimises the variance of estimate(t) - truth(t - τ) over the times at which both are known, for |τ| up to
+    `LONGEST_LAG` and a quarter of the common time. The variance rather than the mean square, so that a bias does
+    not pass for a delay. It is evaluated at all whole steps of a common grid by FFT (each of its sums is a
+    correlation of masked signals) and refined below the step by the parabola through its minimum.
+    """
+    if len(estimate) < 4 or len(truth) < 4:
+        return None
+    origin = max(estimate.stamp[0], truth.stamp[0])
+    duration = float(min(estimate.stamp[-1], truth.stamp[-1]) - origin) * 1e-9
+    periods = [float(np.median(np.diff(series.stamp))) * 1e-9 for series in (estimate, truth)]
+    step = float(np.clip(min(periods), 0.005, 0.05))
+    reach = int(min(LONGEST_LAG, duration / 4.0) / step)
+    if reach < 2:
+        return None
+    times = np.arange(0.0, duration, step)
+    y, y_known = _resample(estimate, origin, times, max(LONGEST_GAP, 2.0 * periods[0]))
+    x, x_known = _resample(truth, origin, times, max(LONGEST_GAP, 2.0 * periods[1]))
+    both = x_known & y_known
+    if both.sum() < 4:
+        return None
+    variance, spread = _difference_variance(x, x_known, y, y_known, reach)
+    best = int(np.argmin(variance))
+    if best in (0, 2 * reach) or variance.max() - variance[best] <= 1e-6 * spread:
+        return None
+    if _correlation(x, y, x_known, y_known, best - reach) < WEAKEST_CORRELATION:
+        return None
+    before, here, after = variance[best - 1 : best + 2]
+    curvature = before - 2.0 * here + after
+    return float((best - reach + 0.5 * (before - after) / curvature) * step)
+
+
+def _resample(series: Series, origin: int, times: Array, longest_gap: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Values (m, k) at `times` [s after origin], and where they are known; angles continuous."""
+    known = np.zeros(len(times), dtype=bool)
+    value = np.zeros((len(times), series.value.shape[1]))
+    if not len(series) or not len(times):
+        return value, known
+    own = (series.stamp - origin) * 1e-9
+    source = np.unwrap(series.value, axis=0) if series.signal.angle else series.value
+    after = np.searchsorted(own, times)
+    inside = (after > 0) & (after < len(own))
+    known[inside] = (own[after[inside]] - own[after[inside] - 1]) <= longest_gap
+    known |= np.isin(times, own)
+    for column in range(value.shape[1]):
+        value[:, column] = np.interp(times, own, source[:, column])
+    return value, known
+
+
+def _difference_variance(
+    x: Array, x_known: NDArray[np.bool_], y: Array, y_known: NDArray[np.bool_], reach: int
+) -> tuple[Array, float]:
+    """Variance of y[i + s] - x[i] for s = -reach … reach over the i at which both are known; variance of x and y."""
+    size = 1 << (len(x) + reach).bit_length()
+    shifts = np.arange(-reach, reach + 1)
+
+    def correlate(a: Array, b: Array) -> Array:
+        spectrum = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
+        return np.asarray(np.fft.irfft(spectrum, size)[shifts], dtype=np.float64)
+
+    x_mask, y_mask = x_known.astype(float), y_known.astype(float)
+    count = np.maximum(correlate(x_mask, y_mask), 1.0)
+    total = np.zeros(len(shifts))
+    spread = 0.0
+    for column in range(x.shape[1]):
+        a = np.where(x_known, x[:, column] - x[x_known, column].mean(), 0.0)
+        b = np.where(y_known, y[:, column] - y[y_known, column].mean(), 0.0)
+        squares = correlate(x_mask, b * b) + correlate(a * a, y_mask) - 2.0 * correlate(a, b)
+        mean = (correlate(x_mask, b) - correlate(a, y_mask)) / count
+        total += squares / count - mean**2
+        spread += float(np.mean(a * a) + np.mean(b * b))
+    return total, spread
+
+
+def _correlation(x: Array, y: Array, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_], shift: int) -> float:
+    """Correlation coefficient of y[i + shift] and x[i]."""
+    count = len(x) - abs(shift)
+    first_x, first_y = max(0, -shift), max(0, shift)
+    both = x_known[first_x : first_x + count] & y_known[first_y : first_y + count]
+    if not both.any():
+        return 0.0
+    a, b = x[first_x : first_x + count][both], y[first_y : first_y + count][both]
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    power = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return float(np.sum(a * b)) / power if power > 0.0 else 0.0

@@ -1,0 +1,183 @@
+"""The signals that are compared, shown and tabled: their names, units and where they stand in the topics.
+
+`vsense/*` (estimates) and `reference/*` (truth) carry the same messages, so one reading serves both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.recording import Channel, Recording
+
+WHEELS = ("fl", "fr", "rl", "rr")
+SLOWEST_SIDE_SLIP = 3.0  # below this speed the angle of the velocity vector says nothing [m/s]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Name and unit of a signal; `shown_unit` and `shown_per_unit` are what people read it in."""
+
+    name: str
+    label: str
+    unit: str
+    shown_unit: str
+    shown_per_unit: float = 1.0
+    angle: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A signal over time, sorted by time of measurement.
+
+    `stamp` (n,) [ns]; `value` (n, k) in the signal's unit, k = 2 for the horizontal position and 1 otherwise;
+    `deviation` (n,) one standard deviation, where the message carries it.
+    """
+
+    signal: Signal
+    stamp: NDArray[np.int64]
+    value: Array
+    deviation: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    def shown(self) -> Array:
+        """(n,) of a scalar signal in the unit people read it in."""
+        return self.value[:, 0] * self.signal.shown_per_unit
+
+
+def _signals() -> Mapping[str, Signal]:
+    degree = 180.0 / pi
+    chosen = [
+        Signal("side_slip", "side slip", "rad", "°", degree, angle=True),
+        Signal("lateral_velocity", "lateral velocity", "m/s", "m/s"),
+        Signal("longitudinal_velocity", "longitudinal velocity", "m/s", "m/s"),
+        Signal("speed", "speed", "m/s", "m/s"),
+        Signal("yaw_rate", "yaw rate", "rad/s", "°/s", degree),
+        Signal("yaw", "yaw", "rad", "°", degree, angle=True),
+        Signal("roll", "roll", "rad", "°", degree, angle=True),
+        Signal("pitch", "pitch", "rad", "°", degree, angle=True),
+        Signal("position", "horizontal position", "m", "m"),
+    ]
+    for axis in ("longitudinal", "lateral", "vertical"):
+        chosen.append(Signal(f"{axis}_acceleration", f"{axis} acceleration", "m/s²", "m/s²"))
+    for wheel in WHEELS:
+        for axis, label in (("x", "longitudinal"), ("y", "lateral"), ("z", "vertical")):
+            chosen.append(Signal(f"wheel_force_{wheel}_{axis}", f"{label} tyre force {wheel.upper()}", "N", "kN", 1e-3))
+    return {signal.name: signal for signal in chosen}
+
+
+SIGNALS = _signals()
+
+
+def find_channel(recording: Recording, topic: str) -> Channel | None:
+    """The channel of a relative topic name, with or without a namespace before it; None: absent or empty."""
+    for name, channel in recording.channels.items():
+        if (name == topic or name.endswith("/" + topic)) and len(channel):
+            return channel
+    return None
+
+
+def wrap(angle: Array) -> Array:
+    """Angles into [-π, π) [rad]."""
+    return (angle + pi) % (2.0 * pi) - pi
+
+
+def euler_angles(quaternion: Array) -> tuple[Array, Array, Array]:
+    """Roll, pitch and yaw (ISO 8855: yaw about z, then pitch about y, then roll about x) [rad].
+
+    `quaternion` (n, 4) as x, y, z, w; rows that are no rotation (all zeros) give NaN.
+    """
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = np.where(length > 0.5, quaternion / length, np.nan).T
+    return (
+        np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+        np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
+
+
+def read_signals(recording: Recording, source: str) -> dict[str, Series]:
+    """All signals that `recording` holds below `source` ("vsense" or "reference").
+
+    A value that is not finite, or whose variance is negative (the message's way to say "absent"), is left out; a
+    signal without any value is no signal. The side slip is what `<source>/sideslip` says, else the angle of the
+    velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a velocity.
+    """
+    found: dict[str, Series] = {}
+
+    def keep(name: str, channel: Channel, value: Array, variance: Array | None = None) -> None:
+        series = _series(SIGNALS[name], channel, value, variance)
+        if len(series):
+            found[name] = series
+
+    odometry = find_channel(recording, f"{source}/odometry")
+    if odometry is not None:
+        _read_odometry(odometry, keep)
+    sideslip = find_channel(recording, f"{source}/sideslip")
+    if sideslip is not None:
+        vector = sideslip.columns["vector"]
+        keep("side_slip", sideslip, vector[:, :1], vector[:, 1] ** 2)
+    acceleration = find_channel(recording, f"{source}/acceleration")
+    if acceleration is not None:
+        for column, axis in enumerate(("longitudinal", "lateral", "vertical")):
+            value = acceleration.columns["linear"][:, column : column + 1]
+            keep(f"{axis}_acceleration", acceleration, value, _variance(acceleration, "covariance", column))
+    for wheel in WHEELS:
+        force = find_channel(recording, f"{source}/wheel_force/{wheel}")
+        if force is not None:
+            for column, letter in enumerate("xyz"):
+                keep(f"wheel_force_{wheel}_{letter}", force, force.columns["force"][:, column : column + 1])
+    return {name: found[name] for name in SIGNALS if name in found}
+
+
+def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array | None], None]) -> None:
+    linear, angular = odometry.columns["linear"], odometry.columns["angular"]
+    variance = [_variance(odometry, "twist_covariance", axis) for axis in range(6)]
+    speed = np.hypot(linear[:, 0], linear[:, 1])
+    keep("longitudinal_velocity", odometry, linear[:, :1], variance[0])
+    keep("lateral_velocity", odometry, linear[:, 1:2], variance[1])
+    keep("yaw_rate", odometry, angular[:, 2:], variance[5])
+    lateral_absent = variance[1] is not None and bool(np.all(variance[1] < 0.0))
+    if lateral_absent:
+        keep("speed", odometry, np.abs(linear[:, :1]), variance[0])
+    else:
+        keep("speed", odometry, speed[:, None], variance[0])
+        side_slip = np.where(speed > SLOWEST_SIDE_SLIP, np.arctan2(linear[:, 1], linear[:, 0]), np.nan)
+        keep("side_slip", odometry, side_slip[:, None], None)
+    variance = [_variance(odometry, "pose_covariance", axis) for axis in range(6)]
+    for axis, (name, angle) in enumerate(
+        zip(("roll", "pitch", "yaw"), euler_angles(odometry.columns["orientation"]), strict=True)
+    ):
+        keep(name, odometry, angle[:, None], variance[3 + axis])
+    keep("position", odometry, odometry.columns["position"][:, :2], variance[0])
+
+
+def _variance(channel: Channel, column: str, axis: int) -> Array | None:
+    """(rows,) of the diagonal of a 6x6 covariance; negative: the value is absent; None: the message has none."""
+    if column not in channel.columns:
+        return None
+    covariance = channel.columns[column]
+    return np.where(covariance[:, 0] == -1.0, -1.0, covariance[:, 7 * axis])
+
+
+def _series(signal: Signal, channel: Channel, value: Array, variance: Array | None) -> Series:
+    """Sorted by stamp; of two values with one stamp the one that arrived last."""
+    good = np.isfinite(value).all(axis=1)
+    if variance is not None:
+        good &= ~(variance < 0.0)
+    rows = np.flatnonzero(good)[::-1]
+    stamp, first = np.unique(channel.stamp[rows], return_index=True)
+    rows = rows[first]
+    deviation = None
+    if variance is not None and np.any(variance[rows] > 0.0):
+        deviation = np.sqrt(variance[rows])
+    return Series(signal, stamp, value[rows], deviation)
