@@ -1,0 +1,161 @@
+"""One drive with all that is to be said about it, for tables, pictures and reports alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
+from vsense_ros.evaluate.signals import find_channel
+from vsense_ros.recording import Channel, Recording
+
+
+class RunFigures(Protocol):
+    """What a run of an observer leaves behind, with or without ROS."""
+
+    @property
+    def output(self) -> Recording: ...
+    @property
+    def step_us_median(self) -> float: ...
+    @property
+    def realtime_factor(self) -> float: ...
+    @property
+    def messages_lost(self) -> int: ...
+    @property
+    def diagnostics(self) -> list[Diagnostic]: ...
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """What one topic of the input delivered.
+
+    `rate` [Hz] from the median interval; `latency_ms` median and `latency_worst_ms` 99th percentile of arrival - stamp;
+    `longest_gap` [s] between two stamps.
+    """
+
+    topic: str
+    kind: str
+    messages: int
+    rate: float
+    latency_ms: float
+    latency_worst_ms: float
+    longest_gap: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Input, output, scores and figures of one drive.
+
+    `baselines` holds scores of simpler ways to the same signals; `way` says in words how the drive was computed;
+    `notes` is what a reader must know (what was left out, what was lost and where).
+    """
+
+    name: str
+    title: str
+    input: Recording
+    output: Recording
+    scores: Mapping[str, SignalScore]
+    unreferenced: tuple[str, ...]
+    step_us_median: float
+    realtime_factor: float
+    messages_lost: int
+    diagnostics: tuple[Diagnostic, ...] = ()
+    baselines: Mapping[str, Mapping[str, SignalScore]] = field(default_factory=dict)
+    way: str = ""
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        title: str,
+        input: Recording,
+        run: RunFigures,
+        *,
+        baselines: Mapping[str, Mapping[str, SignalScore]] | None = None,
+        way: str = "",
+        notes: tuple[str, ...] = (),
+    ) -> Drive:
+        """Compare the output of a run with the reference of its input."""
+        return cls(
+            name=name,
+            title=title,
+            input=input,
+            output=run.output,
+            scores=compare(run.output, input),
+            unreferenced=tuple(without_reference(run.output, input)),
+            step_us_median=run.step_us_median,
+            realtime_factor=run.realtime_factor,
+            messages_lost=run.messages_lost,
+            diagnostics=tuple(run.diagnostics),
+            baselines=baselines or {},
+            way=way,
+            notes=notes + tuple(note for note in input.notes if note not in notes),
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """The drive as numbers, ready for JSON; SI units, None where a score has no value."""
+        return {
+            "signals": {
+                name: {
+                    "rmse": one.rmse,
+                    "nrmsd_percent": one.nrmsd_percent,
+                    "bias": one.bias,
+                    "lag_s": one.lag_s,
+                    "unit": one.unit,
+                }
+                for name, one in self.scores.items()
+            },
+            "step_us_median": _finite(self.step_us_median),
+            "realtime_factor": _finite(self.realtime_factor),
+            "messages_lost": self.messages_lost,
+        }
+
+    def sensors(self) -> list[SensorRow]:
+        """The topics that an estimator could use, in the order of the recording."""
+        return [
+            _sensor_row(channel)
+            for topic, channel in self.input.channels.items()
+            if len(channel) and not {"vsense", "reference"} & set(topic.strip("/").split("/"))
+        ]
+
+    def facts(self) -> list[str]:
+        """Duration, distance and speed range of the drive, in words."""
+        found = [f"{self.input.duration:.0f} s"]
+        for recording, source in ((self.input, "reference"), (self.output, "vsense")):
+            odometry = find_channel(recording, f"{source}/odometry")
+            if odometry is None:
+                continue
+            speed = np.hypot(odometry.columns["linear"][:, 0], np.nan_to_num(odometry.columns["linear"][:, 1]))
+            known = np.isfinite(speed)
+            if known.sum() > 1:
+                mean = (speed[known][1:] + speed[known][:-1]) / 2.0
+                length = float(np.sum(mean * np.diff(odometry.stamp[known]) * 1e-9))
+                found.append(f"{length / 1000.0:.2f} km" if length >= 1000.0 else f"{length:.0f} m")
+                slow, fast = speed[known].min() * 3.6, speed[known].max() * 3.6
+                found.append(f"{slow:.0f}–{fast:.0f} km/h")
+                break
+        return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _sensor_row(channel: Channel) -> SensorRow:
+    latency = (channel.received - channel.stamp) * 1e-6
+    interval = np.diff(np.sort(channel.stamp)) * 1e-9
+    typical = float(np.median(interval)) if len(interval) else 0.0
+    return SensorRow(
+        topic=channel.topic,
+        kind=channel.kind.rsplit("/", 1)[-1],
+        messages=len(channel),
+        rate=1.0 / typical if typical > 0.0 else float("nan"),
+        latency_ms=float(np.median(latency)),
+        latency_worst_ms=float(np.quantile(latency, 0.99)),
+        longest_gap=float(interval.max()) if len(interval) else 0.0,
+    )
