@@ -1,0 +1,54 @@
+# Every target does its own set-up: a machine with Python 3.11 or 3.12 and its venv module is enough.
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+export PYTHON
+
+# What a shell that has sourced a ROS installation leaves behind would mix with the ROS wheels of the environment.
+unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
+# Nothing that is started here talks to other machines; rclpy.init fails without a HOME.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+export HOME := $(or $(HOME),$(CURDIR)/out/home)
+export ROS_LOG_DIR := $(CURDIR)/out/ros_log
+# One thread per process: the work is small matrices, and several processes share the cores.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help venv test lint format demo bench genesis bags clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+venv: ## the virtual environment that the other targets use
+	@mkdir -p out "$(HOME)"
+	@.ci/venv $(VENV) "$(PYTHON)" -r requirements/core.txt -r requirements/ros.txt -r requirements/dev.txt
+
+test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
+	@.ci/test
+
+lint: venv ## ruff and mypy alone
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+format: venv ## let ruff mend what it can
+	$(VENV)/bin/ruff check --fix-only .
+	$(VENV)/bin/ruff format .
+
+demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
+	$(VENV)/bin/vsense demo
+
+bench: venv ## benchmarks to out/bench.json
+	$(VENV)/bin/python -m pytest test/benchmark --benchmark-enable --benchmark-json=out/bench.json
+
+genesis: venv ## identification on two Genesis laps, evaluation on the third, to out/genesis.json
+	$(VENV)/bin/vsense genesis
+
+bags: venv ## regenerate the manoeuvres in bags/ bit by bit
+	$(VENV)/bin/vsense bags
+
+clean: ## remove everything that a target made, environments included
+	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

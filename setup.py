@@ -1,0 +1,56 @@
+"""Build by colcon (ament_python) and by pip alike."""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "vsense_ros"
+ROOT = Path(__file__).parent
+NODES = ("can_driver", "imu_driver", "gps_driver", "observer", "replay", "recorder")
+
+
+def requirement_names() -> list[str]:
+    """Names without versions: those are pinned in requirements/ for environments of our own, while a vehicle PC keeps
+    the versions its distribution brings."""
+    lines = (ROOT / "requirements" / "core.txt").read_text(encoding="utf-8").splitlines()
+    return [match.group(1) for line in lines if (match := re.match(r"([A-Za-z0-9._-]+)", line))]
+
+
+def shared_files(folder: str) -> list[tuple[str, list[str]]]:
+    """Every file below `folder`, to be installed at the same place below share/vsense_ros."""
+    directories = [path for path in sorted((ROOT / folder).rglob("*")) if path.is_dir()]
+    found = []
+    for directory in [ROOT / folder, *directories]:
+        files = [str(path.relative_to(ROOT)) for path in sorted(directory.glob("*")) if path.is_file()]
+        if files and directory.name != "__pycache__":
+            found.append((f"share/{PACKAGE}/{directory.relative_to(ROOT)}", files))
+    return found
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="On-vehicle virtual sensing with multibody state observers",
+    license="Apache-2.0",
+    maintainer="vsense_ros maintainers",
+    maintainer_email="maintainers@vsense-ros.example.com",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={"": ["py.typed", "*.html", "*.jinja", "*.j2", "*.yaml", "*.xml", "*.json", "*.csv"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        *shared_files("config"),
+        *shared_files("launch"),
+        *shared_files("bags"),
+    ],
+    install_requires=requirement_names(),
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            f"vsense = {PACKAGE}.cli:main",
+            *(f"{node} = {PACKAGE}.node.{node}:main" for node in NODES),
+        ]
+    },
+)
