@@ -1,0 +1,5 @@
+"""Recordings in and out: MCAP bags, importers, public datasets, inspection."""
+
+from vsense_ros.bag.mcap import BagWriter, read_bag, write_bag
+
+__all__ = ["BagWriter", "read_bag", "write_bag"]

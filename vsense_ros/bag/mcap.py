@@ -1,0 +1,715 @@
+"""MCAP bags as rosbag2 writes and plays them: profile `ros2`, CDR messages, `ros2msg` schemas, chunked, indexed.
+
+Reader and writer work on the records of the format (https://mcap.dev/spec) directly. A general library spends some
+ten microseconds on a message; here a message costs a few struct operations, and its numbers are decoded with all
+others of its topic at once (`cdr.decode_channel`).
+
+A damaged bag gives all that is intact: the file is scanned from the front, a chunk whose checksum or compression is
+broken is left out and counted by its message index, a chunk cut off by the end of the file is read up to the cut.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from vsense_ros.bag import cdr, messages
+from vsense_ros.errors import InputError
+from vsense_ros.recording import FIELDS, Channel, Recording, Sample
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(0x01, 0x09)
+_STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
+_RECORD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
+
+CHUNK_SIZE = 256 * 1024  # [byte] before compression: what one damaged spot can cost at most
+
+_QOS = """\
+- history: keep_last
+  depth: 10
+  reliability: reliable
+  durability: volatile
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false
+"""
+
+
+def _text(value: str) -> bytes:
+    encoded = value.encode()
+    return struct.pack("<I", len(encoded)) + encoded
+
+
+def _map(values: Mapping[str, str]) -> bytes:
+    body = b"".join(_text(key) + _text(value) for key, value in values.items())
+    return struct.pack("<I", len(body)) + body
+
+
+def _record(opcode: int, body: bytes) -> bytes:
+    return _RECORD.pack(opcode, len(body)) + body
+
+
+_COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
+    "": lambda data: data,
+    "lz4": lambda data: lz4.frame.compress(data, store_size=True),
+    "zstd": lambda data: zstandard.ZstdCompressor(level=3, write_checksum=False).compress(data),
+}
+
+
+class BagWriter:
+    """Writes a bag folder `<name>/<name>_0.mcap` with `metadata.yaml`, as a context manager.
+
+    The same calls write the same bytes: nothing in the file depends on clock, host or version of this package
+    (with compression, on the version of the compression library). What has been written stands readable in the file
+    chunk by chunk, also if the process dies before `close`.
+
+    Raises `InputError` if the folder holds something already (`overwrite=True` replaces a bag).
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        compression: str = "zstd",
+        overwrite: bool = False,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        if compression not in _COMPRESSORS:
+            raise InputError(f"compression {compression!r} is unknown; expected one of 'zstd', 'lz4', ''")
+        self.path = Path(path)
+        self._compression = compression
+        self._metadata = dict(metadata or {})
+        self._clear(overwrite)
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._file: BinaryIO = (self.path / self._file_name).open("wb")
+        self._at = 0
+        self._kinds: dict[str, int] = {}
+        self._topics: dict[str, tuple[int, str]] = {}
+        self._counts: dict[int, int] = {}
+        self._chunk = bytearray()
+        self._index: dict[int, list[tuple[int, int]]] = {}
+        self._chunk_indexes: list[bytes] = []
+        self._first, self._last = 2**63 - 1, 0
+        self._closed = False
+        self._put(_MAGIC + _record(_HEADER, _text("ros2") + _text("vsense_ros")))
+
+    @property
+    def _file_name(self) -> str:
+        return f"{self.path.resolve().name}_0.mcap"
+
+    def _clear(self, overwrite: bool) -> None:
+        """Remove an old bag in the way; anything that is not a bag stays, and is an error."""
+        if not self.path.exists():
+            return
+        if not self.path.is_dir():
+            raise InputError(f"{self.path}: a bag is a folder, but a file of this name exists; choose another name")
+        old = list(self.path.iterdir())
+        if old and not overwrite:
+            raise InputError(f"{self.path}: holds something already; choose another name or allow overwriting")
+        if any(not (f.name == "metadata.yaml" or f.suffix == ".mcap") for f in old):
+            raise InputError(f"{self.path}: holds files that are no bag, so it is not overwritten")
+        for f in old:
+            f.unlink()
+
+    def _put(self, data: bytes) -> None:
+        self._file.write(data)
+        self._at += len(data)
+
+    def write(self, sample: Sample) -> None:
+        """Write a sample at its time of arrival, or of measurement if that is unknown."""
+        time = sample.stamp if sample.received is None else sample.received
+        self.write_raw(sample.topic, sample.kind, time, cdr.encode(sample))
+
+    def write_raw(self, topic: str, kind: str, log_time: int, data: bytes) -> None:
+        """Write a message that is CDR bytes already; `log_time` [ns]."""
+        channel, known_kind = self._topics.get(topic) or self._add_topic(topic, kind)
+        if kind != known_kind:
+            raise InputError(f"{topic}: was {known_kind} so far, now {kind}; a topic has one type")
+        if log_time < 0:
+            raise InputError(f"{topic}: time {log_time} ns is before 1970")
+        self._index.setdefault(channel, []).append((log_time, len(self._chunk)))
+        sequence = self._counts[channel]
+        self._counts[channel] += 1
+        self._chunk += _MESSAGE_HEAD.pack(_MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, log_time, log_time)
+        self._chunk += data
+        if len(self._chunk) >= CHUNK_SIZE:
+            self._flush()
+
+    def _add_topic(self, topic: str, kind: str) -> tuple[int, str]:
+        if kind not in messages.TYPE_HASHES:
+            known = ", ".join(sorted(messages.TYPE_HASHES))
+            raise InputError(f"{topic}: message type {kind!r} cannot be written; known: {known}")
+        if kind not in self._kinds:
+            self._kinds[kind] = len(self._kinds) + 1
+            self._chunk += self._schema(kind)
+        number = len(self._topics) + 1
+        self._topics[topic] = (number, kind)
+        self._counts[number] = 0
+        self._chunk += self._channel(topic)
+        return number, kind
+
+    def _schema(self, kind: str) -> bytes:
+        body = struct.pack("<H", self._kinds[kind]) + _text(kind) + _text("ros2msg") + _text(messages.schema_text(kind))
+        return _record(_SCHEMA, body)
+
+    def _channel(self, topic: str) -> bytes:
+        number, kind = self._topics[topic]
+        metadata = {"offered_qos_profiles": _QOS, "topic_type_hash": messages.TYPE_HASHES[kind]}
+        head = struct.pack("<HH", number, self._kinds[kind])
+        return _record(_CHANNEL, head + _text(_absolute(topic)) + _text("cdr") + _map(metadata))
+
+    def _flush(self) -> None:
+        """Write the pending messages as one chunk with its message index."""
+        if not self._chunk:
+            return
+        raw = bytes(self._chunk)
+        packed = _COMPRESSORS[self._compression](raw)
+        times = [time for entries in self._index.values() for time, _ in entries]
+        first, last = (min(times), max(times)) if times else (0, 0)
+        if times:
+            self._first, self._last = min(self._first, first), max(self._last, last)
+        start = self._at
+        body = struct.pack("<QQQI", first, last, len(raw), zlib.crc32(raw)) + _text(self._compression)
+        self._put(_record(_CHUNK, body + struct.pack("<Q", len(packed)) + packed))
+        length = self._at - start
+        offsets = b""
+        for channel in sorted(self._index):
+            offsets += struct.pack("<HQ", channel, self._at)
+            entries = b"".join(struct.pack("<QQ", *entry) for entry in sorted(self._index[channel]))
+            self._put(_record(_MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries))
+        self._chunk_indexes.append(
+            struct.pack("<QQQQI", first, last, start, length, len(offsets))
+            + offsets
+            + struct.pack("<Q", self._at - start - length)
+            + _text(self._compression)
+            + struct.pack("<QQ", len(packed), len(raw))
+        )
+        self._file.flush()
+        self._chunk.clear()
+        self._index.clear()
+
+    def close(self) -> None:
+        """Finish the file and write `metadata.yaml`."""
+        if self._closed:
+            return
+        self._closed = True
+        self._flush()
+        information = self._metadata_yaml()
+        metadata_at = self._at
+        inside = {"serialized_metadata": "".join(line[2:] for line in information.splitlines(True)[1:])}
+        self._put(_record(_METADATA, _text("rosbag2") + _map(inside)))
+        metadata_length = self._at - metadata_at
+        self._put(_record(_DATA_END, struct.pack("<I", 0)))
+        self._put_summary(metadata_at, metadata_length)
+        self._file.close()
+        (self.path / "metadata.yaml").write_text(information, encoding="utf-8")
+
+    def _put_summary(self, metadata_at: int, metadata_length: int) -> None:
+        total = sum(self._counts.values())
+        first = self._first if total else 0
+        counts = b"".join(struct.pack("<HQ", *item) for item in sorted(self._counts.items()))
+        statistics = struct.pack(
+            "<QHIIIIQQI",
+            total,
+            len(self._kinds),
+            len(self._topics),
+            0,
+            1,
+            len(self._chunk_indexes),
+            first,
+            self._last,
+            len(counts),
+        )
+        groups = {
+            _SCHEMA: b"".join(self._schema(kind) for kind in self._kinds),
+            _CHANNEL: b"".join(self._channel(topic) for topic in self._topics),
+            _CHUNK_INDEX: b"".join(_record(_CHUNK_INDEX, body) for body in self._chunk_indexes),
+            _METADATA_INDEX: _record(
+                _METADATA_INDEX, struct.pack("<QQ", metadata_at, metadata_length) + _text("rosbag2")
+            ),
+            _STATISTICS: _record(_STATISTICS, statistics + counts),
+        }
+        at, summary, offsets = self._at, b"", b""
+        for opcode, group in groups.items():
+            if group:
+                offsets += _record(_SUMMARY_OFFSET, struct.pack("<BQQ", opcode, at + len(summary), len(group)))
+                summary += group
+        footer_start = _RECORD.pack(_FOOTER, 20) + struct.pack("<QQ", at, at + len(summary))
+        crc = zlib.crc32(summary + offsets + footer_start)
+        self._put(summary + offsets + footer_start + struct.pack("<I", crc) + _MAGIC)
+
+    def _metadata_yaml(self) -> str:
+        total = sum(self._counts.values())
+        first = self._first if total else 0
+        span = f"""\
+duration:
+  nanoseconds: {self._last - first if total else 0}
+starting_time:
+  nanoseconds_since_epoch: {first}
+message_count: {total}
+"""
+        topics = "".join(
+            f"""\
+- topic_metadata:
+    name: {_quoted(_absolute(topic))}
+    type: {kind}
+    serialization_format: cdr
+    offered_qos_profiles:
+{_indent(_QOS, 6)}    type_description_hash: {messages.TYPE_HASHES[kind]}
+  message_count: {self._counts[channel]}
+"""
+            for topic, (channel, kind) in self._topics.items()
+        )
+        custom = "".join(f"  {_quoted(key)}: {_quoted(value)}\n" for key, value in self._metadata.items())
+        name = _quoted(self._file_name)
+        information = (
+            "version: 9\nstorage_identifier: mcap\n"
+            + span
+            + (f"topics_with_message_count:\n{_indent(topics, 2)}" if topics else "topics_with_message_count: []\n")
+            + f'compression_format: ""\ncompression_mode: ""\nrelative_file_paths:\n  - {name}\nfiles:\n'
+            + f"  - path: {name}\n{_indent(span, 4)}"
+            + (f"custom_data:\n{custom}" if custom else "custom_data: ~\n")
+            + "ros_distro: jazzy\n"
+        )
+        return "rosbag2_bagfile_information:\n" + _indent(information, 2)
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _absolute(topic: str) -> str:
+    """Name of a topic in a bag: rosbag2 knows fully qualified names only."""
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _indent(text: str, width: int) -> str:
+    return "".join(" " * width + line for line in text.splitlines(True))
+
+
+def _quoted(text: str) -> str:
+    """A YAML double-quoted scalar on one line."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return f'"{escaped}"'
+
+
+def write_bag(path: str | Path, recording: Recording, *, compression: str = "zstd", overwrite: bool = False) -> None:
+    """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`."""
+    metadata = dict(recording.metadata)
+    if recording.notes:
+        metadata["notes"] = "\n".join(recording.notes)
+    channels = [channel for channel in recording.channels.values() if len(channel)]
+    with BagWriter(path, compression=compression, overwrite=overwrite, metadata=metadata) as writer:
+        if not channels:
+            return
+        rows = [cdr.encode_channel(channel) for channel in channels]
+        received = np.concatenate([channel.received for channel in channels])
+        source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
+        row = np.concatenate([np.arange(len(channel)) for channel in channels])
+        for index in np.argsort(received, kind="stable").tolist():
+            channel = channels[source[index]]
+            data = rows[source[index]][row[index]].tobytes()
+            writer.write_raw(channel.topic, channel.kind, int(received[index]), data)
+
+
+@dataclass
+class _Contents:
+    """What has been gathered from the files of a bag."""
+
+    schemas: dict[int, str] = field(default_factory=dict)  # number → type name
+    channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # number → topic, type, encoding
+    payloads: dict[int, list[bytes]] = field(default_factory=dict)
+    times: dict[int, list[int]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    lost: int = 0  # messages known to be lost
+    expected: int | None = None  # messages that the file says it holds
+    custom: dict[str, str] = field(default_factory=dict)
+
+    def count(self) -> int:
+        return sum(map(len, self.payloads.values()))
+
+
+class _Damaged(Exception):
+    """A record is not what the format says."""
+
+
+def _take_text(data: bytes, at: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", data, at)
+    end = at + 4 + length
+    if end > len(data):
+        raise _Damaged(f"a text of {length} bytes does not fit")
+    return data[at + 4 : end].decode(errors="replace"), end
+
+
+def _take_map(data: bytes, at: int) -> dict[str, str]:
+    (length,) = struct.unpack_from("<I", data, at)
+    at, end, values = at + 4, at + 4 + length, {}
+    while at < end:
+        key, at = _take_text(data, at)
+        values[key], at = _take_text(data, at)
+    return values
+
+
+def _take_definition(contents: _Contents, opcode: int, body: bytes) -> None:
+    """Schema, channel, statistics or metadata record."""
+    try:
+        if opcode == _SCHEMA:
+            (number,) = struct.unpack_from("<H", body)
+            contents.schemas[number], _ = _take_text(body, 2)
+        elif opcode == _CHANNEL:
+            number, schema = struct.unpack_from("<HH", body)
+            topic, at = _take_text(body, 4)
+            encoding, _ = _take_text(body, at)
+            contents.channels[number] = (topic.lstrip("/"), contents.schemas.get(schema, "(unknown)"), encoding)
+        elif opcode == _STATISTICS:
+            (contents.expected,) = struct.unpack_from("<Q", body)
+        elif opcode == _METADATA:
+            name, at = _take_text(body, 0)
+            if name == "rosbag2":
+                _take_information(contents, _yaml(_take_map(body, at).get("serialized_metadata", "")))
+    except (struct.error, _Damaged) as error:
+        raise _Damaged(f"record {opcode:#04x}: {error}") from None
+
+
+def _yaml(text: str) -> object:
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except YAMLError:
+        return None
+
+
+def _take_information(contents: _Contents, information: object) -> None:
+    custom = information.get("custom_data") if isinstance(information, dict) else None
+    if isinstance(custom, dict):
+        contents.custom.update({str(key): str(value) for key, value in custom.items()})
+
+
+def _take_records(contents: _Contents, data: bytes) -> int:
+    """Gather the records of a chunk; returns the position behind the last whole one."""
+    at, end = 0, len(data)
+    unpack, head = _MESSAGE_HEAD.unpack_from, _MESSAGE_HEAD.size
+    payloads, times = contents.payloads, contents.times
+    while at + 9 <= end:
+        if data[at] == _MESSAGE and at + head <= end:
+            _, length, channel, _, log_time, _ = unpack(data, at)
+            after = at + 9 + length
+            if after > end or length < 22:
+                break
+            if channel not in payloads:
+                payloads[channel], times[channel] = [], []
+            payloads[channel].append(data[at + head : after])
+            times[channel].append(log_time)
+        else:
+            opcode, length = _RECORD.unpack_from(data, at)
+            after = at + 9 + length
+            if after > end:
+                break
+            _take_definition(contents, opcode, data[at + 9 : after])
+        at = after
+    return at
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    first: int  # time of the first message [ns]
+    last: int
+    size: int  # uncompressed [byte]
+    crc: int
+    compression: str
+    packed: bytes
+    whole: bool  # False: cut off by the end of the file
+
+    @staticmethod
+    def parse(body: bytes, whole: bool) -> _Chunk:
+        try:
+            first, last, size, crc = struct.unpack_from("<QQQI", body)
+            compression, at = _take_text(body, 28)
+            (length,) = struct.unpack_from("<Q", body, at)
+        except struct.error:
+            raise _Damaged("the head of a chunk is cut off") from None
+        packed = body[at + 8 : at + 8 + length]
+        return _Chunk(first, last, size, crc, compression, packed, whole and len(packed) == length)
+
+    def records(self) -> bytes:
+        """Uncompressed records; of a chunk that is cut off, those before the cut."""
+        try:
+            if self.compression == "":
+                data = self.packed
+            elif self.compression == "zstd" and self.whole:
+                data = zstandard.ZstdDecompressor().decompress(self.packed, max_output_size=self.size)
+            elif self.compression == "zstd":
+                data = zstandard.ZstdDecompressor().decompressobj().decompress(self.packed)
+            elif self.compression == "lz4":
+                data = lz4.frame.LZ4FrameDecompressor().decompress(self.packed)
+            else:
+                raise _Damaged(f"its compression {self.compression!r} is unknown (known: zstd, lz4)")
+        except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+            raise _Damaged(f"it cannot be decompressed ({error})") from None
+        if self.whole and len(data) != self.size:
+            raise _Damaged(f"it has {len(data)} bytes instead of {self.size}")
+        if self.whole and self.crc and zlib.crc32(data) != self.crc:
+            raise _Damaged("its checksum is wrong")
+        return data
+
+
+def _summary(contents: _Contents, data: bytes) -> list[int]:
+    """Definitions from the end of a file, if that is intact; returns the positions of the chunks it names."""
+    end = len(data) - _FOOTER_LENGTH
+    if end < 0 or not data.endswith(_MAGIC) or data[end] != _FOOTER:
+        return []
+    (start,) = struct.unpack_from("<Q", data, end + _RECORD.size)
+    chunks = []
+    try:
+        for opcode, body, _, _ in _records(data, start if start else end, end):
+            if opcode == _CHUNK_INDEX:
+                chunks.append(struct.unpack_from("<Q", body, 16)[0])
+            else:
+                _take_definition(contents, opcode, body)
+    except (_Damaged, struct.error):
+        contents.notes.append("the summary at the end of the file is damaged; the file was scanned from the front")
+    return sorted(chunks)
+
+
+def _records(data: bytes, at: int, end: int) -> Iterator[tuple[int, bytes, int, bool]]:
+    """Opcode, body, position and wholeness of each record; only the last may be cut off."""
+    while at < end:
+        if at + _RECORD.size > end:
+            raise _Damaged("a record is cut off")
+        opcode, length = _RECORD.unpack_from(data, at)
+        if opcode == 0 or 0x10 <= opcode < 0x80:
+            raise _Damaged(f"{opcode:#04x} is no record of MCAP")
+        body = at + _RECORD.size
+        yield opcode, data[body : min(body + length, end)], at, body + length <= end
+        at = body + length
+
+
+@dataclass
+class _Scan:
+    """One pass through a file, from the front to its end."""
+
+    path: Path
+    data: bytes
+    contents: _Contents
+    at: int = len(_MAGIC)  # position of the record that is being read
+    lost: int = 0
+    start: int | None = None  # time of the first chunk [ns]
+    broken: tuple[int, _Chunk, str] | None = None  # chunk that was left out: position, chunk, reason
+    indexed: int = 0  # messages in it, as its message index says
+
+    def run(self, end: int) -> None:
+        """Gather records up to the footer. Raises `_Damaged` at a record that cannot be passed."""
+        try:
+            for opcode, body, position, whole in _records(self.data, self.at, end):
+                self.at = position
+                if opcode == _MESSAGE_INDEX:
+                    self.indexed += max(len(body) - 6, 0) // 16
+                    continue
+                self.settle()
+                if opcode == _FOOTER:
+                    break
+                if opcode == _CHUNK:
+                    self.chunk(_Chunk.parse(body, whole))
+                elif not whole:
+                    raise _Damaged("a record is cut off")
+                elif opcode == _MESSAGE:
+                    _take_records(self.contents, self.data[self.at : self.at + _RECORD.size + len(body)])
+                else:
+                    _take_definition(self.contents, opcode, body)
+        finally:
+            self.settle()
+
+    def chunk(self, chunk: _Chunk) -> None:
+        self.start = chunk.first if self.start is None else self.start
+        self.indexed = 0
+        try:
+            records = chunk.records()
+            done = _take_records(self.contents, records)
+            if done < chunk.size:
+                raise _Damaged(f"it ends after {done} of {chunk.size} bytes")
+        except _Damaged as error:
+            self.broken = (self.at, chunk, str(error))
+
+    def settle(self) -> None:
+        """Note what a broken chunk cost, now that its message index has been passed."""
+        if self.broken is None:
+            return
+        position, chunk, reason = self.broken
+        since = self.start or 0
+        span = f"{(chunk.first - since) * 1e-9:.3f} to {(chunk.last - since) * 1e-9:.3f} s from the start"
+        count = str(self.indexed) if self.indexed else "an unknown number of"
+        self.contents.notes.append(
+            f"{self.path.name}: chunk at byte {position} ({span}) is damaged: {reason}; {count} messages lost"
+        )
+        self.lost += self.indexed
+        self.broken = None
+
+
+def _scan(path: Path, contents: _Contents) -> None:
+    """Gather all intact messages of one file."""
+    data = path.read_bytes()
+    if not data:
+        raise InputError(f"{path}: the file is empty; expected an MCAP bag")
+    if not data.startswith(_MAGIC):
+        raise InputError(
+            f"{path}: not an MCAP file: it begins with {data[:8].hex(' ')}, expected {_MAGIC.hex(' ')}. "
+            "Give a bag folder or a .mcap file, or import other formats with 'vsense import'"
+        )
+    before, contents.expected = contents.count(), None
+    chunk_positions = _summary(contents, data)
+    finished = data.endswith(_MAGIC) and len(data) > _FOOTER_LENGTH
+    scan = _Scan(path, data, contents)
+    while True:
+        try:
+            scan.run(len(data) - (len(_MAGIC) if finished else 0))
+            break
+        except _Damaged as error:
+            following = [position for position in chunk_positions if position > scan.at]
+            onward = f"reading went on at byte {following[0]}" if following else "nothing behind it could be read"
+            contents.notes.append(f"{path.name}: damaged at byte {scan.at} of {len(data)}: {error}; {onward}")
+            if not following:
+                break
+            scan.at = following[0]
+    if not finished:
+        contents.notes.append(f"{path.name}: the file is not finished (cut off at byte {len(data)})")
+    got = contents.count() - before
+    contents.lost += scan.lost if contents.expected is None else max(scan.lost, contents.expected - got)
+
+
+def read_bag(path: str | Path) -> Recording:
+    """Read a bag folder or a single `.mcap` file.
+
+    All intact messages of the types in `vsense_ros.recording.FIELDS` are returned, topics without their leading
+    slash; what was lost or skipped, and where, stands in `notes`, the known number of lost messages in
+    `messages_lost`.
+
+    Raises `InputError` if there is no such bag, if it is none, or if it holds no message.
+    """
+    path = Path(path)
+    contents = _Contents()
+    files, promised = _files(path, contents)
+    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    skipped: dict[tuple[str, str], int] = {}
+    read = 0
+    for file in files:
+        contents.schemas, contents.channels, contents.payloads, contents.times = {}, {}, {}, {}
+        _scan(file, contents)
+        read += contents.count()
+        for number, payloads in contents.payloads.items():
+            topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
+            if kind not in FIELDS or encoding != "cdr":
+                skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
+            elif topic in merged and merged[topic][0] == kind:
+                merged[topic][1].extend(payloads)
+                merged[topic][2].extend(contents.times[number])
+            elif topic in merged:
+                skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
+            else:
+                merged[topic] = (kind, payloads, contents.times[number])
+    if promised is not None:
+        contents.lost = max(contents.lost, promised - read)
+    if not read:
+        reason = f" ({'; '.join(contents.notes)})" if contents.notes else ""
+        raise InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
+    notes = [*contents.notes, *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items())]
+    result, bad = _channels(merged, notes)
+    stored = contents.custom.pop("notes", "")
+    return Recording(
+        result,
+        path.stem if path.is_file() else path.resolve().name,
+        (*stored.splitlines(), *notes),
+        contents.lost + bad,
+        contents.custom,
+    )
+
+
+def _channels(
+    merged: Mapping[str, tuple[str, list[bytes], list[int]]], notes: list[str]
+) -> tuple[dict[str, Channel], int]:
+    """Decode the messages of each topic; returns the channels and the number of messages that are none."""
+    result: dict[str, Channel] = {}
+    lost = 0
+    for topic, (kind, payloads, times) in merged.items():
+        received = np.array(times, np.uint64).astype(np.int64)
+        if (np.diff(received) < 0).any():
+            order = np.argsort(received, kind="stable")
+            received, payloads = received[order], [payloads[i] for i in order]
+        decoded = cdr.decode_channel(kind, topic, payloads, received)
+        if decoded.channel is not None:
+            result[topic] = decoded.channel
+        if decoded.bad:
+            notes.append(f"{topic}: {decoded.bad} messages are damaged and left out; the first: {decoded.first_error}")
+            lost += decoded.bad
+        for frame, count in decoded.foreign.items():
+            notes.append(
+                f"{topic}: {count} messages with frame id {frame!r} left out; the others have "
+                f"{decoded.channel.frame_id if decoded.channel else ''!r}"
+            )
+    return result, lost
+
+
+def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
+    """The MCAP files of a bag in their order, and the number of messages that `metadata.yaml` promises."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; expected a bag folder or a .mcap file")
+    if path.is_file():
+        return [path], None
+    found = sorted(path.glob("*.mcap"))
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        if not found:
+            raise InputError(f"{path}: no bag: the folder holds neither metadata.yaml nor a .mcap file")
+        contents.notes.append("metadata.yaml is missing: the recording was not finished properly")
+        return found, None
+    document = _yaml(metadata.read_text(encoding="utf-8", errors="replace"))
+    information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    if not isinstance(information, dict):
+        if not found:
+            raise InputError(f"{metadata}: not the metadata of a bag: no rosbag2_bagfile_information in it")
+        contents.notes.append("metadata.yaml is damaged; all .mcap files of the folder were read")
+        return found, None
+    storage = information.get("storage_identifier", "mcap")
+    if storage != "mcap":
+        raise InputError(
+            f"{path}: its storage is {storage!r}, expected 'mcap'; convert it with 'ros2 bag convert' or record with "
+            "'ros2 bag record --storage mcap'"
+        )
+    if information.get("compression_mode"):
+        raise InputError(
+            f"{path}: compressed by rosbag2 ({information['compression_mode']} mode), expected compression inside MCAP "
+            "chunks; convert it with 'ros2 bag convert'"
+        )
+    _take_information(contents, information)
+    files = [path / str(name) for name in information.get("relative_file_paths") or []]
+    missing = [file.name for file in files if not file.exists()]
+    if missing:
+        contents.notes.append(f"files that metadata.yaml names are missing: {', '.join(missing)}")
+    present = [file for file in files if file.exists()] or found
+    if not present:
+        raise InputError(f"{path}: none of its files is there ({', '.join(missing) or 'metadata.yaml names none'})")
+    promised = information.get("message_count")
+    return present, promised if isinstance(promised, int) else None
