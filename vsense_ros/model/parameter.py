@@ -1,0 +1,69 @@
+"""One way to declare a number with a unit, and to turn a tree of them into a vector and back.
+
+A vehicle file, its validation, its documentation and the symbols in the equations all come from these declarations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+
+
+def parameter(unit: str, description: str, **constraints: Any) -> Any:
+    """A pydantic field for a physical quantity; `constraints` are pydantic's (gt, ge, lt, le, default …)."""
+    return Field(description=description, json_schema_extra={"unit": unit}, **constraints)
+
+
+def numbers(model: BaseModel, prefix: str = "") -> Iterator[tuple[str, float]]:
+    """Dotted names and values of all numeric fields, depth first in order of declaration."""
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            yield from numbers(value, f"{prefix}{name}.")
+        elif isinstance(value, float):
+            yield prefix + name, value
+
+
+def vector(model: BaseModel) -> NDArray[np.float64]:
+    """Values of `numbers`, (n,)."""
+    return np.array([value for _, value in numbers(model)])
+
+
+def symbols(model: BaseModel, name: str = "p") -> tuple[ca.SX, SimpleNamespace]:
+    """A symbolic vector in the order of `vector`, and a namespace shaped like `model` with its elements."""
+    names = [n for n, _ in numbers(model)]
+    p = ca.SX.sym(name, len(names))
+    root = SimpleNamespace()
+    for i, dotted in enumerate(names):
+        *path, leaf = dotted.split(".")
+        node = root
+        for part in path:
+            if not hasattr(node, part):
+                setattr(node, part, SimpleNamespace())
+            node = getattr(node, part)
+        setattr(node, leaf, p[i])
+    return p, root
+
+
+def with_values(model: Any, changes: dict[str, float]) -> Any:
+    """A copy of `model` in which the fields with these dotted names have new values, validated again.
+
+    Raises `KeyError` for a name that the model does not have.
+    """
+    known = dict(numbers(model))
+    data = model.model_dump()
+    for dotted, value in changes.items():
+        if dotted not in known:
+            raise KeyError(f"{dotted!r} is no parameter; known are {', '.join(known)}")
+        *path, leaf = dotted.split(".")
+        node = data
+        for part in path:
+            node = node[part]
+        node[leaf] = float(value)
+    return type(model).model_validate(data)

@@ -1,0 +1,86 @@
+"""What all sensors have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from vsense_ros.model.parameter import parameter
+
+Triple = tuple[float, float, float]
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bias:
+    """A slowly varying error of a sensor: a random walk, or a decaying one where `time_constant` is finite.
+
+    `deviation` is the standard deviation at start, `drift` that of the change after one second (random walk), or
+    ignored where a time constant [s] keeps the standard deviation at `deviation`.
+    """
+
+    name: str
+    deviation: float
+    drift: float
+    time_constant: float = float("inf")
+
+
+class SensorBase(BaseModel):
+    """Where a sensor's messages come from and how far they can be trusted."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kinds: ClassVar[str] = ""  # message type
+    is_input: ClassVar[bool] = False  # True: the values drive the model instead of correcting it
+
+    topic: str
+    frame_id: str = Field(default="", description="expected frame of the messages; empty: any")
+    latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=2, default=0.0)
+    gate: float = parameter(
+        "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
+    )
+    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=0.5)
+
+    def biases(self) -> tuple[Bias, ...]:
+        """Errors to be estimated along with the state."""
+        return ()
+
+    def mounting(self) -> Vector:
+        """Constants of the sensor's equation, (k,)."""
+        return np.zeros(0)
+
+    def deviations(self) -> Vector:
+        """Standard deviation of each component where a message does not give one, (m,)."""
+        raise NotImplementedError
+
+    def read(self, names: tuple[str, ...], values: Mapping[str, Vector], out: Vector, variance: Vector) -> None:
+        """Fill `out` (m,) and `variance` (m,) from the fields of a message; NaN marks an absent component."""
+        raise NotImplementedError
+
+    def equation(self, motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
+        """What the sensor would measure, (m,), as a function of a `Motion`."""
+        raise NotImplementedError
+
+
+def covariance_diagonal(flat: Vector | None, size: int) -> Vector | None:
+    """Diagonal of a row-major covariance, or None where it is absent (-1) or unknown (zeros)."""
+    if flat is None or len(flat) == 0:
+        return None
+    diagonal = flat[:: int(len(flat) ** 0.5) + 1][:size]
+    return diagonal if np.all(diagonal > 0) else None
+
+
+def by_name(names: tuple[str, ...], wanted: tuple[str, ...], values: Vector | None, out: Vector) -> None:
+    """Pick the elements of a JointState's field by joint name; NaN where a joint is missing."""
+    out[:] = np.nan
+    if values is None or len(values) != len(names):
+        return
+    for i, name in enumerate(wanted):
+        if name in names:
+            out[i] = values[names.index(name)]

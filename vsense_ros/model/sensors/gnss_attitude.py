@@ -1,0 +1,45 @@
+"""Heading from two GNSS antennas."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.model.parameter import parameter
+from vsense_ros.model.sensors.base import SensorBase, covariance_diagonal
+
+
+class GnssAttitude(SensorBase):
+    """Yaw in the map [rad], as cosine and sine so that no wrap is needed."""
+
+    kinds: ClassVar[str] = "sensor_msgs/msg/Imu"
+
+    kind: Literal["gnss_attitude"] = "gnss_attitude"
+    topic: str = "gps/attitude"
+    frame_id: str = "gnss_link"
+    yaw: float = parameter("rad", "direction of the base line in the axes of cog", default=0.0)
+    noise: float = parameter("rad", "standard deviation of the heading", gt=0, default=0.005)
+    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
+
+    def mounting(self):
+        return np.array([self.yaw])
+
+    def deviations(self):
+        return np.full(2, self.noise)
+
+    def read(self, names, values, out, variance):
+        x, y, z, w = values["orientation"]
+        heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        out[0], out[1] = np.cos(heading), np.sin(heading)
+        flat = values.get("orientation_covariance")
+        if flat is not None and len(flat) and flat[0] == -1:
+            out[:] = np.nan
+        diagonal = covariance_diagonal(flat, 3)
+        if diagonal is not None:
+            variance[:] = diagonal[2]
+
+    def equation(self, motion, biases, mounting):
+        heading = motion.q[5] + mounting[0]
+        return ca.vertcat(ca.cos(heading), ca.sin(heading))

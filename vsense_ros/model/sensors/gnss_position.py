@@ -1,0 +1,44 @@
+"""GNSS position of an antenna, horizontal: the car's model lives on the road surface and knows no height."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from vsense_ros.model.parameter import parameter
+from vsense_ros.model.sensors.base import SensorBase, Triple, covariance_diagonal
+
+
+class GnssPosition(SensorBase):
+    """East and north of the map's origin [m].
+
+    The observer adds `east` and `north` to the fields of the message, which carries latitude and longitude.
+    """
+
+    kinds: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
+
+    kind: Literal["gnss_position"] = "gnss_position"
+    topic: str = "gps/fix"
+    frame_id: str = "gnss_link"
+    position: Triple = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
+    noise: float = parameter("m", "standard deviation of east and north", gt=0, default=1.5)
+    noise_from_message: bool = True
+    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
+
+    def mounting(self):
+        return np.array(self.position)
+
+    def deviations(self):
+        return np.full(2, self.noise)
+
+    def read(self, names, values, out, variance):
+        out[0], out[1] = values["east"][0], values["north"][0]
+        if len(values.get("status", ())) and values["status"][0] < 0:
+            out[:] = np.nan
+        diagonal = covariance_diagonal(values.get("position_covariance"), 2)
+        if self.noise_from_message and diagonal is not None:
+            variance[:] = diagonal
+
+    def equation(self, motion, biases, mounting):
+        return (motion.q[0:3] + motion.attitude @ mounting)[0:2]

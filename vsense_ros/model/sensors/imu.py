@@ -1,0 +1,65 @@
+"""Inertial measurement unit: body rates and specific force at a mounting point and attitude."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.model import spatial
+from vsense_ros.model.parameter import parameter
+from vsense_ros.model.sensors.base import Bias, SensorBase, Triple, covariance_diagonal
+
+
+class Imu(SensorBase):
+    """Three gyros [rad/s] and three accelerometers [m/s²]; any of the six may be absent (NaN)."""
+
+    kinds: ClassVar[str] = "sensor_msgs/msg/Imu"
+
+    kind: Literal["imu"] = "imu"
+    topic: str = "imu/data"
+    frame_id: str = "imu_link"
+    position: Triple = parameter("m", "mounting point in the axes of cog", default=(0.0, 0.0, 0.0))
+    attitude: Triple = parameter("rad", "roll, pitch and yaw of imu_link in cog", default=(0.0, 0.0, 0.0))
+    rate_noise: Triple = parameter("rad/s", "standard deviation of each gyro", default=(0.003, 0.003, 0.003))
+    force_noise: Triple = parameter("m/s²", "standard deviation of each accelerometer", default=(0.1, 0.1, 0.2))
+    rate_bias: float = parameter("rad/s", "standard deviation of the gyro bias at start", ge=0, default=0.01)
+    rate_bias_drift: float = parameter("rad/s", "change of the gyro bias in one second", ge=0, default=1e-5)
+    force_bias: float = parameter("m/s²", "standard deviation of the accelerometer bias at start", ge=0, default=0.1)
+    force_bias_drift: float = parameter("m/s²", "change of the bias in one second", ge=0, default=1e-4)
+
+    def biases(self) -> tuple[Bias, ...]:
+        rates = tuple(Bias(f"gyro_bias_{axis}", self.rate_bias, self.rate_bias_drift) for axis in "xyz")
+        forces = tuple(Bias(f"accelerometer_bias_{axis}", self.force_bias, self.force_bias_drift) for axis in "xyz")
+        return rates + forces
+
+    def mounting(self):
+        return np.array([*self.position, *self.attitude])
+
+    def deviations(self):
+        return np.array([*self.rate_noise, *self.force_noise])
+
+    def read(self, names, values, out, variance):
+        out[:3] = values["angular_velocity"]
+        out[3:] = values["linear_acceleration"]
+        for part, field in ((slice(0, 3), "angular_velocity_covariance"), (slice(3, 6), "linear_acceleration_covariance")):
+            flat = values.get(field)
+            if flat is not None and len(flat) and flat[0] == -1:
+                out[part] = np.nan
+            diagonal = covariance_diagonal(flat, 3)
+            if diagonal is not None:
+                variance[part] = diagonal
+
+    def equation(self, motion, biases, mounting):
+        return equation(motion, biases, mounting)
+
+
+def equation(motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
+    """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts."""
+    arm = mounting[0:3]
+    to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
+    velocity, rates = motion.u[0:3], motion.u[3:6]
+    acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
+    acceleration = acceleration + ca.cross(motion.udot[3:6], arm) + ca.cross(rates, ca.cross(rates, arm))
+    return ca.vertcat(to_sensor @ rates, to_sensor @ (acceleration - motion.gravity)) + biases

@@ -1,0 +1,138 @@
+"""TMeasy: a handling tyre model from a few parameters with physical meaning (Hirschberg, Rill & Weinfurter 2007).
+
+Steady-state combined-slip forces with degressive load influence. Each force curve is given at the nominal load and at
+twice that load by its initial slope, its maximum and the slip there, and the sliding force and the slip where it sets in.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import casadi as ca
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from vsense_ros.model.parameter import parameter
+
+SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
+SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
+
+
+class ForceCurve(BaseModel):
+    """Force against slip at one load."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    initial_slope: float = parameter("N", "initial slope dF/ds", gt=0)
+    maximum: float = parameter("N", "largest force", gt=0)
+    slip_at_maximum: float = parameter("-", "slip at the largest force", gt=0, lt=2)
+    sliding: float = parameter("N", "force of full sliding", gt=0)
+    slip_at_sliding: float = parameter("-", "slip where full sliding begins", gt=0, lt=5)
+
+    @model_validator(mode="after")
+    def _curve_has_one_maximum(self) -> ForceCurve:
+        least = 2 * self.maximum / self.slip_at_maximum
+        if self.initial_slope < least:
+            raise ValueError(
+                f"initial_slope {self.initial_slope:g} N is too flat for a maximum of {self.maximum:g} N at slip "
+                f"{self.slip_at_maximum:g}; at least 2·maximum/slip_at_maximum = {least:g} N is needed"
+            )
+        if self.sliding > self.maximum:
+            raise ValueError(f"sliding {self.sliding:g} N exceeds maximum {self.maximum:g} N")
+        if self.slip_at_sliding <= self.slip_at_maximum:
+            raise ValueError("slip_at_sliding must be larger than slip_at_maximum")
+        return self
+
+
+class LoadPair(BaseModel):
+    """A force curve at the nominal load and at twice the nominal load."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    nominal: ForceCurve
+    double: ForceCurve
+
+
+class TMeasy(BaseModel):
+    """Parameters of a TMeasy tyre."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    model: Literal["tmeasy"] = "tmeasy"
+    nominal_load: float = parameter("N", "nominal load", gt=0)
+    longitudinal: LoadPair
+    lateral: LoadPair
+    pneumatic_trail: float = parameter("m", "pneumatic trail at zero slip", ge=0, lt=0.2, default=0.03)
+    slip_of_no_trail: float = parameter("-", "lateral slip where the trail has vanished", gt=0, lt=2, default=0.3)
+    standstill_speed: float = parameter(
+        "m/s", "added to the transport velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
+    )
+
+
+def _force_at_load(nominal: ca.SX, double: ca.SX, ratio: ca.SX) -> ca.SX:
+    """Quadratic load influence through zero, `nominal` at ratio 1 and `double` at 2 (Rill 2012, eq. 3.58)."""
+    return ratio * (2 * nominal - 0.5 * double - (nominal - 0.5 * double) * ratio)
+
+
+def _slip_at_load(nominal: ca.SX, double: ca.SX, ratio: ca.SX) -> ca.SX:
+    """Linear load influence of a slip parameter."""
+    return nominal + (double - nominal) * (ratio - 1)
+
+
+def _curve(p, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    near, far = p.nominal, p.double
+    slope = _force_at_load(near.initial_slope, far.initial_slope, load_ratio)
+    maximum = friction * _force_at_load(near.maximum, far.maximum, load_ratio)
+    sliding = friction * _force_at_load(near.sliding, far.sliding, load_ratio)
+    slip_max = friction * _slip_at_load(near.slip_at_maximum, far.slip_at_maximum, load_ratio)
+    slip_slide = friction * _slip_at_load(near.slip_at_sliding, far.slip_at_sliding, load_ratio)
+    return slope, maximum, slip_max, sliding, slip_slide
+
+
+def forces(
+    p, load: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, friction: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Longitudinal force, lateral force [N], aligning moment [N m], longitudinal slip and lateral slip [-].
+
+    `p` holds the symbolic parameters of `TMeasy`; `load` is the wheel load [N]; `speed_x` and `speed_y` the velocity of
+    the contact point [m/s] in the axes of the contact patch; `rolling_speed` is effective radius times spin [m/s];
+    `friction` scales the road's grip, 1 being the road the tyre was measured on.
+    """
+    # Limited at 2.5 times the nominal load: the parabola that describes load influence turns down beyond it.
+    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, 2.5)
+    transport = ca.sqrt(rolling_speed**2 + p.standstill_speed**2)
+    slip_x = (rolling_speed - speed_x) / transport
+    slip_y = -speed_y / transport
+
+    slope_x, max_x, slip_max_x, slide_x, slip_slide_x = _curve(p.longitudinal, ratio, friction)
+    slope_y, max_y, slip_max_y, slide_y, slip_slide_y = _curve(p.lateral, ratio, friction)
+
+    # Normalising factors that make both directions comparable (Hirschberg et al. 2007, eqs. 9-11).
+    range_x, range_y = max_x / slope_x, max_y / slope_y
+    factor_x = slip_max_x / (slip_max_x + slip_max_y) + range_x / (range_x + range_y)
+    factor_y = slip_max_y / (slip_max_x + slip_max_y) + range_y / (range_x + range_y)
+    normal_x, normal_y = slip_x / factor_x, slip_y / factor_y
+    slip = ca.sqrt(normal_x**2 + normal_y**2 + SMALLEST_SLIP**2)
+    share_x = (normal_x**2 + 0.5 * SMALLEST_SLIP**2) / slip**2  # cos² of the slip direction; an even mix at zero slip
+
+    def combine(x: ca.SX, y: ca.SX) -> ca.SX:
+        return ca.sqrt(x**2 * share_x + y**2 * (1 - share_x))
+
+    slope = combine(slope_x * factor_x, slope_y * factor_y)
+    maximum = combine(max_x, max_y)
+    slip_max = combine(slip_max_x / factor_x, slip_max_y / factor_y)
+    sliding = combine(slide_x, slide_y)
+    slip_slide = combine(slip_slide_x / factor_x, slip_slide_y / factor_y)
+
+    adhesion = ca.fmin(slip / slip_max, 1)
+    rising = slope / (1 + adhesion * (adhesion + slope * slip_max / maximum - 2))  # force over slip
+    beyond = ca.fmin(ca.fmax((slip - slip_max) / (slip_slide - slip_max), 0), 1)
+    falling = (maximum - (maximum - sliding) * beyond**2 * (3 - 2 * beyond)) / slip
+    force_over_slip = ca.if_else(slip < slip_max, rising, falling)
+
+    # In the air there is no force; SMALLEST_LOAD only keeps the ratios finite.
+    contact = ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)
+    force_x = contact * force_over_slip * normal_x
+    force_y = contact * force_over_slip * normal_y
+    fading = ca.fmax(1 - (slip_y / p.slip_of_no_trail) ** 2, 0)
+    moment = -p.pneumatic_trail * fading * force_y
+    return force_x, force_y, moment, slip_x, slip_y

@@ -1,0 +1,128 @@
+"""What a vehicle file says: the one schema behind validation, documentation, symbols and defaults.
+
+Lengths in metres from `cog`, the centre of gravity in the design position; axes ISO 8855; SI units throughout.
+"""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from vsense_ros.model.observer_settings import ObserverSettings
+from vsense_ros.model.parameter import numbers, parameter, vector, with_values
+from vsense_ros.model.sensors import Sensor
+from vsense_ros.model.tyres import Tyre
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Chassis(_Part):
+    """The whole car, wheels included."""
+
+    mass: float = parameter("kg", "mass of the whole car", gt=0, lt=1e5)
+    roll_inertia: float = parameter("kg m²", "moment of inertia of the whole car about x through cog", gt=0)
+    pitch_inertia: float = parameter("kg m²", "about y", gt=0)
+    yaw_inertia: float = parameter("kg m²", "about z", gt=0)
+    cog_height: float = parameter("m", "height of cog above the road in the design position", gt=0, lt=5)
+    cog_to_front_axle: float = parameter("m", "distance from cog to the front axle", gt=0, lt=10)
+    cog_to_rear_axle: float = parameter("m", "distance from cog to the rear axle", gt=0, lt=10)
+
+
+class Axle(_Part):
+    """One axle with two equal wheels."""
+
+    track: float = parameter("m", "distance between the wheel centres", gt=0, lt=5)
+    roll_centre_height: float = parameter("m", "height of the roll centre above the road", ge=-0.5, le=1, default=0.0)
+    hub_mass: float = parameter("kg", "unsprung mass of one corner without the wheel", gt=0)
+    wheel_mass: float = parameter("kg", "mass of one wheel with tyre", gt=0)
+    wheel_spin_inertia: float = parameter("kg m²", "moment of inertia of one wheel about its axle", gt=0)
+    wheel_diametral_inertia: float = parameter("kg m²", "moment of inertia of one wheel about a diameter", gt=0)
+    suspension_stiffness: float = parameter("N/m", "spring rate at the wheel", gt=0)
+    suspension_damping: float = parameter("N s/m", "damper rate at the wheel", ge=0)
+    antiroll_stiffness: float = parameter(
+        "N/m", "force at the wheel per difference in travel of left and right", ge=0, default=0.0
+    )
+    unloaded_radius: float = parameter("m", "radius of the unloaded tyre", gt=0.05, lt=2)
+    tyre_stiffness: float = parameter("N/m", "vertical stiffness of the tyre", gt=1e3)
+    tyre_damping: float = parameter("N s/m", "vertical damping of the tyre", ge=0, default=0.0)
+    dynamic_radius_factor: float = parameter(
+        "-", "effective rolling radius: this share of the unloaded and the rest of the loaded radius", ge=0, le=1,
+        default=2 / 3,
+    )  # fmt: skip
+    rolling_resistance: float = parameter("-", "rolling resistance coefficient", ge=0, lt=0.2, default=0.012)
+    tyre: Tyre = Field(description="tyre model and its parameters")
+
+
+class Steering(_Part):
+    """From the steering wheel to the front wheels."""
+
+    ratio: float = parameter("-", "steering-wheel angle over road-wheel angle", gt=0, lt=100, default=16.0)
+    ackermann: float = parameter("-", "0: parallel wheels, 1: Ackermann geometry", ge=-1, le=2, default=1.0)
+
+
+class Aerodynamics(_Part):
+    """Air forces on the body."""
+
+    drag_area: float = parameter("m²", "drag coefficient times frontal area", ge=0, lt=20, default=0.0)
+
+
+class Road(_Part):
+    """The road, as far as it is taken to be known."""
+
+    friction: float = parameter("-", "grip relative to the road on which the tyre was measured", gt=0, le=2, default=1.0)
+
+
+class Physics(_Part):
+    """All that enters the equations of motion."""
+
+    chassis: Chassis
+    front: Axle
+    rear: Axle
+    steering: Steering = Steering()
+    aerodynamics: Aerodynamics = Aerodynamics()
+    road: Road = Road()
+
+    @model_validator(mode="after")
+    def _the_chassis_keeps_mass_and_inertia(self) -> Physics:
+        unsprung = 2 * sum(a.hub_mass + a.wheel_mass for a in (self.front, self.rear))
+        if unsprung >= 0.8 * self.chassis.mass:
+            raise ValueError(
+                f"hubs and wheels together have {unsprung:g} kg of the car's {self.chassis.mass:g} kg; "
+                "chassis.mass is the mass of the whole car"
+            )
+        arms = (self.chassis.cog_to_front_axle, self.chassis.cog_to_rear_axle)
+        yaw = roll = 0.0
+        for axle, arm in zip((self.front, self.rear), arms, strict=True):
+            mass = 2 * (axle.hub_mass + axle.wheel_mass)
+            yaw += mass * (arm**2 + axle.track**2 / 4)
+            roll += mass * axle.track**2 / 4
+        for name, value, least in (("yaw", self.chassis.yaw_inertia, yaw), ("roll", self.chassis.roll_inertia, roll)):
+            if value <= least:
+                raise ValueError(
+                    f"chassis.{name}_inertia is {value:g} kg m², but hubs and wheels alone have {least:.4g} kg m²; "
+                    "the inertia of the whole car is expected"
+                )
+        return self
+
+
+class Vehicle(_Part):
+    """A vehicle file."""
+
+    name: str = Field(description="name of the vehicle", min_length=1)
+    source: str = Field(description="where the parameters come from", default="")
+    physics: Physics
+    sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
+    observer: ObserverSettings = ObserverSettings()
+
+    def values(self) -> dict[str, float]:
+        """Physical parameters by dotted name."""
+        return dict(numbers(self.physics))
+
+    def parameter_vector(self):
+        """Physical parameters in the order of `values`, (n,)."""
+        return vector(self.physics)
+
+    def with_parameters(self, changes: dict[str, float]) -> Vehicle:
+        """A copy with other physical parameters, by dotted name (as in `values`)."""
+        return self.model_copy(update={"physics": with_values(self.physics, changes)})
