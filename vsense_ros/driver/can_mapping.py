@@ -1,0 +1,246 @@
+"""Which CAN signal becomes which topic: the schema of `config/can/*.yaml`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from vsense_ros.driver.can_checksum import CHECKSUMS
+from vsense_ros.errors import InputError
+
+# Unit of a signal -> (SI unit, factor to it).
+UNITS: dict[str, tuple[str, float]] = {
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180),
+    "rpm": ("rad/s", 2 * math.pi / 60),
+    "m/s": ("m/s", 1.0),
+    "km/h": ("m/s", 1 / 3.6),
+    "mph": ("m/s", 0.44704),
+    "m/s^2": ("m/s^2", 1.0),
+    "g": ("m/s^2", 9.80665),
+    "m": ("m", 1.0),
+    "mm": ("m", 1e-3),
+    "Pa": ("Pa", 1.0),
+    "bar": ("Pa", 1e5),
+    "N m": ("N m", 1.0),
+}
+
+JointField = Literal["position", "velocity", "effort"]
+JOINT_UNITS: dict[str, tuple[str, ...]] = {
+    "position": ("rad", "m"),
+    "velocity": ("rad/s",),
+    "effort": ("N m", "Pa"),
+}
+ImuAxis = Literal[
+    "angular_velocity_x",
+    "angular_velocity_y",
+    "angular_velocity_z",
+    "linear_acceleration_x",
+    "linear_acceleration_y",
+    "linear_acceleration_z",
+]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Signal(_Part):
+    """From a signal of the DBC to SI: (sum of the signals × factor + offset), which is then in `unit`.
+
+    A negative factor turns a signal whose positive direction is not that of ISO 8855.
+    """
+
+    signals: Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)] = Field(
+        description="signal of the DBC, or several that are added", min_length=1
+    )
+    unit: str = Field(description=f"unit after factor and offset, one of {', '.join(UNITS)}")
+    factor: float = Field(default=1.0, description="unit per unit of the DBC's physical value")
+    offset: float = Field(default=0.0, description="added after the factor [unit]")
+    rolling_radius: float | None = Field(
+        default=None, gt=0, lt=2, description="turns a wheel's speed over ground into its angular velocity [m]"
+    )
+    range: tuple[float, float] | None = Field(
+        default=None, description="plausible values [unit]; replaces the ranges of the DBC"
+    )
+    standard_deviation: float | None = Field(default=None, gt=0, description="of the noise [SI]; for Imu messages")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Signal:
+        if self.unit not in UNITS:
+            raise ValueError(f"unit {self.unit!r} is not known; known are {', '.join(UNITS)}")
+        if self.factor == 0 or not math.isfinite(self.factor):
+            raise ValueError(f"factor is {self.factor}, expected a finite number other than 0")
+        if self.range is not None and self.range[0] >= self.range[1]:
+            raise ValueError(f"range is {list(self.range)}, expected [lowest, highest]")
+        if self.rolling_radius is not None and self.si_unit != "m/s":
+            raise ValueError(f"rolling_radius needs a unit of speed over ground (m/s, km/h, mph), found {self.unit!r}")
+        return self
+
+    @property
+    def si_unit(self) -> str:
+        """SI unit before a rolling radius is applied."""
+        return UNITS[self.unit][0]
+
+    @property
+    def output_unit(self) -> str:
+        """SI unit of the value in the message."""
+        return "rad/s" if self.rolling_radius is not None else self.si_unit
+
+
+class JointStateOutput(_Part):
+    """A sensor_msgs/JointState made from one CAN message."""
+
+    kind: Literal["joint_state"]
+    topic: str = Field(min_length=1)
+    message: str
+    field: JointField
+    joints: dict[str, Signal] = Field(min_length=1, description="joint name: signal, in the order of the message")
+
+    @model_validator(mode="after")
+    def _units(self) -> JointStateOutput:
+        for joint, signal in self.joints.items():
+            if signal.output_unit not in JOINT_UNITS[self.field]:
+                raise ValueError(
+                    f"{joint}: {self.field} is in {' or '.join(JOINT_UNITS[self.field])}, but the signal gives "
+                    f"{signal.output_unit} (unit: {signal.unit})"
+                )
+        return self
+
+    def named_signals(self) -> dict[str, Signal]:
+        """Signals by joint."""
+        return self.joints
+
+
+class ImuOutput(_Part):
+    """A sensor_msgs/Imu made from one CAN message; axes that are not listed are unmeasured."""
+
+    kind: Literal["imu"]
+    topic: str = Field(min_length=1)
+    frame_id: str = Field(min_length=1)
+    message: str
+    axes: dict[ImuAxis, Signal] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _units(self) -> ImuOutput:
+        for axis, signal in self.axes.items():
+            expected = "rad/s" if axis.startswith("angular") else "m/s^2"
+            if signal.output_unit != expected:
+                raise ValueError(f"{axis} is in {expected}, but the signal gives {signal.output_unit}")
+            if signal.standard_deviation is None:
+                raise ValueError(f"{axis} needs a standard_deviation [{expected}]")
+        return self
+
+    def named_signals(self) -> dict[str, Signal]:
+        """Signals by axis."""
+        return {str(axis): signal for axis, signal in self.axes.items()}
+
+
+class CounterCheck(_Part):
+    """A counter that the sender raises by one with each frame and that wraps at the width of its signal."""
+
+    signal: str
+    max_delta: int = Field(default=1, ge=1, description="largest step at which a frame is still believed")
+
+
+class ChecksumCheck(_Part):
+    """A checksum byte."""
+
+    algorithm: str = Field(description=f"one of {', '.join(CHECKSUMS)}")
+    byte: int = Field(default=-1, ge=-1, le=63, description="place in the data; -1: the last")
+
+    @model_validator(mode="after")
+    def _known(self) -> ChecksumCheck:
+        if self.algorithm not in CHECKSUMS:
+            raise ValueError(f"checksum algorithm {self.algorithm!r} is not known; known are {', '.join(CHECKSUMS)}")
+        return self
+
+
+class MessageCheck(_Part):
+    """What is known of a message besides its signals."""
+
+    length: int | None = Field(default=None, ge=0, le=64, description="data bytes; default: as in the DBC")
+    rate: float | None = Field(default=None, gt=0, description="nominal rate [Hz]")
+    timeout: float = Field(default=0.5, gt=0, description="silence that makes the sensor stale [s]")
+    latency: float = Field(default=0.0, ge=-1, le=1, description="from the measurement to the frame's stamp [s]")
+    counter: CounterCheck | None = None
+    checksum: ChecksumCheck | None = None
+
+
+class CanMapping(_Part):
+    """A mapping file."""
+
+    name: str = Field(min_length=1)
+    bus_timeout: float = Field(default=0.5, gt=0, description="silence of the whole bus that is an error [s]")
+    messages: dict[str, MessageCheck] = Field(default_factory=dict, description="by name in the DBC")
+    outputs: tuple[Annotated[JointStateOutput | ImuOutput, Field(discriminator="kind")], ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_source_per_topic(self) -> CanMapping:
+        topics = [output.topic for output in self.outputs]
+        for topic in topics:
+            if topics.count(topic) > 1:
+                raise ValueError(f"topic {topic} is made twice; a topic has one source")
+        used = {output.message for output in self.outputs}
+        for name in self.messages:
+            if name not in used:
+                raise ValueError(f"message {name} is described under messages but no output uses it")
+        return self
+
+
+def load_mapping(path: str | Path) -> CanMapping:
+    """Read and check a mapping file; `InputError` names file, line, key, what was found and what is allowed."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot read the CAN mapping: {error}; expected a YAML text file") from None
+    try:
+        document = YAML(typ="rt").load(text)
+    except YAMLError as error:
+        raise InputError(f"{path}: not valid YAML: {error}") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: expected a CAN mapping with the keys {_list(CanMapping.model_fields)}, found none")
+    try:
+        return CanMapping.model_validate(document)
+    except ValidationError as error:
+        lines = []
+        for item in error.errors():
+            where = tuple(part for part in item["loc"] if part not in ("joint_state", "imu"))
+            key = ".".join(str(part) for part in where) or "file"
+            found = item["input"] if not isinstance(item["input"], dict | list) else "see there"
+            text = item["msg"].removeprefix("Value error, ")
+            lines.append(f"{path}, line {_line(document, where)}, {key}: {text} (found: {found})")
+        raise InputError("\n".join(lines)) from None
+
+
+def _line(document: object, where: tuple[str | int, ...]) -> int:
+    """Line of the innermost key of `where` that the file has, counted from 1."""
+    line = 1
+    for part in where:
+        try:
+            position = document.lc.key(part) if isinstance(part, str) else document.lc.item(part)  # type: ignore[attr-defined]
+            document = document[part]  # type: ignore[index]
+        except (KeyError, IndexError, AttributeError, TypeError):
+            break
+        line = position[0] + 1
+    return line
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """`; did you mean …?` with the nearest known name, or nothing."""
+    near = difflib.get_close_matches(name, list(known), 1, 0.5)
+    return f"; did you mean {near[0]}?" if near else ""
