@@ -6,7 +6,6 @@ The colours are those of Okabe and Ito (2008), which people with any colour visi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, align
-from vsense_ros.evaluate.signals import SIGNALS, WHEELS, Array, Series, Signal, read_signals
+from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, WHEELS, Array, Series, Signal, read_signals, thin
 
 ESTIMATE = "#0072B2"
 TRUTH = "#1a1a1a"
@@ -32,7 +31,6 @@ WHEEL_COLOURS = {"fl": "#0072B2", "fr": "#D55E00", "rl": "#56B4E9", "rr": "#E69F
 COLUMNS = (1.0, 1.25, 1.0)  # relative widths
 LONGEST_MAP = 4.0  # length over width of a path, beyond which its width is stretched to be seen
 SHOWN_OVER_TIME = ("speed", "yaw_rate", "lateral_velocity", "side_slip")
-POINTS = 1600  # per curve, beyond which a print cannot show more
 
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -118,13 +116,13 @@ def _map(axes: Axes, estimates: Mapping[str, Series], truths: Mapping[str, Serie
         axes.set_title("Path")
         _say(axes, "no position")
         return
-    rows = np.unique(np.linspace(0, len(position) - 1, min(len(position), POINTS)).astype(int))
+    rows = np.unique(np.linspace(0, len(position) - 1, min(len(position), MOST_POINTS)).astype(int))
     origin = position.value[rows[0]]
     turn = _along_the_path(position.value[rows] - origin)
     path = (position.value[rows] - origin) @ turn.T
     if "position" in estimates and "position" in truths:
         truth = truths["position"].value
-        true_path = (truth[:: max(1, len(truth) // POINTS)] - origin) @ turn.T
+        true_path = (truth[:: max(1, len(truth) // MOST_POINTS)] - origin) @ turn.T
         axes.plot(true_path[:, 0], true_path[:, 1], color=TRUTH, lw=0.9, ls=(0, (4, 3)), zorder=3, label="reference")
     axes.plot(path[:, 0], path[:, 1], color="#8a8a8a", lw=5.2, solid_capstyle="round", zorder=1)
     slip = estimates.get("side_slip")
@@ -218,7 +216,7 @@ def _signal(axes: Axes, estimate: Series | None, truth: Series | None, start: in
     if estimate is None:
         _say(axes, "not estimated")
         return
-    rows = _thin(estimate.shown())
+    rows = thin(estimate.shown())
     seconds, value = (estimate.stamp[rows] - start) * 1e-9, estimate.shown()[rows]
     axes.plot(seconds, value, color=ESTIMATE, label="estimate", zorder=2)
     limits = axes.get_ylim()
@@ -240,7 +238,7 @@ def _residual(axes: Axes, found: SignalScore | None, estimate: Series | None, tr
     axes.text(1.0, 1.045, in_words(signal, found), transform=axes.transAxes, ha="right", fontsize=8.0, color=MUTED)
     aligned = align(estimate, truth)
     error = aligned.error[:, 0] * signal.shown_per_unit
-    rows = _thin(error)
+    rows = thin(error)
     seconds = (aligned.stamp[rows] - start) * 1e-9
     axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
     axes.plot(seconds, error[rows], color=ESTIMATE, lw=1.0, zorder=3)
@@ -286,7 +284,7 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
         stamp = np.intersect1d(np.intersect1d(x.stamp, y.stamp), z.stamp)
         values = [force.value[np.searchsorted(force.stamp, stamp), 0] for force in (x, y, z)]
         used = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
-        rows = _thin(np.nan_to_num(used))
+        rows = thin(np.nan_to_num(used))
         axes.plot((stamp[rows] - start) * 1e-9, used[rows], color=WHEEL_COLOURS[wheel], lw=1.0, label=wheel.upper())
     axes.set_ylabel("|F$_{xy}$| / F$_z$ [–]")
     axes.set_xlabel("time [s]")
@@ -313,15 +311,5 @@ def _say(axes: Axes, words: str) -> None:
 
 
 def _curve(series: Series, start: int) -> tuple[NDArray[np.floating], Array]:
-    rows = _thin(series.shown())
+    rows = thin(series.shown())
     return (series.stamp[rows] - start) * 1e-9, series.shown()[rows]
-
-
-def _thin(value: Array, points: int = POINTS) -> NDArray[np.intp]:
-    """Rows that keep the extremes of each of `points` / 2 stretches: peaks survive, unlike with a stride."""
-    if len(value) <= points:
-        return np.arange(len(value))
-    bins = points // 2
-    edges = np.linspace(0, len(value), bins + 1).astype(int)
-    rows = [first + pick(value[first:last]) for first, last in pairwise(edges) for pick in (np.argmin, np.argmax)]
-    return np.unique(np.array(rows, dtype=np.intp))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from vsense_ros.recording import Channel, Recording
 
 WHEELS = ("fl", "fr", "rl", "rr")
+MOST_POINTS = 1600  # of a curve, beyond which neither print nor screen shows more
 SLOWEST_SIDE_SLIP = 3.0  # below this speed the angle of the velocity vector says nothing [m/s]
 
 Array = NDArray[np.float64]
@@ -181,3 +183,13 @@ def _series(signal: Signal, channel: Channel, value: Array, variance: Array | No
     if variance is not None and np.any(variance[rows] > 0.0):
         deviation = np.sqrt(variance[rows])
     return Series(signal, stamp, value[rows], deviation)
+
+
+def thin(value: Array, points: int = MOST_POINTS) -> NDArray[np.intp]:
+    """Rows that keep the extremes of each of `points` / 2 stretches: peaks survive, unlike with a stride."""
+    if len(value) <= points:
+        return np.arange(len(value))
+    bins = points // 2
+    edges = np.linspace(0, len(value), bins + 1).astype(int)
+    rows = [first + pick(value[first:last]) for first, last in pairwise(edges) for pick in (np.argmin, np.argmax)]
+    return np.unique(np.array(rows, dtype=np.intp))

@@ -1,0 +1,164 @@
+"""Pictures and pages: what stands on them, and that they stand alone."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from synthetic_drives import channel, odometry, recording, slalom
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.evaluate.drive import Drive
+from vsense_ros.evaluate.metrics import SignalScore
+from vsense_ros.evaluate.picture import compose, draw
+from vsense_ros.evaluate.report import named, score_cells, write_report
+from vsense_ros.evaluate.signals import SIGNALS, thin
+from vsense_ros.recording import Recording
+
+
+def drive(output: Recording, input: Recording, **more) -> Drive:
+    diagnostics = [Diagnostic("gps", Level.WARN, "jump of 20 m <refused>", {"at": "12.3 s"})]
+    run = SimpleNamespace(
+        output=output, step_us_median=41.2, realtime_factor=83.1, messages_lost=2, diagnostics=diagnostics
+    )
+    return Drive.of("slalom", "Slalom", input, run, **more)
+
+
+@pytest.fixture
+def whole() -> Drive:
+    seconds = np.arange(0.0, 20.0, 0.1)
+    speeds = channel(
+        "gps/velocity",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        seconds,
+        {"linear": np.zeros((200, 3)), "angular": np.zeros((200, 3)), "covariance": np.zeros((200, 36))},
+    )
+    late = replace(speeds, received=speeds.stamp + 40_000_000)
+    reference = slalom("reference")
+    input = recording(late, *reference.channels.values(), notes=("frame 17 lost",))
+    return drive(slalom("vsense", late=0.02, noise=1.0), input, notes=("no network",))
+
+
+class Outside(HTMLParser):
+    """Collects what a page would load from elsewhere, and its visible text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.text = ""
+        self.skip = False
+
+    def handle_starttag(self, tag, attrs):
+        self.skip = tag in ("script", "style")
+        for key, value in attrs:
+            if key in ("src", "href") and not value.startswith(("data:", "#")):
+                self.loads.append(value)
+
+    def handle_endtag(self, tag):
+        self.skip = False
+
+    def handle_data(self, data):
+        if not self.skip:
+            self.text += data
+
+
+def test_the_page_stands_alone_and_says_everything(whole, tmp_path):
+    page = write_report([whole], tmp_path / "new" / "report.html", title="Drives of today").read_text()
+    reader = Outside()
+    reader.feed(page)
+    assert reader.loads == []
+    for words in ("Drives of today", "side slip", "41 µs", "83.1 ×", "frame 17 lost", "no network", "gps/velocity"):
+        assert words in reader.text
+    assert "jump of 20 m <refused>" in reader.text
+    assert "40.0 ms" in reader.text
+    assert "10 Hz" in reader.text
+
+
+def test_the_script_of_the_curves_is_on_the_page_once_for_all_drives(whole, tmp_path):
+    one = write_report([whole], tmp_path / "one.html", title="one").stat().st_size
+    two = write_report([whole, replace(whole, name="again")], tmp_path / "two.html", title="two")
+    assert two.stat().st_size - one < one - 3_000_000
+    assert set(re.findall(r'<section id="(\w+)"', two.read_text())) == {"slalom", "again"}
+
+
+def test_baselines_stand_below_the_signal_they_are_compared_with(whole, tmp_path):
+    raw = SignalScore(0.16, 1.0, 0.1, 0.05, "m/s", 100)
+    page = write_report(
+        [replace(whole, baselines={"raw wheel speeds": {"speed": raw}})], tmp_path / "r.html", title="r"
+    ).read_text()
+    assert re.search(r"<td>speed</td>.*?raw wheel speeds</td><td>0\.160 m/s</td>", page, re.S)
+
+
+def test_the_picture_is_written_as_png_and_svg(whole, tmp_path):
+    png, svg = draw(whole, tmp_path / "picture")
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in svg.read_text()[:1000]
+
+
+def test_the_same_drive_gives_the_same_picture_to_the_byte(whole, tmp_path):
+    assert draw(whole, tmp_path / "a")[1].read_bytes() == draw(whole, tmp_path / "b")[1].read_bytes()
+
+
+def test_every_axis_of_the_picture_has_a_unit(whole):
+    for axes in compose(whole).axes:
+        labels = [axes.get_ylabel(), axes.get_xlabel()]
+        assert any("[" in label for label in labels), axes.get_title()
+
+
+@pytest.mark.parametrize(
+    ("output", "reference"),
+    [
+        (lambda s: [odometry("vsense/odometry", s)], lambda s: []),
+        (lambda s: [odometry("vsense/odometry", s)], lambda s: [odometry("reference/odometry", s + 100.0)]),
+        (lambda s: [], lambda s: [odometry("reference/odometry", s)]),
+        (lambda s: [], lambda s: []),
+    ],
+    ids=["no reference", "reference at another time", "no estimate", "nothing"],
+)
+def test_a_drive_with_parts_missing_still_has_a_picture_and_a_page(output, reference, tmp_path):
+    seconds = np.arange(0.0, 5.0, 0.1)
+    one = drive(recording(*output(seconds)), recording(*reference(seconds)))
+    page = write_report([one], tmp_path / "report.html", title="parts").read_text()
+    assert "no reference for anything" in page
+
+
+def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
+    found = json.loads(json.dumps(replace(whole, step_us_median=float("nan")).summary(), allow_nan=False))
+    assert set(found) == {"signals", "step_us_median", "realtime_factor", "messages_lost"}
+    assert set(found["signals"]["side_slip"]) == {"rmse", "nrmsd_percent", "bias", "lag_s", "unit"}
+    assert found["signals"]["side_slip"]["unit"] == "rad"
+    assert found["step_us_median"] is None
+    assert found["messages_lost"] == 2
+
+
+def test_references_and_estimates_are_no_sensors(whole):
+    assert [(row.topic, row.messages) for row in whole.sensors()] == [("gps/velocity", 200)]
+
+
+def test_scores_are_shown_in_the_units_people_read():
+    found = SignalScore(np.radians(0.157), 3.456, np.radians(-0.01234), -0.0123, "rad", 10)
+    assert score_cells("side_slip", found) == ("0.157°", "3.46 %", "-0.012°", "-12.3 ms")
+    assert score_cells("wheel_force_fl_z", SignalScore(123.4, None, 1.0, None, "N", 1)) == (
+        "0.123 kN",
+        "–",
+        "+0.001 kN",
+        "–",
+    )
+
+
+def test_twelve_forces_are_one_word():
+    forces = [name for name in SIGNALS if name.startswith("wheel_force_")]
+    assert named(["roll", *forces, "wheel_slip_fl"]) == "roll, tyre forces (12 components), slips of 1 tyres"
+
+
+def test_thinning_keeps_a_peak_of_a_single_sample():
+    value = np.zeros(100_000)
+    value[54_321] = 1.0
+    rows = thin(value)
+    assert len(rows) <= 1600
+    assert 54_321 in rows

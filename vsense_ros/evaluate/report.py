@@ -1,0 +1,206 @@
+"""A self-contained HTML page about one or more drives: it opens without a network and can be mailed as it is."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jinja2
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from vsense_ros.evaluate.drive import Drive
+from vsense_ros.evaluate.metrics import SignalScore
+from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw
+from vsense_ros.evaluate.signals import SIGNALS, WHEELS, Series, read_signals, thin
+
+ROW_HEIGHT = 190  # of one interactive plot [px]
+INTERACTIVE = (
+    "side_slip",
+    "lateral_velocity",
+    "yaw_rate",
+    "speed",
+    "roll",
+    "lateral_acceleration",
+    "longitudinal_acceleration",
+)
+
+
+def write_report(
+    drives: Sequence[Drive], path: Path, *, title: str, pictures: Mapping[str, Path] | None = None
+) -> Path:
+    """Write the page about `drives` to `path`.
+
+    `pictures` maps the names of drives to PNG files that exist already; the others are drawn for the page.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("vsense_ros.evaluate", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("report.html.j2").render(
+        title=title,
+        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        plotly=get_plotlyjs(),
+        drives=[_section(drive, (pictures or {}).get(drive.name)) for drive in drives],
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def score_cells(name: str, found: SignalScore) -> tuple[str, str, str, str]:
+    """RMSE, NRMSD, bias and lag of a signal as people read them; "–" where there is no value.
+
+    The RMSE has three digits (no more than four decimals), the bias as many decimals as the RMSE.
+    """
+    signal = SIGNALS[name]
+    unit = ("" if signal.shown_unit.startswith("°") else " ") + signal.shown_unit
+    rmse, bias = found.rmse * signal.shown_per_unit, found.bias * signal.shown_per_unit
+    decimals = int(np.clip(2 - np.floor(np.log10(rmse)), 0, 4)) if rmse > 0.0 else 2
+    nrmsd = "–" if found.nrmsd_percent is None else f"{found.nrmsd_percent:.2f} %"
+    lag = "–" if found.lag_s is None else f"{found.lag_s * 1e3:+.1f} ms"
+    return f"{rmse:.{decimals}f}{unit}", nrmsd, f"{bias:+.{decimals}f}{unit}", lag
+
+
+def named(signals: Sequence[str]) -> str:
+    """A list of signals in words, with the twelve tyre forces in one."""
+    forces = [name for name in signals if name.startswith("wheel_force_")]
+    slips = [name for name in signals if name.startswith("wheel_slip_")]
+    words = [
+        SIGNALS[name].label if name in SIGNALS else name.replace("_", " ")
+        for name in signals
+        if name not in forces and name not in slips
+    ]
+    if forces:
+        words.append(f"tyre forces ({len(forces)} components)")
+    if slips:
+        words.append(f"slips of {len(slips)} tyres")
+    return ", ".join(words)
+
+
+def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
+    if picture is None:
+        with TemporaryDirectory() as folder:
+            image = draw(drive, Path(folder) / "picture")[0].read_bytes()
+    else:
+        image = picture.read_bytes()
+    return {
+        "drive": drive,
+        "facts": drive.facts(),
+        "rows": [
+            {
+                "label": SIGNALS[name].label,
+                "cells": score_cells(name, found),
+                "n": found.n,
+                "others": [
+                    (label, score_cells(name, scores[name]))
+                    for label, scores in drive.baselines.items()
+                    if name in scores
+                ],
+            }
+            for name, found in drive.scores.items()
+        ],
+        "unreferenced": named(drive.unreferenced),
+        "sensors": drive.sensors(),
+        "picture": base64.b64encode(image).decode("ascii"),
+        "plot": _interactive(drive),
+    }
+
+
+def _interactive(drive: Drive) -> str:
+    """Curves that can be zoomed, as a piece of HTML that needs plotly's script on the page."""
+    estimates, truths = read_signals(drive.output, "vsense"), read_signals(drive.input, "reference")
+    rows: list[tuple[str, str, tuple[str, ...]]] = [
+        (SIGNALS[name].label, SIGNALS[name].shown_unit, (name,)) for name in INTERACTIVE if name in estimates
+    ]
+    for letter, direction in (("z", "vertical"), ("y", "lateral"), ("x", "longitudinal")):
+        names = tuple(name for wheel in WHEELS if (name := f"wheel_force_{wheel}_{letter}") in estimates)
+        if names:
+            rows.append((f"{direction} tyre force", "kN", names))
+    if not rows:
+        return ""
+    start = min(int(series.stamp[0]) for series in (*estimates.values(), *truths.values()))
+    figure = make_subplots(
+        rows=len(rows),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.18 / len(rows),
+        subplot_titles=[label.capitalize() for label, _, _ in rows],
+    )
+    explained: set[str] = set()
+    for row, (_, unit, names) in enumerate(rows, start=1):
+        for name in names:
+            wheel = name.split("_")[2] if name.startswith("wheel_force_") else ""
+            label, colour = wheel.upper() or "estimate", WHEEL_COLOURS.get(wheel, ESTIMATE)
+            for trace in _traces(estimates[name], truths.get(name), start, label, colour):
+                trace.showlegend = trace.name is not None and trace.name not in explained
+                explained.add(trace.name)
+                figure.add_trace(trace, row=row, col=1)
+        figure.update_yaxes(title_text=f"[{unit}]", row=row, col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
+    figure.update_xaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
+    figure.update_yaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
+    figure.update_annotations(font={"size": 13, "color": TRUTH}, x=0.0, xanchor="left")
+    figure.update_layout(
+        height=ROW_HEIGHT * len(rows) + 90,
+        margin={"l": 62, "r": 12, "t": 60, "b": 44},
+        plot_bgcolor="white",
+        paper_bgcolor="white",
+        font={"family": "system-ui, DejaVu Sans, sans-serif", "size": 12, "color": MUTED},
+        legend={"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"},
+        hovermode="x",
+    )
+    config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["select2d", "lasso2d"]}
+    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=f"plot-{drive.name}"))
+
+
+def _traces(estimate: Series, truth: Series | None, start: int, label: str, colour: str) -> list[go.Scatter]:
+    """Band, estimate and reference of one signal."""
+    shown = estimate.shown()
+    rows = thin(shown)
+    seconds = _short((estimate.stamp[rows] - start) * 1e-9, 3)
+    found: list[go.Scatter] = []
+    if estimate.deviation is not None:
+        two = 2.0 * estimate.deviation[rows] * estimate.signal.shown_per_unit
+        hidden = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
+        found.append(go.Scatter(x=seconds, y=_short(shown[rows] - two, 5), **hidden))
+        found.append(
+            go.Scatter(
+                x=seconds,
+                y=_short(shown[rows] + two, 5),
+                fill="tonexty",
+                fillcolor=f"rgba{(*(int(BAND[i : i + 2], 16) for i in (1, 3, 5)), 0.5)}",
+                name="±2σ",
+                **hidden,
+            )
+        )
+    line = {"color": colour, "width": 1.4}
+    y = _short(shown[rows], 5)
+    found.append(go.Scatter(x=seconds, y=y, mode="lines", line=line, name=label, legendgroup=label))
+    if truth is not None:
+        rows = thin(truth.shown())
+        found.append(
+            go.Scatter(
+                x=_short((truth.stamp[rows] - start) * 1e-9, 3),
+                y=_short(truth.shown()[rows], 5),
+                mode="lines",
+                line={"color": TRUTH, "width": 1.0, "dash": "dash"},
+                name="reference",
+                legendgroup="reference",
+            )
+        )
+    return found
+
+
+def _short(values: Any, digits: int) -> list[float]:
+    """Rounded numbers: the page carries them as text."""
+    return [round(float(value), digits) for value in values]
