@@ -123,8 +123,7 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
 
 
 @cache
-def sensor_functions(car: Car, sensors: tuple[SensorBase, ...]) -> tuple[ca.Function, ...]:
-    """The functions of some sensors, compiled where possible; one for each kind."""
-    kinds = {sensor.kind: sensor for sensor in sensors}
-    by_kind = dict(zip(kinds, codegen.compiled("sensors", [sensor_function(car, s) for s in kinds.values()]), strict=True))
-    return tuple(by_kind[sensor.kind] for sensor in sensors)
+def sensor_functions(car: Car, sensors: tuple[SensorBase, ...]) -> dict[str, ca.Function]:
+    """The functions of the sensors that correct the model, by kind, compiled where possible."""
+    kinds = {sensor.kind: sensor for sensor in sensors if not sensor.is_input}
+    return dict(zip(kinds, codegen.compiled("sensors", [sensor_function(car, s) for s in kinds.values()]), strict=True))

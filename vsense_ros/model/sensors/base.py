@@ -36,7 +36,8 @@ class SensorBase(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    kinds: ClassVar[str] = ""  # message type
+    message: ClassVar[str] = ""  # message type
+    uses_acceleration: ClassVar[bool] = False  # True: the equation refers to the accelerations
     is_input: ClassVar[bool] = False  # True: the values drive the model instead of correcting it
 
     topic: str

@@ -14,7 +14,7 @@ from vsense_ros.model.sensors.base import SensorBase, covariance_diagonal
 class GnssAttitude(SensorBase):
     """Yaw in the map [rad], as cosine and sine so that no wrap is needed."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/Imu"
+    message: ClassVar[str] = "sensor_msgs/msg/Imu"
 
     kind: Literal["gnss_attitude"] = "gnss_attitude"
     topic: str = "gps/attitude"

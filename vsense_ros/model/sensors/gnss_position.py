@@ -16,7 +16,7 @@ class GnssPosition(SensorBase):
     The observer adds `east` and `north` to the fields of the message, which carries latitude and longitude.
     """
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
+    message: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
 
     kind: Literal["gnss_position"] = "gnss_position"
     topic: str = "gps/fix"

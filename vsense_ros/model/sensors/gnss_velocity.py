@@ -14,7 +14,7 @@ from vsense_ros.model.sensors.base import SensorBase, Triple, covariance_diagona
 class GnssVelocity(SensorBase):
     """Horizontal velocity in the map [m/s]."""
 
-    kinds: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
+    message: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
 
     kind: Literal["gnss_velocity"] = "gnss_velocity"
     topic: str = "gps/velocity"

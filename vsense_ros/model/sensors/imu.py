@@ -15,7 +15,8 @@ from vsense_ros.model.sensors.base import Bias, SensorBase, Triple, covariance_d
 class Imu(SensorBase):
     """Three gyros [rad/s] and three accelerometers [m/s²]; any of the six may be absent (NaN)."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/Imu"
+    message: ClassVar[str] = "sensor_msgs/msg/Imu"
+    uses_acceleration: ClassVar[bool] = True
 
     kind: Literal["imu"] = "imu"
     topic: str = "imu/data"

@@ -15,7 +15,7 @@ INPUT = slice(0, 1)
 class Steering(SensorBase):
     """Road-wheel angle [rad]; where only the steering wheel is measured, the vehicle's ratio converts it."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/JointState"
+    message: ClassVar[str] = "sensor_msgs/msg/JointState"
     is_input: ClassVar[bool] = True
 
     kind: Literal["steering"] = "steering"

@@ -15,7 +15,7 @@ NAMES = ("suspension_fl", "suspension_fr", "suspension_rl", "suspension_rr")
 class Suspension(SensorBase):
     """Compression from the design position [m]; any corner may be absent."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/JointState"
+    message: ClassVar[str] = "sensor_msgs/msg/JointState"
 
     kind: Literal["suspension"] = "suspension"
     topic: str = "vehicle/suspension"

@@ -15,7 +15,7 @@ NAMES = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
 class WheelSpeeds(SensorBase):
     """Spin speeds [rad/s]; any wheel may be absent."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/JointState"
+    message: ClassVar[str] = "sensor_msgs/msg/JointState"
 
     kind: Literal["wheel_speeds"] = "wheel_speeds"
     topic: str = "vehicle/wheel_speeds"

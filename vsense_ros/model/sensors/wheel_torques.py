@@ -15,7 +15,7 @@ INPUT = slice(1, 5)
 class WheelTorques(SensorBase):
     """Drive minus brake torque at each wheel [N m]; without this sensor the torques are estimated."""
 
-    kinds: ClassVar[str] = "sensor_msgs/msg/JointState"
+    message: ClassVar[str] = "sensor_msgs/msg/JointState"
     is_input: ClassVar[bool] = True
 
     kind: Literal["wheel_torques"] = "wheel_torques"

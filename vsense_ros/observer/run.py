@@ -1,0 +1,107 @@
+"""The observer on a recording, without ROS: the same job as the node, as fast as the machine can."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.errors import InputError
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.estimate import Estimate, estimate_samples
+from vsense_ros.observer.observer import Observer
+from vsense_ros.recording import Channel, Recording
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the observer made of a recording."""
+
+    output: Recording
+    step_us_median: float  # computing time of one message that moved the filter [µs]
+    realtime_factor: float  # length of the recording over computing time
+    messages_lost: int
+    diagnostics: list[Diagnostic]
+    parameters: dict[str, tuple[float, float]]  # value and standard deviation at the end
+
+
+def run(
+    recording: Recording,
+    vehicle: Vehicle,
+    *,
+    rate: float = 100.0,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Feed all messages of a recording in order of arrival, and collect the estimates at `rate` [Hz] or less.
+
+    `progress` is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's
+    sensors, or never tells how the car moves.
+    """
+    observer = Observer(vehicle, map_origin(recording))
+    topics = tuple(observer.topics)
+    present = [t for t in topics if t in recording and len(recording[t])]
+    if not present:
+        raise InputError(
+            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected {', '.join(topics)}, "
+            f"found {', '.join(sorted(recording.channels)) or 'nothing'}"
+        )
+    total = sum(len(recording[t]) for t in present)
+    interval = int(0.999e9 / rate)
+    estimates: list[Estimate] = []
+    times: list[float] = []
+    last = 0
+    began = time.perf_counter()
+    for i, sample in enumerate(recording.samples(tuple(present))):
+        before = time.perf_counter()
+        observer.add(sample)
+        times.append(time.perf_counter() - before)
+        if observer.started and observer.stamp >= last + interval:
+            estimates.append(observer.snapshot())
+            last = observer.stamp
+        if progress is not None and i % 500 == 0:
+            progress(i / total)
+    elapsed = time.perf_counter() - began
+    if not estimates:
+        text = "; ".join(f"{d.name}: {d.message}" for d in observer.diagnostics())
+        raise InputError(f"{recording.name or 'recording'}: the observer never started ({text})")
+    if progress is not None:
+        progress(1.0)
+    return Run(
+        output=as_recording(estimates, recording.name, recording.metadata),
+        step_us_median=float(np.median(times) * 1e6),
+        realtime_factor=recording.duration / elapsed,
+        messages_lost=recording.messages_lost,
+        diagnostics=observer.diagnostics(),
+        parameters=observer.parameters(),
+    )
+
+
+def map_origin(recording: Recording) -> tuple[float, float, float] | None:
+    """Latitude, longitude [deg] and height [m] of the map frame of a recording's reference, if it says so."""
+    keys = ("origin_latitude_deg", "origin_longitude_deg", "origin_altitude_m")
+    if not all(key in recording.metadata for key in keys):
+        return None
+    latitude, longitude, height = (float(recording.metadata[key]) for key in keys)
+    return latitude, longitude, height
+
+
+def as_recording(estimates: list[Estimate], name: str, metadata) -> Recording:
+    """Estimates as the output channels of a recording; arrival times are the times they are valid for."""
+    template = estimate_samples(estimates[0])
+    columns: list[dict[str, list[np.ndarray]]] = [{field: [] for field in s.values} for s in template]
+    stamps = np.array([e.stamp for e in estimates])
+    for estimate in estimates:
+        for target, sample in zip(columns, estimate_samples(estimate), strict=True):
+            for field, value in sample.values.items():
+                target[field].append(value)
+    channels = {
+        s.topic: Channel(
+            s.topic, s.kind, stamps, stamps, {f: np.array(v) for f, v in target.items()}, s.frame_id, s.names,
+            s.child_frame_id,
+        )
+        for s, target in zip(template, columns, strict=True)
+    }  # fmt: skip
+    return Recording(channels, name=name, metadata=dict(metadata))
