@@ -79,6 +79,11 @@ def test_the_page_stands_alone_and_says_everything(whole, tmp_path):
     assert "10 Hz" in reader.text
 
 
+def test_the_curves_offer_no_upload(whole, tmp_path):
+    page = write_report([whole], tmp_path / "report.html", title="private").read_text()
+    assert '"showSendToCloud": false' in page
+
+
 def test_the_script_of_the_curves_is_on_the_page_once_for_all_drives(whole, tmp_path):
     one = write_report([whole], tmp_path / "one.html", title="one").stat().st_size
     two = write_report([whole, replace(whole, name="again")], tmp_path / "two.html", title="two")

@@ -200,7 +200,7 @@ def _over_time(
         errors.set_ylabel(f"[{signal.shown_unit}]")
         _signal(axes, estimates.get(name), truths.get(name), start)
         _residual(errors, scores.get(name), estimates.get(name), truths.get(name), start)
-        if row == 0:
+        if row == 0 and axes.get_legend_handles_labels()[0]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         for each in (axes, errors):
             each.tick_params(labelbottom=row == len(SHOWN_OVER_TIME) - 1)

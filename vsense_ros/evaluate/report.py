@@ -159,7 +159,12 @@ def _interactive(drive: Drive) -> str:
         legend={"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"},
         hovermode="x",
     )
-    config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["select2d", "lasso2d"]}
+    config = {
+        "displaylogo": False,
+        "responsive": True,
+        "showSendToCloud": False,
+        "modeBarButtonsToRemove": ["select2d", "lasso2d"],
+    }
     return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=f"plot-{drive.name}"))
 
 

@@ -1,0 +1,226 @@
+"""The `vsense` command: every job of the project that needs no ROS, and the demo of those that do.
+
+Modules of the project are imported inside the commands, so that `vsense --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from vsense_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from vsense_ros.recording import Recording
+
+FAULT = 2  # exit code for input that cannot be used, as for a wrong option
+
+
+class _Commands(click.Group):
+    """A group whose commands end with one message, not a traceback, where the input is at fault."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            click.echo(f"vsense: {error}", err=True)
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            click.echo(f"vsense: {place}{error.strerror or error}", err=True)
+        ctx.exit(FAULT)
+
+
+def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        click.echo(f"vsense {version('vsense_ros')}")
+    except PackageNotFoundError:
+        click.echo("vsense, run from its sources without having been installed")
+    context.exit()
+
+
+def _options(_: click.Context, __: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
+    """`key=value` pairs; values that read as JSON (numbers, true, false) become what they read as."""
+    found: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not key.isidentifier():
+            raise click.BadParameter(f"expected KEY=VALUE, found {pair!r}")
+        try:
+            found[key] = json.loads(text)
+        except json.JSONDecodeError:
+            found[key] = text
+    return found
+
+
+_EXISTING = click.Path(exists=True, path_type=Path)
+_vehicle_option = click.option(
+    "--vehicle",
+    required=True,
+    metavar="FILE",
+    help="Vehicle file, or the name of one in config/vehicles (genesis, rav4, …).",
+)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show it.")
+def main() -> None:
+    """On-vehicle virtual sensing: what the car did that no sensor measured.
+
+    \b
+    vsense demo                                   see it work on real drives
+    vsense import LAP.mat lap                     turn a recording into a bag
+    vsense info lap                               look for what is wrong with it
+    vsense run lap --vehicle genesis --report     estimate, compare, report
+    """
+
+
+@main.command("import")
+@click.argument("source", type=_EXISTING)
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--mapping", type=_EXISTING, help="Names, units and signs of the columns (CSV, MDF4).")
+@click.option(
+    "--option", "options", multiple=True, metavar="KEY=VALUE", callback=_options, help="Passed to the importer."
+)
+@click.option("--overwrite", is_flag=True, help="Replace a bag that stands at OUT.")
+def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, Any], overwrite: bool) -> None:
+    """Turn a recording from elsewhere into a bag that rosbag2 plays.
+
+    The format is found by looking at SOURCE.
+
+    \b
+    Examples:
+      vsense import laps/med_lap_center_8_21.mat med_lap
+      vsense import log.csv log --mapping log.yaml
+      vsense import segment/ rav4 --option rolling_radius=0.35
+    """
+    from vsense_ros.bag import write_bag
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, waiting
+
+    if mapping is not None:
+        options["mapping"] = mapping
+    with waiting(f"importing {source.name}"):
+        try:
+            recording = import_recording(source, **options)
+        except TypeError as error:
+            if "unexpected keyword argument" not in str(error) and "missing" not in str(error):
+                raise
+            raise InputError(f"{source}: the importer refuses its options: {error}") from None
+        write_bag(out, recording, overwrite=overwrite)
+    _describe(recording, console())
+    console().print(f"Written to {out}.", soft_wrap=True)
+
+
+@main.command()
+@click.argument("bag", type=_EXISTING)
+@_vehicle_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results; default: out/run/<name>.")
+@click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
+def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
+    """Estimate what BAG does not tell, and compare with its reference where it has one.
+
+    BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
+    also a picture (PNG, SVG) and a report that opens without a network.
+
+    \b
+    Examples:
+      vsense run bags/double_lane_change --vehicle sedan --report
+      vsense run med_lap --vehicle genesis --out out/med_lap
+    """
+    from vsense_ros import observer
+    from vsense_ros.bag import write_bag
+    from vsense_ros.evaluate.drive import Drive
+    from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(_vehicle_file(vehicle))
+    with waiting(f"reading {bag.name}"):
+        recording = _open(bag)
+    name = recording.name or bag.stem
+    with progress(f"estimating {name}") as done:
+        result = observer.run(recording, car, progress=done)
+    drive = Drive.of(name, f"{name}, {car.name}", recording, result, way="without ROS")
+    folder = out if out is not None else Path("out") / "run" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    write_bag(folder / "output", result.output, overwrite=True)
+    (folder / "summary.json").write_text(json.dumps({name: drive.summary()}, indent=2) + "\n", encoding="utf-8")
+    if report:
+        from vsense_ros.evaluate.picture import draw
+        from vsense_ros.evaluate.report import write_report
+
+        with waiting("drawing"):
+            picture = draw(drive, folder / "picture")[0]
+            write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
+    show_drive(drive, console())
+    console().print(f"Results in {folder}.", soft_wrap=True)
+
+
+@main.command()
+@click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
+def schema(as_json: bool) -> None:
+    """Print the parameters of a vehicle file: keys, units, ranges, defaults.
+
+    \b
+    Examples:
+      vsense schema > parameters.md
+      vsense schema --json > vehicle.schema.json
+    """
+    from vsense_ros.vehicle_schema import json_schema, markdown_table
+
+    click.echo(json.dumps(json_schema(), indent=2) if as_json else markdown_table(), nl=as_json)
+
+
+def _open(path: Path) -> Recording:
+    """A bag, or whatever an importer knows."""
+    if path.suffix == ".mcap" or (path / "metadata.yaml").exists() or any(path.glob("*.mcap")):
+        from vsense_ros.bag import read_bag
+
+        return read_bag(path)
+    from vsense_ros.bag.importers import import_recording
+
+    return import_recording(path)
+
+
+def _vehicle_file(text: str) -> Path:
+    """The file that `--vehicle` means."""
+    path = Path(text)
+    if path.exists() or path.suffix or len(path.parts) > 1:
+        return path
+    from vsense_ros.shared_files import shared_folder
+
+    folder = shared_folder("config") / "vehicles"
+    known = sorted(file.stem for file in folder.glob("*.yaml"))
+    if text not in known:
+        raise InputError(
+            f"no vehicle file {text!r}: neither a path nor one of {', '.join(known) or 'none'} in {folder}"
+        )
+    return folder / f"{text}.yaml"
+
+
+def _describe(recording: Recording, out: Any) -> None:
+    """Topics, numbers of messages and notes of a recording."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    table.add_column("topic", no_wrap=True)
+    table.add_column("type", no_wrap=True)
+    table.add_column("messages", justify="right")
+    for topic, channel in recording.channels.items():
+        table.add_row(topic, channel.kind, str(len(channel)))
+    out.print(table)
+    out.print(f"{recording.duration:.1f} s, {recording.messages_lost} messages lost")
+    for note in recording.notes:
+        out.print(Text(f"Note: {note}"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

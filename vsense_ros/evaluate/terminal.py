@@ -1,0 +1,88 @@
+"""What a person at a terminal sees: progress bars, tables of scores and of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from vsense_ros.evaluate.drive import Drive
+from vsense_ros.evaluate.report import named, score_cells
+from vsense_ros.evaluate.signals import SIGNALS
+
+PIPE_WIDTH = 110  # of lines that go into a file or a pipe
+
+
+def console(*, stderr: bool = False) -> Console:
+    """A console as wide as the terminal, and wide enough for the tables where there is none."""
+    found = Console(stderr=stderr, highlight=False)
+    return found if found.is_terminal else Console(stderr=stderr, highlight=False, width=PIPE_WIDTH)
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[float], None]]:
+    """A progress bar on stderr; yields the function that takes the share done, 0 to 1."""
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=40),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console(stderr=True),
+    )
+    with bar:
+        task = bar.add_task(label, total=1.0)
+
+        def done(share: float) -> None:
+            bar.update(task, completed=min(max(share, 0.0), 1.0))
+
+        yield done
+        bar.update(task, completed=1.0)
+
+
+@contextmanager
+def waiting(label: str) -> Iterator[None]:
+    """A moving sign on stderr for work whose length is not known beforehand."""
+    with console(stderr=True).status(label):
+        yield
+
+
+def show_drive(drive: Drive, out: Console) -> None:
+    """Print what a drive came to: one table, what had no reference, time and losses."""
+    out.print()
+    out.print(Text(drive.title, style="bold"))
+    facts = [*drive.facts(), *([drive.way] if drive.way else [])]
+    out.print(Text(" · ".join(facts), style="dim"))
+    if drive.scores:
+        out.print(_score_table(drive))
+    else:
+        out.print("This recording has no reference for anything that was estimated.")
+    if drive.unreferenced:
+        out.print(f"Without a reference: {named(drive.unreferenced)}.")
+    out.print(
+        f"Compute time {drive.step_us_median:.0f} µs per step (median), real-time factor {drive.realtime_factor:.3g}, "
+        f"messages lost {drive.messages_lost}."
+    )
+    for note in drive.notes:
+        out.print(Text(f"Note: {note}"))
+    for status in drive.diagnostics:
+        if status.level > 0:
+            out.print(Text(f"{status.level.name} {status.name}: {status.message}", style="yellow"))
+
+
+def _score_table(drive: Drive) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    table.add_column("signal", no_wrap=True)
+    for heading in ("RMSE", "NRMSD", "bias", "lag"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, found in drive.scores.items():
+        table.add_row(SIGNALS[name].label, *score_cells(name, found))
+        for label, scores in drive.baselines.items():
+            if name in scores:
+                table.add_row(f"  {label}", *score_cells(name, scores[name]), style="dim")
+    return table
