@@ -184,6 +184,15 @@ def test_what_a_message_marks_absent_or_not_finite_is_no_signal():
     assert set(read_signals(recording(found), "reference")) == {"longitudinal_velocity", "yaw_rate"}
 
 
+def test_an_angle_whose_variance_is_not_a_number_has_no_truth():
+    seconds = np.arange(0.0, 5.0, 0.1)
+    found = odometry("reference/odometry", seconds)
+    found.columns["pose_covariance"][:, [21, 28]] = np.nan
+    signals = read_signals(recording(found), "reference")
+    assert "yaw" in signals
+    assert not {"roll", "pitch"} & set(signals)
+
+
 def test_a_stamp_that_comes_twice_counts_with_the_value_that_arrived_last():
     seconds = np.array([0.0, 0.1, 0.1, 0.05])
     found = read_signals(recording(odometry("vsense/odometry", seconds, vx=np.array([1.0, 2.0, 3.0, 4.0]))), "vsense")

@@ -276,6 +276,7 @@ def _tyre_forces(
 def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
     """Horizontal over vertical force of each tyre: how much of the friction is in use."""
     axes.set_title("Friction in use")
+    peaks: list[float] = []
     for wheel in WHEELS:
         forces = [estimates.get(f"wheel_force_{wheel}_{letter}") for letter in "xyz"]
         if any(force is None for force in forces):
@@ -284,13 +285,14 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
         stamp = np.intersect1d(np.intersect1d(x.stamp, y.stamp), z.stamp)
         values = [force.value[np.searchsorted(force.stamp, stamp), 0] for force in (x, y, z)]
         used = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
+        peaks.append(float(np.quantile(np.nan_to_num(used), 0.999)))
         rows = thin(np.nan_to_num(used))
         axes.plot((stamp[rows] - start) * 1e-9, used[rows], color=WHEEL_COLOURS[wheel], lw=1.0, label=wheel.upper())
     axes.set_ylabel("|F$_{xy}$| / F$_z$ [–]")
     axes.set_xlabel("time [s]")
     axes.margins(x=0.01)
-    if axes.get_legend_handles_labels()[0]:
-        axes.set_ylim(bottom=0.0)
+    if peaks:
+        axes.set_ylim(0.0, 1.1 * max(*peaks, 0.05))
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
     else:
         _say(axes, "not estimated")

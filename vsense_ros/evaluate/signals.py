@@ -110,7 +110,7 @@ def euler_angles(quaternion: Array) -> tuple[Array, Array, Array]:
 def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     """All signals that `recording` holds below `source` ("vsense" or "reference").
 
-    A value that is not finite, or whose variance is negative (the message's way to say "absent"), is left out; a
+    A value that is not finite, or whose variance is negative or not a number (ways to say "absent"), is left out; a
     signal without any value is no signal. The side slip is what `<source>/sideslip` says, else the angle of the
     velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a velocity.
     """
@@ -148,7 +148,7 @@ def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array
     keep("longitudinal_velocity", odometry, linear[:, :1], variance[0])
     keep("lateral_velocity", odometry, linear[:, 1:2], variance[1])
     keep("yaw_rate", odometry, angular[:, 2:], variance[5])
-    lateral_absent = variance[1] is not None and bool(np.all(variance[1] < 0.0))
+    lateral_absent = variance[1] is not None and not np.any(variance[1] >= 0.0)
     if lateral_absent:
         keep("speed", odometry, np.abs(linear[:, :1]), variance[0])
     else:
@@ -175,7 +175,7 @@ def _series(signal: Signal, channel: Channel, value: Array, variance: Array | No
     """Sorted by stamp; of two values with one stamp the one that arrived last."""
     good = np.isfinite(value).all(axis=1)
     if variance is not None:
-        good &= ~(variance < 0.0)
+        good &= variance >= 0.0
     rows = np.flatnonzero(good)[::-1]
     stamp, first = np.unique(channel.stamp[rows], return_index=True)
     rows = rows[first]
