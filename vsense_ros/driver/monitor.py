@@ -45,6 +45,7 @@ class StreamMonitor:
         self.limits = limits
         self.accepted = 0
         self.faults: Counter[str] = Counter()
+        self.doubts: Counter[str] = Counter()
         self._last_stamp: int | None = None
         self._last_at: int | None = None
         self._last_heard: int | None = None
@@ -63,6 +64,11 @@ class StreamMonitor:
         self.faults[reason] += 1
         self._recent_faults[reason] = (at, level)
         self._last_heard = at
+
+    def note(self, reason: str, at: int) -> None:
+        """Count a doubt about a measurement that is passed on all the same."""
+        self.doubts[reason] += 1
+        self._recent_faults[reason] = (at, Level.WARN)
 
     def accept(self, stamp: int, at: int | None = None) -> bool:
         """Whether a measurement with this stamp belongs in the stream; if not, the fault is counted.
@@ -86,7 +92,7 @@ class StreamMonitor:
             self._strays = 0
             self._recent.clear()
             self._recent_faults.clear()
-            self.fault("clock was set to another time", when)
+            self.note("clock was set to another time", when)
         self._last_stamp = stamp
         self._last_at = at
         self._last_heard = at if at is not None else stamp
@@ -122,7 +128,7 @@ class StreamMonitor:
             figures["rate [Hz]"] = f"{rate:.1f}"
         if self.limits.nominal_rate is not None:
             figures["nominal rate [Hz]"] = f"{self.limits.nominal_rate:g}"
-        figures |= {reason: str(count) for reason, count in self.faults.items()}
+        figures |= {reason: str(count) for reason, count in (self.faults + self.doubts).items()}
         figures |= dict(values or {})
         level, message = self._judge(now, rate)
         return Diagnostic(self.name, level, message, figures)
