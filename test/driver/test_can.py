@@ -403,7 +403,7 @@ def test_the_rav4s_frames_decode_to_what_its_recorder_decoded(rav4, rav4_samples
     samples, diagnostics = rav4_samples
     log = rav4 / "segment/processed_log/CAN"
     speeds = np.array([s.values["velocity"] for s in samples["vehicle/wheel_speeds"]])
-    np.testing.assert_allclose(speeds * 0.348, np.load(log / "wheel_speed/value"), atol=1e-9)
+    np.testing.assert_allclose(speeds * 0.35144, np.load(log / "wheel_speed/value"), atol=1e-9)
     stamps = np.array([s.stamp for s in samples["vehicle/wheel_speeds"]]) * 1e-9
     np.testing.assert_allclose(stamps, np.load(log / "wheel_speed/t"), atol=1e-6)
     angle = np.array([s.values["position"][0] for s in samples["vehicle/steering"]])
@@ -430,6 +430,8 @@ def test_the_rav4s_can_imu_follows_its_reference_in_sign_and_scale(rav4, rav4_sa
         mine = np.interp(phone_t, t, np.convolve(mine, smooth, "same"))[inside]
         theirs = np.convolve(theirs, smooth, "same")[inside]
         assert np.std(mine - theirs) < residual < np.std(mine + theirs)
+    assert np.isnan(imu[0].values["angular_velocity"]).tolist() == [True, True, False]
+    assert np.isnan(imu[0].values["linear_acceleration"]).tolist() == [False, False, True]
     variances = imu[0].values["angular_velocity_covariance"].reshape(3, 3).diagonal()
     assert tuple(variances[:2]) == (UNMEASURED_VARIANCE, UNMEASURED_VARIANCE)
 

@@ -13,6 +13,8 @@ from pynmeagps import GET, NMEAMessage
 from pyubx2 import UBXMessage
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.bag.gnss_bytes import gnss_byte_stream
+from vsense_ros.bag.importers import import_recording
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.gnss import GnssSettings, metres_between, stamp_of_day
 from vsense_ros.driver.nmea import NmeaDecoder
@@ -149,14 +151,14 @@ def test_a_position_has_its_ellipsoidal_height_and_the_utc_time_of_measurement()
 def test_speed_and_course_become_an_east_and_north_velocity(course, east, north):
     (sample,) = NmeaDecoder().feed(rmc(NOON, 10.0, course), 0)
     assert (sample.topic, sample.frame_id) == ("gps/velocity", "map")
-    np.testing.assert_allclose(sample.values["linear"], [east, north, 0], atol=1e-3)
+    np.testing.assert_allclose(sample.values["linear"], [east, north, math.nan], atol=1e-3)
     variances = sample.values["covariance"].reshape(6, 6).diagonal()
     np.testing.assert_allclose(variances, [0.01, 0.01, *[UNMEASURED_VARIANCE] * 4])
 
 
 def test_standing_still_without_a_course_is_a_velocity_of_zero():
     (sample,) = NmeaDecoder().feed(rmc(NOON, 0.02, ""), 0)
-    np.testing.assert_array_equal(sample.values["linear"], 0)
+    np.testing.assert_array_equal(sample.values["linear"], [0, 0, math.nan])
 
 
 def test_positions_before_the_first_date_wait_for_it():
@@ -216,7 +218,7 @@ def test_vtg_gives_the_velocity_where_there_is_no_rmc():
     zda = sentence("ZDA", time=NOON.time(), day=17, month=5, year=2024)
     vtg = sentence("VTG", cogt=0.0, cogtUnit="T", sogn=10.0, sognUnit="N", sogk=18.52, sogkUnit="K", posMode="A")
     (velocity,) = by_topic(decoder.feed(zda + gga(NOON) + vtg, 0), "gps/velocity")
-    np.testing.assert_allclose(velocity.values["linear"], [0, 10 * KNOT, 0])
+    np.testing.assert_allclose(velocity.values["linear"], [0, 10 * KNOT, math.nan])
     assert velocity.stamp == stamp(NOON)
 
 
@@ -432,6 +434,21 @@ def test_the_attitude_quaternion_is_that_of_yaw_pitch_roll(yaw_angle, pitch, rol
     expected = Rotation.from_euler("ZYX", [yaw_angle, pitch, roll])
     difference = expected.inv() * Rotation.from_quat(sample.values["orientation"])
     assert difference.magnitude() == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("protocol", "decoder"), [("nmea", NmeaDecoder()), ("ubx", UbxDecoder())])
+def test_the_rav4s_drive_passes_through_the_bytes_of_a_receiver_unchanged(rav4, protocol, decoder):
+    recording = import_recording(rav4)
+    stream = gnss_byte_stream(recording, protocol)
+    decoded = [sample for at, data in stream for sample in decoder.feed(data, at)]
+    fixes, velocities = by_topic(decoded, "gps/fix"), by_topic(decoded, "gps/velocity")
+    assert [s.stamp for s in fixes] == recording["gps/fix"].stamp.tolist()
+    for field, tolerance in (("latitude", 2e-7), ("longitude", 2e-7), ("altitude", 1e-3)):
+        expected = recording["gps/fix"].columns[field]
+        np.testing.assert_allclose([s.values[field] for s in fixes], expected, atol=tolerance)
+    expected = recording["gps/velocity"].columns["linear"][:, :2]
+    np.testing.assert_allclose([s.values["linear"][:2] for s in velocities], expected, atol=1e-3)
+    assert {d.level for d in decoder.diagnostics(stream[-1][0])} == {Level.OK}
 
 
 def test_settings_that_cannot_be_are_refused():

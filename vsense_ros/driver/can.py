@@ -239,7 +239,7 @@ def _sample(output: JointStateOutput | ImuOutput, values: dict[str, float], stam
         names = [f"{field}_{axis}" for axis in "xyz"]
         if not any(name in values for name in names):
             continue
-        vectors[field] = np.array([values.get(name, 0.0) for name in names])
+        vectors[field] = np.array([values.get(name, math.nan) for name in names])
         deviations = {str(axis): signal.standard_deviation for axis, signal in output.axes.items()}
         vectors[f"{field}_covariance"] = samples.diagonal(
             [(deviations.get(name) or 0.0) ** 2 or samples.UNMEASURED_VARIANCE for name in names]

@@ -122,7 +122,7 @@ class JointStateOutput(_Part):
 
 
 class ImuOutput(_Part):
-    """A sensor_msgs/Imu made from one CAN message; axes that are not listed are unmeasured."""
+    """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN."""
 
     kind: Literal["imu"]
     topic: str = Field(min_length=1)

@@ -169,7 +169,7 @@ class GnssChannels:
         vertical = variances[2] if up is not None else samples.UNMEASURED_VARIANCE
         unmeasured = samples.UNMEASURED_VARIANCE
         values = {
-            "linear": np.array([east, north, up or 0.0]),
+            "linear": np.array([east, north, math.nan if up is None else up]),
             "angular": np.zeros(3),
             "covariance": samples.diagonal([*variances[:2], vertical, unmeasured, unmeasured, unmeasured]),
         }

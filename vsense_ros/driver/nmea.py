@@ -90,7 +90,7 @@ class NmeaDecoder:
         while True:
             start = self._buffer.find(b"$", position)
             end = len(self._buffer) if start < 0 else start
-            self.link.other(end - position)
+            self.link.other(len(self._buffer[position:end].translate(None, b"\r\n")))
             position = end
             if start < 0:
                 break

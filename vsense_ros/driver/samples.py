@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense_ros.recording import Sample
 
-# Variance of an axis that the sensor does not measure, in the unit of the message squared; its value is zero.
-# Messages can only mark a whole vector as absent (covariance[0] = -1), not one axis of it.
+# Messages can only mark a whole vector as absent (covariance[0] = -1), not one axis of it. An axis that the sensor does
+# not measure has the value NaN (zero, where it is part of a quaternion) and this variance, in the unit squared.
 UNMEASURED_VARIANCE = 1e6
 
 ABSENT: NDArray[np.float64] = np.array([-1.0] + [0.0] * 8)
