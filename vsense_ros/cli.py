@@ -108,12 +108,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     if mapping is not None:
         options["mapping"] = mapping
     with waiting(f"importing {source.name}"):
-        try:
-            recording = import_recording(source, **options)
-        except TypeError as error:
-            if "unexpected keyword argument" not in str(error) and "missing" not in str(error):
-                raise
-            raise InputError(f"{source}: the importer refuses its options: {error}") from None
+        recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)
     _describe(recording, console())
     console().print(f"Written to {out}.", soft_wrap=True)
@@ -137,13 +132,14 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     """
     from vsense_ros import observer
     from vsense_ros.bag import write_bag
+    from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(_vehicle_file(vehicle))
     with waiting(f"reading {bag.name}"):
-        recording = _open(bag)
+        recording = import_recording(bag)
     name = recording.name or bag.stem
     with progress(f"estimating {name}") as done:
         result = observer.run(recording, car, progress=done)
@@ -164,6 +160,67 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 
 
 @main.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, help="Folder.")
+@click.option("--without-ros", is_flag=True, help="Run everything in this process.")
+def demo(out: Path, without_ros: bool) -> None:
+    """Three drives through the ROS processes: tables, pictures, a report.
+
+    A Toyota RAV4 from its raw CAN, IMU and GNSS bytes, a lap of a Hyundai Genesis, a generated double lane change.
+    Says what it leaves out where recordings, network or ROS are missing.
+
+    \b
+    Examples:
+      vsense demo
+      vsense demo --without-ros --out /tmp/demo
+    """
+    from vsense_ros.demo import run_demo
+    from vsense_ros.evaluate.terminal import console
+
+    run_demo(out, console(), through_ros=not without_ros)
+
+
+@main.group(invoke_without_command=True, cls=_Commands)
+@click.pass_context
+def datasets(context: click.Context) -> None:
+    """List the public recordings that the project knows; fetch them.
+
+    They are kept in the folder that VSENSE_DATA names, else in this user's cache.
+
+    \b
+    Examples:
+      vsense datasets
+      vsense datasets fetch genesis_oxts_can
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from rich.table import Table
+
+    from vsense_ros.bag import datasets as known
+    from vsense_ros.evaluate.terminal import console
+
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    for heading in ("name", "here", "licence", "what"):
+        table.add_column(heading, no_wrap=heading != "what")
+    for one in known.DATASETS.values():
+        table.add_row(one.name, "no" if known.find(one.name) is None else "yes", one.licence, one.title)
+    console().print(table)
+    console().print(f"Folder: {known.data_dir()}", soft_wrap=True)
+
+
+@datasets.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+def fetch(names: tuple[str, ...]) -> None:
+    """Download what is missing and check it; without NAME all of them."""
+    from vsense_ros.bag import datasets as known
+    from vsense_ros.evaluate.terminal import in_files, progress
+
+    for name in names or tuple(known.DATASETS):
+        with progress(name) as done:
+            path = known.fetch(name, in_files(done))
+        click.echo(path)
+
+
+@main.command()
 @click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
 def schema(as_json: bool) -> None:
     """Print the parameters of a vehicle file: keys, units, ranges, defaults.
@@ -176,17 +233,6 @@ def schema(as_json: bool) -> None:
     from vsense_ros.vehicle_schema import json_schema, markdown_table
 
     click.echo(json.dumps(json_schema(), indent=2) if as_json else markdown_table(), nl=as_json)
-
-
-def _open(path: Path) -> Recording:
-    """A bag, or whatever an importer knows."""
-    if path.suffix == ".mcap" or (path / "metadata.yaml").exists() or any(path.glob("*.mcap")):
-        from vsense_ros.bag import read_bag
-
-        return read_bag(path)
-    from vsense_ros.bag.importers import import_recording
-
-    return import_recording(path)
 
 
 def _vehicle_file(text: str) -> Path:

@@ -117,7 +117,7 @@ def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     found: dict[str, Series] = {}
 
     def keep(name: str, channel: Channel, value: Array, variance: Array | None = None) -> None:
-        series = _series(SIGNALS[name], channel, value, variance)
+        series = make_series(SIGNALS[name], channel, value, variance)
         if len(series):
             found[name] = series
 
@@ -171,8 +171,11 @@ def _variance(channel: Channel, column: str, axis: int) -> Array | None:
     return np.where(covariance[:, 0] == -1.0, -1.0, covariance[:, 7 * axis])
 
 
-def _series(signal: Signal, channel: Channel, value: Array, variance: Array | None) -> Series:
-    """Sorted by stamp; of two values with one stamp the one that arrived last."""
+def make_series(signal: Signal, channel: Channel, value: Array, variance: Array | None = None) -> Series:
+    """`value` (rows, k) of a channel as a series.
+
+    Sorted by stamp; of two values with one stamp the one that arrived last.
+    """
     good = np.isfinite(value).all(axis=1)
     if variance is not None:
         good &= variance >= 0.0

@@ -45,6 +45,15 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
         bar.update(task, completed=1.0)
 
 
+def in_files(done: Callable[[float], None]) -> Callable[[str, int, int], None]:
+    """The progress of a number of files on a bar that takes shares."""
+
+    def report(_: str, count: int, total: int) -> None:
+        done(count / max(total, 1))
+
+    return report
+
+
 @contextmanager
 def waiting(label: str) -> Iterator[None]:
     """A moving sign on stderr for work whose length is not known beforehand."""
