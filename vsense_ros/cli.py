@@ -8,14 +8,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from vsense_ros.errors import InputError
-
-if TYPE_CHECKING:
-    from vsense_ros.recording import Recording
 
 FAULT = 2  # exit code for input that cannot be used, as for a wrong option
 
@@ -103,15 +100,38 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     """
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
-    from vsense_ros.evaluate.terminal import console, waiting
+    from vsense_ros.bag.inspect import inspect
+    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
 
     if mapping is not None:
         options["mapping"] = mapping
     with waiting(f"importing {source.name}"):
         recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)
-    _describe(recording, console())
+    show_inspection(inspect(recording), console())
     console().print(f"Written to {out}.", soft_wrap=True)
+
+
+@main.command()
+@click.argument("bag", type=_EXISTING)
+def info(bag: Path) -> None:
+    """Say what BAG holds and what looks wrong in it.
+
+    Signals, rates, gaps, clocks, latencies; frozen signals, units, signs and frames that cannot be right. BAG may also
+    be a recording that `vsense import` understands.
+
+    \b
+    Examples:
+      vsense info bags/double_lane_change
+      vsense info laps/med_lap_center_8_21.mat
+    """
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.bag.inspect import inspect
+    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
+
+    with waiting(f"reading {bag.name}"):
+        inspection = inspect(import_recording(bag))
+    show_inspection(inspection, console())
 
 
 @main.command()
@@ -249,23 +269,6 @@ def _vehicle_file(text: str) -> Path:
             f"no vehicle file {text!r}: neither a path nor one of {', '.join(known) or 'none'} in {folder}"
         )
     return folder / f"{text}.yaml"
-
-
-def _describe(recording: Recording, out: Any) -> None:
-    """Topics, numbers of messages and notes of a recording."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
-    table.add_column("topic", no_wrap=True)
-    table.add_column("type", no_wrap=True)
-    table.add_column("messages", justify="right")
-    for topic, channel in recording.channels.items():
-        table.add_row(topic, channel.kind, str(len(channel)))
-    out.print(table)
-    out.print(f"{recording.duration:.1f} s, {recording.messages_lost} messages lost")
-    for note in recording.notes:
-        out.print(Text(f"Note: {note}"))
 
 
 if __name__ == "__main__":

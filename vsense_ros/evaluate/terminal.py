@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
+from math import isnan
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from vsense_ros.bag.inspect import Inspection
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.report import named, score_cells
 from vsense_ros.evaluate.signals import SIGNALS
@@ -82,6 +85,41 @@ def show_drive(drive: Drive, out: Console) -> None:
     for status in drive.diagnostics:
         if status.level > 0:
             out.print(Text(f"{status.level.name} {status.name}: {status.message}", style="yellow"))
+
+
+def show_inspection(inspection: Inspection, out: Console) -> None:
+    """Print what a recording holds and every doubt about it."""
+    start = datetime.fromtimestamp(inspection.start * 1e-9, UTC)
+    out.print(Text(inspection.name or "recording", style="bold"))
+    lost = f", {inspection.messages_lost} messages lost" if inspection.messages_lost else ""
+    out.print(f"{inspection.duration:.1f} s from {start:%Y-%m-%d %H:%M:%S} UTC{lost}")
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    table.add_column("topic", overflow="fold")
+    table.add_column("type", no_wrap=True)
+    for heading in ("messages", "rate", "latency", "longest gap"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for topic in inspection.topics:
+        gap = max((found.length for found in topic.gaps), default=0.0)
+        table.add_row(
+            topic.topic,
+            topic.kind.rsplit("/", 1)[-1],
+            str(topic.count),
+            "–" if isnan(topic.rate_hz) else f"{topic.rate_hz:.4g} Hz",
+            "–" if isnan(topic.latency_median) else f"{topic.latency_median * 1e3:.1f} ms",
+            f"{gap:.2f} s" if gap else "–",
+        )
+    out.print(table)
+    for topic in inspection.topics:
+        if topic.constant:
+            out.print(Text(f"{topic.topic}: never changes: {', '.join(topic.constant)}", style="dim"))
+    if inspection.missing:
+        out.print(Text(f"Not in it: {', '.join(inspection.missing)}", style="dim"))
+    for note in inspection.notes:
+        out.print(Text(f"Note: {note}"))
+    for problem in inspection.problems:
+        out.print(Text(f"Look at {problem}", style="yellow"))
+    if not inspection.problems:
+        out.print("Nothing looks wrong.")
 
 
 def _score_table(drive: Drive) -> Table:
