@@ -108,8 +108,15 @@ class Car:
             guide = ca.vertcat(0, side * slope, 1) / ca.sqrt(1 + slope**2)
             corners.append(
                 SimpleNamespace(
-                    axle=a, side=side, radius=radius, centre=centre, guide=guide, static_load=static[axle],
-                    opposite=i + 1 - 2 * (i % 2), front=axle == 0, tyre=FORCES[self._tyres[axle]],
+                    axle=a,
+                    side=side,
+                    radius=radius,
+                    centre=centre,
+                    guide=guide,
+                    static_load=static[axle],
+                    opposite=i + 1 - 2 * (i % 2),
+                    front=axle == 0,
+                    tyre=FORCES[self._tyres[axle]],
                 )  # fmt: skip
             )
         return SimpleNamespace(wheelbase=wheelbase, corners=corners)
@@ -139,7 +146,9 @@ class Car:
         for i, corner in enumerate(corners):
             a = corner.axle
             mass = a.hub_mass + a.wheel_mass
-            wheel_inertia = ca.diag(ca.vertcat(a.wheel_diametral_inertia, a.wheel_spin_inertia, a.wheel_diametral_inertia))
+            wheel_inertia = ca.diag(
+                ca.vertcat(a.wheel_diametral_inertia, a.wheel_spin_inertia, a.wheel_diametral_inertia)
+            )
             sprung = sprung - mass
             first_moment = first_moment - mass * corner.centre
             offset = spatial.skew(corner.centre)
@@ -202,11 +211,25 @@ class Car:
             )
             contacts.append(
                 SimpleNamespace(
-                    point=point, centre=centre, ahead=ahead, sideways=sideways, normal=normal, axle=axle,
-                    load=load, force_x=force_x, force_y=force_y, moment=moment, slip_x=slip_x, slip_y=slip_y,
-                    camber=ca.asin(-(normal.T @ axle)), effective_radius=effective_radius,
-                    rolling=-a.rolling_resistance * load * effective_radius
-                    * rolling_speed / ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
+                    point=point,
+                    centre=centre,
+                    ahead=ahead,
+                    sideways=sideways,
+                    normal=normal,
+                    axle=axle,
+                    load=load,
+                    force_x=force_x,
+                    force_y=force_y,
+                    moment=moment,
+                    slip_x=slip_x,
+                    slip_y=slip_y,
+                    camber=ca.asin(-(normal.T @ axle)),
+                    effective_radius=effective_radius,
+                    rolling=-a.rolling_resistance
+                    * load
+                    * effective_radius
+                    * rolling_speed
+                    / ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
                 )  # fmt: skip
             )
         return contacts
@@ -226,7 +249,9 @@ class Car:
             preload = (corner.static_load - (a.hub_mass + a.wheel_mass) * GRAVITY) * corner.guide[2]
             spring = a.suspension_stiffness * compression + a.suspension_damping * rate
             bar = a.antiroll_stiffness * (compression - self.q[6 + corner.opposite])
-            in_body = contact.force_x * contact.ahead + contact.force_y * contact.sideways + contact.load * contact.normal
+            in_body = (
+                contact.force_x * contact.ahead + contact.force_y * contact.sideways + contact.load * contact.normal
+            )
             moment = contact.moment * contact.normal + contact.rolling * contact.axle
             to_wheel = tree.bodies[2 * i + 1].rotation.T
             forces += [

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -22,7 +23,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
-FLAGS = ("-O2", "-fPIC", "-shared", "-fno-math-errno")
+FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 log = logging.getLogger(__name__)
 
 
@@ -42,41 +43,54 @@ def cache_folder() -> Path:
     return Path(folder) if folder else user_cache_path("vsense_ros")
 
 
-def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
-    """The same functions, compiled together into one library where that is possible, else as they are.
+def library(name: str, source: str) -> Path | None:
+    """C source compiled into a shared library in the cache, or None where that is impossible.
 
+    Safe against two processes that build at once: one builds beside the final place and moves the result there.
     `name` is for humans: it begins the library's file name.
     """
     cc = compiler()
     if cc is None:
-        return list(functions)
-    key = hashlib.sha256(" ".join((ca.CasadiMeta.version(), cc, *FLAGS)).encode())
-    for function in functions:
-        key.update(function.serialize().encode())
-    library = cache_folder() / f"{name}-{key.hexdigest()[:20]}.so"
+        return None
+    key = hashlib.sha256("\n".join((cc, *FLAGS, _processor(), source)).encode()).hexdigest()
+    target = cache_folder() / f"{name}-{key[:20]}.so"
     try:
-        if not library.exists():
-            library.parent.mkdir(parents=True, exist_ok=True)
-            with FileLock(library.with_suffix(".lock")):
-                if not library.exists():
-                    _build(cc, functions, library)
-        return [ca.external(function.name(), str(library)) for function in functions]
-    except (OSError, RuntimeError, subprocess.SubprocessError) as error:
-        log.warning("compiling %s failed, continuing uncompiled: %s", name, error)
+        if target.exists():
+            return target
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(target.with_suffix(".lock")):
+            if not target.exists():
+                with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+                    (Path(folder) / "source.c").write_text(source, encoding="utf-8")
+                    command = [cc, *FLAGS, "source.c", "-o", "library.so", "-lm"]
+                    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=600)
+                    os.replace(Path(folder) / "library.so", target)
+        return target
+    except (OSError, subprocess.SubprocessError) as error:
+        log.warning("compiling %s failed, continuing without: %s", name, error)
+        return None
+
+
+def _processor() -> str:
+    """What the machine code is made for: a cache that is shared between machines must not be mixed up."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line for line in lines if line.startswith(("flags", "Features")))
+    except (OSError, StopIteration):
+        return platform.machine()
+
+
+def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
+    """The same functions, compiled together into one library where that is possible, else as they are."""
+    if compiler() is None:
         return list(functions)
-
-
-def _build(cc: str, functions: Sequence[ca.Function], library: Path) -> None:
-    """Compile into a temporary file beside `library` and move it there in one go."""
-    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        generator = ca.CodeGenerator("model.c", {"with_header": False})
-        for function in functions:
-            generator.add(function)
-        generator.generate(folder + "/")
-        subprocess.run(
-            [cc, *FLAGS, "model.c", "-o", "model.so", "-lm"], cwd=folder, check=True, capture_output=True, timeout=600
-        )
-        os.replace(Path(folder) / "model.so", library)
+    generator = ca.CodeGenerator("model.c", {"with_header": False})
+    for function in functions:
+        generator.add(function)
+    built = library(name, generator.dump())
+    if built is None:
+        return list(functions)
+    return [ca.external(function.name(), str(built)) for function in functions]
 
 
 class Kernel:
@@ -110,4 +124,6 @@ class Kernel:
 def function(name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX], names: Sequence[str]) -> ca.Function:
     """A CasADi function with dense outputs, as `Kernel` needs them."""
     outputs = [ca.densify(r) for r in results]
-    return ca.Function(name, list(arguments), outputs, list(names), [f"r{i}" for i in range(len(outputs))], {"cse": True})
+    return ca.Function(
+        name, list(arguments), outputs, list(names), [f"r{i}" for i in range(len(outputs))], {"cse": True}
+    )

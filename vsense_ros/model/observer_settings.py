@@ -35,7 +35,9 @@ class Surroundings(_Part):
     bank_time_constant: float = parameter("s", "its correlation time", gt=0, default=10.0)
     steering_offset: float = parameter("rad", "standard deviation of the road-wheel angle's offset", ge=0, default=0.01)
     steering_offset_drift: float = parameter("rad", "its change in one second", ge=0, default=1e-5)
-    radius_error: float = parameter("-", "standard deviation of the relative error of the tyre radius", ge=0, default=0.01)
+    radius_error: float = parameter(
+        "-", "standard deviation of the relative error of the tyre radius", ge=0, default=0.01
+    )
     radius_error_drift: float = parameter("-", "its change in one second", ge=0, default=1e-6)
 
 
@@ -43,7 +45,11 @@ class ObserverSettings(_Part):
     """The errorEKF's settings."""
 
     longest_step: float = parameter("s", "longest time step of the prediction", gt=0, le=0.05, default=0.01)
-    merge_window: float = parameter("s", "measurements this close are taken as simultaneous", ge=0, le=0.02, default=0.002)
-    history: float = parameter("s", "how late a measurement may come and still be used in its place", ge=0, le=5, default=0.5)
+    merge_window: float = parameter(
+        "s", "measurements this close are taken as simultaneous", ge=0, le=0.02, default=0.002
+    )
+    history: float = parameter(
+        "s", "how late a measurement may come and still be used in its place", ge=0, le=5, default=0.5
+    )
     force_errors: ForceErrors = ForceErrors()
     surroundings: Surroundings = Surroundings()

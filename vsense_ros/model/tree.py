@@ -60,9 +60,7 @@ class Tree:
         transforms = [motion_transform(b.rotation, b.position) for b in self.bodies]
         velocity = self.velocities(root_velocity, rates)
         articulated = [b.inertia for b in self.bodies]
-        bias = [
-            cross_force(velocity[i], self.bodies[i].inertia @ velocity[i]) - forces[i] for i in range(count)
-        ]
+        bias = [cross_force(velocity[i], self.bodies[i].inertia @ velocity[i]) - forces[i] for i in range(count)]
         coriolis = [cross_motion(velocity[i], self.bodies[i].axis * rates[i]) for i in range(count)]
         root_articulated = self.root_inertia
         root_bias = cross_force(root_velocity, self.root_inertia @ root_velocity) - root_force
@@ -125,9 +123,7 @@ def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
         d = matrix[j, j] - sum((low[j, k] * low[j, k] * diagonal[k] for k in range(j)), ca.SX(0))
         diagonal.append(d)
         for i in range(j + 1, n):
-            low[i, j] = (
-                matrix[i, j] - sum((low[i, k] * low[j, k] * diagonal[k] for k in range(j)), ca.SX(0))
-            ) / d
+            low[i, j] = (matrix[i, j] - sum((low[i, k] * low[j, k] * diagonal[k] for k in range(j)), ca.SX(0))) / d
     y = ca.SX(right)
     for i in range(n):
         for k in range(i):

@@ -70,7 +70,9 @@ class Aerodynamics(_Part):
 class Road(_Part):
     """The road, as far as it is taken to be known."""
 
-    friction: float = parameter("-", "grip relative to the road on which the tyre was measured", gt=0, le=2, default=1.0)
+    friction: float = parameter(
+        "-", "grip relative to the road on which the tyre was measured", gt=0, le=2, default=1.0
+    )
 
 
 class Physics(_Part):

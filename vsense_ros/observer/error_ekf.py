@@ -20,18 +20,11 @@ from vsense_ros.model.car import SURROUNDINGS, WHEELS, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.sensors import Bias, SensorBase
-from vsense_ros.model.steps import DYNAMIC_COORDINATES, GAMMA, model_functions, sensor_functions
+from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.kalman import FORCE, SURROUND, Jacobians, Q, U, kalman
 
 Array = NDArray[np.float64]
-
-Q = slice(0, 14)
-U = slice(14, 28)
-FORCE = slice(28, 42)
-SURROUND = slice(42, 46)
-BIASES = 46  # the first of the sensors' biases
-
-_DYNAMIC = np.array(DYNAMIC_COORDINATES)
 
 
 @dataclass(frozen=True)
@@ -73,16 +66,20 @@ class ErrorEkf:
         car = car_of(vehicle)
         functions = model_functions(car)
         q, u, force, around = (self.state[s] for s in (Q, U, FORCE, SURROUND))
-        arguments = [q, u, force, around, self.inputs, vehicle.parameter_vector()]
-        self._h = np.zeros(1)
-        self._inverse = np.zeros((14, 14), order="F")
+        parameters = vehicle.parameter_vector()
+        arguments = [q, u, force, around, self.inputs, parameters]
         self._linearize = Kernel(functions["linearize"], arguments)
-        self.udot, self._by_q, self._by_u, self._by_surroundings, self._by_q_rates = self._linearize.results
-        flat = [self._h, self._inverse.reshape(-1, order="F"), self._by_q.reshape(-1, order="F")]
-        self._advance = Kernel(functions["advance"], [*arguments, *flat])
+        self.udot, *jacobians = self._linearize.results
+        by_q, by_u, by_surroundings, by_q_rates = jacobians
         self._kinematics = Kernel(functions["kinematics"], [q, u])
-        self._acceleration = np.zeros(14)
-        self._force = Kernel(functions["force"], [q, self.inputs, around, arguments[-1], self._acceleration])
+        self._kalman = kalman(
+            Jacobians(by_q, by_u, by_surroundings, by_q_rates), *self._kinematics.results, self.covariance
+        )
+        self._h = np.zeros(1)
+        flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
+        self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
+        self._error = self._kalman.error
+        self._force = Kernel(functions["force"], [q, self.inputs, around, parameters, self._error[FORCE]])
         self._wheels = Kernel(functions["dynamics"], arguments)
         sensing = sensor_functions(car, self.sensors)
         self._sense: list[Kernel | None] = [None] * len(self.sensors)
@@ -92,24 +89,23 @@ class ErrorEkf:
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
         self._noise(vehicle.observer)
-        self._gain = np.zeros((14, self.layout.size))
+        self._processes: dict[float, tuple[Array, Array]] = {}
 
     def _noise(self, settings: ObserverSettings) -> None:
         """Standard deviations at start, and the processes behind the forces, the surroundings and the biases."""
         n = self.layout.size
         errors, around = settings.force_errors, settings.surroundings
-        kinds = {s.kind for s in self.sensors}
-        spin = errors.wheel_spin if "wheel_speeds" in kinds else 0.0
-        force = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
+        spin = errors.wheel_spin if "wheel_speeds" in {s.kind for s in self.sensors} else 0.0
+        body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
         deviation = np.zeros(n)
-        deviation[FORCE] = force + [errors.suspension] * 4 + [spin] * 4
+        deviation[FORCE] = body + [errors.suspension] * 4 + [spin] * 4
         deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
         time_constant = np.full(n, np.inf)
         time_constant[FORCE] = errors.time_constant
-        time_constant[38:42] = errors.wheel_spin_time_constant
-        time_constant[42:44] = around.grade_time_constant, around.bank_time_constant
+        time_constant[FORCE.stop - 4 : FORCE.stop] = errors.wheel_spin_time_constant
+        time_constant[SURROUND] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
         drift = np.zeros(n)
-        drift[44:46] = around.steering_offset_drift, around.radius_error_drift
+        drift[SURROUND] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
         for sensor, where in zip(self.sensors, self.layout.biases, strict=True):
             biases: tuple[Bias, ...] = sensor.biases()
             deviation[where] = [b.deviation for b in biases]
@@ -119,94 +115,55 @@ class ErrorEkf:
         self._rate = 1 / time_constant
         self._density = np.where(np.isinf(time_constant), drift**2, 0.0)
 
+    def _process(self, h: float) -> tuple[Array, Array]:
+        """Decay and added variance over `h` [s] of the states behind the velocities; kept for recurring steps."""
+        known = self._processes.get(h)
+        if known is None:
+            decay = np.exp(-h * self._rate[28:])
+            noise = self.deviation[28:] ** 2 * (1 - decay**2) + self._density[28:] * h
+            if len(self._processes) > 256:
+                self._processes.clear()
+            known = self._processes[h] = (decay, noise)
+        return known
+
     def linearize(self) -> None:
-        """Evaluate accelerations and Jacobians at the present state; an acceleration sensor and the next step use them."""
+        """Evaluate accelerations and Jacobians at the present state; acceleration sensors and the next step use them."""
         self._linearize.call()
 
     def predict(self, h: float) -> None:
         """Move model and covariance ahead by `h` [s], from the last linearisation."""
-        by_q, by_u, by_s = self._by_q, self._by_u, self._by_surroundings
-        slope = by_u + (GAMMA * h) * self._by_q_rates
-        inverse = np.linalg.inv(np.eye(14) - (GAMMA * h) * slope)
-        self._inverse[:] = inverse
+        self._kalman.transition(h)
         self._kinematics.call()
-        by_angles, by_velocity = self._kinematics.results
         self._h[0] = h
         self._advance.call()
-        self.state[Q], self.state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
+        decay, noise = self._process(h)
+        self._kalman.propagate(h, decay, noise)
+        state = self.state
+        state[Q], state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
+        state[28:] *= decay
 
-        # Transition of the velocities' errors: the stability function of ROS2 and its response to a constant force.
-        w = (inverse - np.eye(14)) / GAMMA
-        response = h * (inverse + (0.5 - GAMMA) * (w @ inverse))
-        gain = self._gain
-        gain[:, _DYNAMIC] = response @ by_q
-        gain[:, U] = np.eye(14) + response @ slope
-        gain[:, FORCE] = response
-        gain[:, SURROUND] = response @ by_s
-        p = self.covariance
-        rows = gain @ p
-        corner = rows @ gain.T
-        p[U, :] = rows
-        p[:, U] = rows.T
-        p[U, U] = corner
-        # Coordinates follow velocities: the position by the attitude and both by the map from velocities to rates.
-        rows = p[Q, :].copy()
-        rows[:6] += (h * by_angles) @ p[3:6, :] + (h * by_velocity) @ p[14:20, :]
-        rows[6:] += h * p[20:28, :]
-        corner = rows[:, Q].copy()
-        corner[:, :6] += rows[:, 3:6] @ (h * by_angles).T + rows[:, 14:20] @ (h * by_velocity).T
-        corner[:, 6:] += h * rows[:, 20:28]
-        p[Q, :] = rows
-        p[:, Q] = rows.T
-        p[Q, Q] = 0.5 * (corner + corner.T)
-        # Forces, surroundings and biases: first-order processes, independent of the motion.
-        decay = np.exp(-h * self._rate[28:])
-        p[28:, :] *= decay[:, None]
-        p[:, 28:] *= decay
-        noise = self.deviation[28:] ** 2 * (1 - decay**2) + self._density[28:] * h
-        p[range(28, len(p)), range(28, len(p))] += noise
-        self.state[28:44] *= decay[:16]
+    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
+        """Correct by a measurement of sensor `index` unless its normalized innovation squared exceeds `limit`.
 
-    def innovation(self, index: int, value: Array) -> tuple[Array, Array, Array]:
-        """Of sensor `index` with measurement `value` (m,): innovation (m), H (m×n), H P Hᵀ (m×m)."""
+        `value` and `variance` (m,); NaN components are left out; `scale` multiplies the covariance of the innovation.
+        Returns the normalized innovation squared, negative where no component was present. The correction of the
+        accelerations becomes one of the generalized forces, ΔQ = M Δu̇ (Rodríguez 2020, step 4 of the errorEKF).
+        """
         kernel = self._sense[index]
         assert kernel is not None, "inputs have no innovation"
         kernel.call()
-        expected, by_q, by_u, by_udot, by_surroundings = kernel.results
-        h = np.zeros((len(value), self.layout.size))
-        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
-        if self.sensors[index].uses_acceleration:
-            h[:, _DYNAMIC] += by_udot @ self._by_q
-            h[:, U] += by_udot @ self._by_u
-            h[:, FORCE] = by_udot
-            h[:, SURROUND] += by_udot @ self._by_surroundings
+        acceleration = self.sensors[index].uses_acceleration
         where = self.layout.biases[index]
-        if where.stop > where.start:
-            h[:, where] = np.eye(len(value))
-        return value - expected[:, 0], h, h @ self.covariance @ h.T
-
-    def correct(self, innovation: Array, h: Array, total: Array) -> None:
-        """Carry an innovation with covariance `total` (m×m) into state, forces and covariance."""
-        p = self.covariance
-        projected = h @ p
-        gain = np.linalg.solve(total, projected).T
-        p -= gain @ projected
-        # The plain form loses symmetry by rounding only; one averaging keeps it exactly symmetric.
-        p += p.T
-        p *= 0.5
-        self._apply(gain @ innovation)
-
-    def _apply(self, error: Array) -> None:
-        self._acceleration[:] = error[FORCE]
-        self._force.call()
-        force = self._force.results[0][:, 0]
-        self.state[Q] += error[Q]
-        self.state[U] += error[U]
-        self.state[FORCE] += force
-        self.state[42:] += error[42:]
+        nis = self._kalman.correct(kernel.results, acceleration, where, value, variance, scale, limit)
+        if 0 <= nis <= limit:
+            self._force.call()
+            state, error = self.state, self._error
+            state[:28] += error[:28]
+            state[FORCE] += self._force.results[0][:, 0]
+            state[42:] += error[42:]
+        return nis
 
     def wheel_outputs(self) -> Array:
         """Forces and slips of the wheels at the present state, as `Car.wheel_outputs` (7×4)."""
         self._wheels.call()
         return self._wheels.results[1]
-

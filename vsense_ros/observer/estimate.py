@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.car import PITCH, ROLL, WHEELS, YAW, X
-from vsense_ros.observer.error_ekf import SURROUND, ErrorEkf
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.kalman import SURROUND
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]

@@ -7,7 +7,6 @@ filter goes back there and works its way forward again. It refuses what cannot b
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,8 +20,9 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import SURROUND, ErrorEkf, Q, U
+from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
+from vsense_ros.observer.kalman import SURROUND, Q, U
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ class Observer:
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self._history: list[_Instant] = []
-        self._spare: list[_Instant] = []
+        self._ahead: list[tuple[int, list[_Event]]] = []  # what is to be done again after a late measurement
         self._first: dict[int, _Event] = {}  # newest measurement of each sensor before the start
         self._first_stamp = 0
         self._newest_arrival = 0
@@ -119,6 +119,8 @@ class Observer:
     @property
     def stamp(self) -> int:
         """Time of the newest state [ns]; 0 before the start."""
+        if self._ahead:
+            return self._ahead[-1][0]
         return self._history[-1].stamp if self._history else 0
 
     @property
@@ -247,12 +249,13 @@ class Observer:
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self.started, self._started_at = True, stamp
         self._history.clear()
+        self._ahead.clear()
         f.linearize()
         if (fix := kinds.get("gnss_position")) is not None:
             f.state[0:2] = np.where(np.isfinite(fix.value), fix.value, 0.0)
         if (velocity := kinds.get("gnss_velocity")) is not None:
             self._align(velocity)
-        self._remember(stamp, [])
+        self._copy(self._remember(stamp))
 
     def _align(self, event: _Event) -> bool:
         """Take the heading from the course, once it is meaningful; True if that has just been done."""
@@ -275,31 +278,61 @@ class Observer:
     def _use(self, stamp: int, event: _Event) -> None:
         """Put an event in its place and bring the filter up to the newest time again."""
         health = self.health[event.sensor]
-        newest = self._history[-1]
-        if stamp > newest.stamp + _LONGEST_GAP * 1e9:
+        newest = self.stamp
+        if stamp > newest + _LONGEST_GAP * 1e9:
             # Either everything was silent for long or this clock has jumped; the other sensors will tell.
             if not self._all_jumped(event.sensor, stamp):
-                self._refuse(event.sensor, stamp, f"stamp {(stamp - newest.stamp) * 1e-9:.3g} s ahead of all others")
+                self._refuse(event.sensor, stamp, f"stamp {(stamp - newest) * 1e-9:.3g} s ahead of all others")
                 return
             self._restart(stamp, event)
             return
-        if stamp >= newest.stamp - self._merge:
-            if stamp > newest.stamp + self._merge:
-                self._advance(newest.stamp, stamp)
-                self._remember(stamp, [])
-            self._happen(event)
-            self._update_newest(event)
-            return
-        if stamp < newest.stamp - self._reach or stamp < self._history[0].stamp:
-            if stamp < newest.stamp - _LONGEST_GAP * 1e9 and self._all_jumped(event.sensor, stamp):
+        if stamp < newest - self._reach or stamp < self._history[0].stamp:
+            if stamp < newest - _LONGEST_GAP * 1e9 and self._all_jumped(event.sensor, stamp):
                 self._restart(stamp, event)
                 return
             health.too_late += 1
-            health.problem = f"measurement {(newest.stamp - stamp) * 1e-9:.3g} s old, history is {self._reach * 1e-9:g} s"
+            health.problem = f"measurement {(newest - stamp) * 1e-9:.3g} s old, history is {self._reach * 1e-9:g} s"
             health.problem_at = stamp
             return
-        health.late += 1
-        self._go_back(stamp, event)
+        if stamp < newest - self._merge:
+            health.late += 1
+            self._insert(stamp, event)
+        else:
+            self._catch_up()
+            self._occur(stamp, [event])
+
+    def _occur(self, stamp: int, events: list[_Event], again: bool = False) -> None:
+        """Let events happen at `stamp`, not before the newest instant of the history."""
+        newest = self._history[-1]
+        # An input holds from here on: the model need not be brought to the very time it was read.
+        moves = any(not self._list[e.sensor].is_input for e in events)
+        if moves and stamp > newest.stamp + self._merge:
+            self._advance(newest.stamp, stamp)
+            newest = self._remember(stamp)
+        for event in events:
+            self._happen(event, again)
+        newest.events += events
+        self._copy(newest)
+
+    def _insert(self, stamp: int, event: _Event) -> None:
+        """Put a late event in its place; what follows it is done again when the newest state is next needed."""
+        position = bisect_right(self._history, stamp + self._merge, key=lambda i: i.stamp)
+        if position < len(self._history):
+            undone = self._history[position:]
+            self._ahead[:0] = [(instant.stamp, instant.events) for instant in undone]
+            del self._history[position:]
+            self._restore(self._history[-1])
+        before = bisect_right(self._ahead, stamp + self._merge, key=lambda a: a[0])
+        if before == 0:
+            self._occur(stamp, [event])
+        else:
+            self._ahead.insert(before, (stamp, [event]))
+
+    def _catch_up(self) -> None:
+        """Do again what came after a late measurement."""
+        ahead, self._ahead = self._ahead, []
+        for stamp, events in ahead:
+            self._occur(stamp, events, again=True)
 
     def _all_jumped(self, sensor: int, stamp: int) -> bool:
         """Whether every other sensor that still sends does so on the new clock, or none has sent lately."""
@@ -319,26 +352,9 @@ class Observer:
         self._restarts += 1
         self.started = False
         self._history.clear()
+        self._ahead.clear()
         self._first, self._first_stamp = {}, 0
         self._gather(stamp, event)
-
-    def _go_back(self, stamp: int, event: _Event) -> None:
-        position = bisect_right(self._history, stamp + self._merge, key=lambda i: i.stamp)
-        base = self._history[position - 1]
-        redo = self._history[position:]
-        del self._history[position:]
-        self._restore(base)
-        if stamp > base.stamp + self._merge:
-            self._advance(base.stamp, stamp)
-            self._remember(stamp, [])
-        self._happen(event)
-        self._update_newest(event)
-        for instant in redo:
-            self._advance(self._history[-1].stamp, instant.stamp)
-            for old in instant.events:
-                self._happen(old, again=True)
-            self._remember(instant.stamp, instant.events)
-        self._spare += redo[: max(0, 8 - len(self._spare))]
 
     def _advance(self, start: int, end: int) -> None:
         count = max(1, -(-(end - start) // self._step))
@@ -358,7 +374,6 @@ class Observer:
             np.copyto(part, value, where=np.isfinite(value))
             if not again:
                 self.health[event.sensor].used += 1
-            f.linearize()
             return
         if not self.heading_known:
             if sensor.kind == "gnss_velocity" and self._align(event):
@@ -367,41 +382,36 @@ class Observer:
                 if sensor.kind == "gnss_position" and not again:
                     f.state[0:2] = value
                 return
-        innovation, h, total = f.innovation(event.sensor, value)
-        present = np.isfinite(innovation)
-        if not present.all():
-            innovation, h, total = innovation[present], h[present], total[np.ix_(present, present)]
-        total[np.diag_indices(len(total))] += event.variance[present]
-        nis = float(innovation @ np.linalg.solve(total, innovation))
         health = self.health[event.sensor]
-        limit = sensor.gate**2 * len(innovation) ** 0.5
+        limit = sensor.gate**2 * len(value) ** 0.5
+        nis = f.correct(event.sensor, value, event.variance, limit)
         if not nis <= limit:
             if not again:
                 health.refused += 1
                 health.refused_in_a_row += 1
-                health.problem = f"innovation {nis**0.5:.1f} standard deviations, limit {limit**0.5:.1f}"
+                health.problem = f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}"
                 health.problem_at = self._history[-1].stamp if self._history else 0
-            if health.refused_in_a_row < _PATIENCE or not np.isfinite(nis):
-                return
-            total *= nis / limit
+            if health.refused_in_a_row >= _PATIENCE and np.isfinite(nis):
+                # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
+                f.correct(event.sensor, value, event.variance, 2 * limit, scale=nis / limit)
         elif not again:
             health.refused_in_a_row = 0
             health.used += 1
-            health.innovation_ratio += 0.02 * (nis / len(innovation) - health.innovation_ratio)
-        f.correct(innovation, h, total)
+            health.innovation_ratio += 0.02 * (nis / len(value) - health.innovation_ratio)
         self._check()
 
     def _check(self) -> None:
         """Undo what must not be: a state that is no car's."""
         f = self.filter
-        sane = bool(
-            np.isfinite(f.state.sum())
-            and np.isfinite(f.covariance.sum())
-            and abs(f.state[ROLL]) < 1.5
-            and abs(f.state[PITCH]) < 1.4
-            and np.abs(f.state[14:17]).max() < 150
-            and np.abs(f.state[17:20]).max() < 20
-            and f.covariance.diagonal().min() > -1e-9
+        state = f.state
+        sane = (
+            abs(state[ROLL]) < 1.5
+            and abs(state[PITCH]) < 1.4
+            and abs(state[14]) < 150
+            and abs(state[15]) < 150
+            and abs(state[19]) < 20
+            and f.covariance[14, 14] > 0
+            and np.isfinite(state.sum())
         )
         if sane:
             return
@@ -412,23 +422,17 @@ class Observer:
             f.covariance[:] = np.diag(np.maximum(np.diag(good.covariance), 0) * 4 + 1e-12)
             f.linearize()
 
-    def _remember(self, stamp: int, events: list[_Event]) -> None:
+    def _remember(self, stamp: int) -> _Instant:
+        """Begin a new instant with the filter's present state; the oldest beyond reach is reused."""
         f = self.filter
         if self._history and self._history[0].stamp < stamp - self._reach and len(self._history) > 2:
             instant = self._history.pop(0)
-        elif self._spare:
-            instant = self._spare.pop()
         else:
             n = len(f.state)
             instant = _Instant(0, np.empty(n), np.empty((n, n)), np.empty(5))
-        instant.stamp, instant.events = stamp, list(events)
-        self._copy(instant)
+        instant.stamp, instant.events = stamp, []
         self._history.append(instant)
-
-    def _update_newest(self, event: _Event) -> None:
-        newest = self._history[-1]
-        newest.events.append(event)
-        self._copy(newest)
+        return instant
 
     def _copy(self, instant: _Instant) -> None:
         f = self.filter
@@ -447,9 +451,9 @@ class Observer:
 
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
-        f = self.filter
-        f.linearize()
-        return Estimate.of(self.stamp, f)
+        self._catch_up()
+        self.filter.linearize()
+        return Estimate.of(self.stamp, self.filter)
 
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""
@@ -457,8 +461,7 @@ class Observer:
         deviation = np.sqrt(np.maximum(np.diag(f.covariance), 0))
         first = SURROUND.start
         return {
-            name: (float(f.state[i]), float(deviation[i]))
-            for i, name in enumerate(f.layout.names[first:], start=first)
+            name: (float(f.state[i]), float(deviation[i])) for i, name in enumerate(f.layout.names[first:], start=first)
         }
 
     def diagnostics(self, now: int | None = None) -> list[Diagnostic]:
@@ -530,6 +533,3 @@ def _sensor_diagnostic(name: str, sensor: SensorBase, health: _Health, now: int)
         level = Level.ERROR if health.refused_in_a_row >= _PATIENCE else Level.WARN
         return Diagnostic(name, level, health.problem, values)
     return Diagnostic(name, Level.OK, "in use", values)
-
-
-ProgressCallback = Callable[[float], None]

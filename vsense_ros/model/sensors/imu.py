@@ -44,7 +44,10 @@ class Imu(SensorBase):
     def read(self, names, values, out, variance):
         out[:3] = values["angular_velocity"]
         out[3:] = values["linear_acceleration"]
-        for part, field in ((slice(0, 3), "angular_velocity_covariance"), (slice(3, 6), "linear_acceleration_covariance")):
+        for part, field in (
+            (slice(0, 3), "angular_velocity_covariance"),
+            (slice(3, 6), "linear_acceleration_covariance"),
+        ):
             flat = values.get(field)
             if flat is not None and len(flat) and flat[0] == -1:
                 out[part] = np.nan

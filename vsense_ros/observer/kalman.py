@@ -1,0 +1,190 @@
+"""Covariance algebra of the errorEKF, twice: readable in NumPy, and compiled from kalman.c where that is possible.
+
+Both use the structure of the problem. The transition of the velocities' errors involves only the coordinates that
+forces depend on, the velocities, the accelerations and the surroundings; the coordinates follow the velocities by a
+nearly diagonal map; everything else decays on its own. That is about 40,000 multiplications for 52 states instead of
+the 280,000 of F P Fᵀ.
+
+The compiled correction whitens the innovation with a Cholesky factor and subtracts outer products, P - Σ wᵢ wᵢᵀ, which
+is symmetric to the last bit and needs no re-symmetrisation.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from importlib import resources
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model import codegen
+from vsense_ros.model.steps import DYNAMIC_COORDINATES, GAMMA
+
+Array = NDArray[np.float64]
+
+DYNAMIC = np.array(DYNAMIC_COORDINATES)
+Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
+GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
+LARGEST = 128  # states that the compiled form has room for
+
+
+class Jacobians:
+    """Of the model at one state, column-major as the model's functions write them."""
+
+    def __init__(self, by_q: Array, by_u: Array, by_surroundings: Array, by_q_rates: Array) -> None:
+        self.by_q = by_q  # (14, 7) accelerations by the dynamic coordinates
+        self.by_u = by_u  # (14, 14) … by the velocities
+        self.by_surroundings = by_surroundings  # (14, 4)
+        self.by_q_rates = by_q_rates  # (14, 14) by_q times the rates of the dynamic coordinates by u
+
+
+class Kalman:
+    """The algebra in NumPy."""
+
+    def __init__(self, model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> None:
+        self.model = model
+        self.by_angles, self.by_velocity = by_angles, by_velocity  # (6, 3), (6, 6) rates of position and attitude
+        self.covariance = covariance
+        self.inverse = np.zeros((14, 14), order="F")  # (I - γ h J)⁻¹, which the model's step needs
+        self.gain = np.zeros((14, len(GAIN_COLUMNS)))  # new errors of the velocities by the old errors
+        self.error = np.zeros(len(covariance))  # what a correction found
+
+    def transition(self, h: float) -> None:
+        """Fill `inverse` and `gain` for a step of `h` [s]: the stability function of ROS2, and its response to a
+        constant force, applied to the linearised model."""
+        model, unit = self.model, np.eye(14)
+        slope = model.by_u + (GAMMA * h) * model.by_q_rates
+        self.inverse[:] = np.linalg.inv(unit - (GAMMA * h) * slope)
+        w = (self.inverse - unit) / GAMMA
+        response = h * (self.inverse + (0.5 - GAMMA) * (w @ self.inverse))
+        self.gain[:, :7] = response @ model.by_q
+        self.gain[:, 7:21] = unit + response @ slope
+        self.gain[:, 21:35] = response
+        self.gain[:, 35:] = response @ model.by_surroundings
+
+    def propagate(self, h: float, decay: Array, noise: Array) -> None:
+        """Covariance after the step; `decay` and `noise` (n - 28) belong to the states behind the velocities."""
+        p = self.covariance
+        rows = self.gain @ p[GAIN_COLUMNS]
+        corner = rows[:, GAIN_COLUMNS] @ self.gain.T
+        p[U, :], p[:, U] = rows, rows.T
+        p[U, U] = 0.5 * (corner + corner.T)
+        angles, velocity = h * self.by_angles, h * self.by_velocity
+        rows = p[Q, :].copy()
+        rows[:6] += angles @ p[3:6, :] + velocity @ p[14:20, :]
+        rows[6:] += h * p[20:28, :]
+        corner = rows[:, Q].copy()
+        corner[:, :6] += rows[:, 3:6] @ angles.T + rows[:, 14:20] @ velocity.T
+        corner[:, 6:] += h * rows[:, 20:28]
+        p[Q, :], p[:, Q] = rows, rows.T
+        p[Q, Q] = 0.5 * (corner + corner.T)
+        p[28:, :] *= decay[:, None]
+        p[:, 28:] *= decay
+        p[range(28, len(p)), range(28, len(p))] += noise
+
+    def correct(
+        self,
+        sensed: list[Array],
+        uses_acceleration: bool,
+        biases: slice,
+        value: Array,
+        variance: Array,
+        scale: float,
+        limit: float,
+    ) -> float:
+        """Correct by a measurement `value` (m,), of which NaN are left out, if its normalized innovation squared is at
+        most `limit`; fills `error`.
+
+        `sensed` are the results of the sensor's function; `scale` multiplies the covariance of the innovation. Returns
+        the normalized innovation squared, negative if nothing was measured.
+        """
+        expected, by_q, by_u, by_udot, by_surroundings = sensed
+        innovation = value - expected[:, 0]
+        present = np.isfinite(innovation)
+        if not present.any():
+            return -1.0
+        h = np.zeros((len(value), len(self.covariance)))
+        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
+        if uses_acceleration:
+            h[:, DYNAMIC] += by_udot @ self.model.by_q
+            h[:, U] += by_udot @ self.model.by_u
+            h[:, FORCE] = by_udot
+            h[:, SURROUND] += by_udot @ self.model.by_surroundings
+        if biases.stop > biases.start:
+            h[:, biases] = np.eye(len(value))
+        h, innovation = h[present], innovation[present]
+        projected = h @ self.covariance
+        total = scale * (projected @ h.T + np.diag(variance[present]))
+        gain = np.linalg.solve(total, projected).T
+        nis = float(innovation @ np.linalg.solve(total, innovation))
+        if not nis <= limit:
+            return nis
+        p = self.covariance
+        p -= gain @ projected
+        p[:] = 0.5 * (p + p.T)
+        self.error[:] = gain @ innovation
+        return nis
+
+
+def _pointer(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+class CompiledKalman(Kalman):
+    """The same in C. The arrays it is given must stay where they are."""
+
+    def __init__(
+        self, library: ctypes.CDLL, model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array
+    ) -> None:
+        super().__init__(model, by_angles, by_velocity, covariance)
+        number, integer = ctypes.c_double, ctypes.c_int
+        self._size = integer(len(covariance))
+        self._transition = library.vsense_transition
+        self._propagate = library.vsense_propagate
+        self._correct = library.vsense_correct
+        self._transition.argtypes = [number, number] + [ctypes.c_void_p] * 6
+        self._propagate.argtypes = [integer, number] + [ctypes.c_void_p] * 6
+        self._propagate.restype = None
+        self._correct.argtypes = [integer] * 5 + [ctypes.c_void_p] * 2 + [number] * 2 + [ctypes.c_void_p] * 10
+        self._correct.restype = number
+        self._jacobians = [_pointer(a) for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)]
+        self._kinematics = [_pointer(by_angles), _pointer(by_velocity)]
+        self._p, self._error = _pointer(covariance), _pointer(self.error)
+        self._inverse, self._gain = _pointer(self.inverse), _pointer(self.gain)
+        self._sensed: dict[int, list[ctypes.c_void_p]] = {}
+
+    def transition(self, h: float) -> None:
+        if not self._transition(h, GAMMA, *self._jacobians, self._inverse, self._gain):
+            raise FloatingPointError("the model's Jacobian is singular")
+
+    def propagate(self, h: float, decay: Array, noise: Array) -> None:
+        self._propagate(self._size, h, self._p, self._gain, *self._kinematics, decay.ctypes.data, noise.ctypes.data)
+
+    def correct(self, sensed, uses_acceleration, biases, value, variance, scale, limit) -> float:
+        pointers = self._sensed.get(id(sensed))
+        if pointers is None:
+            pointers = self._sensed[id(sensed)] = [_pointer(a) for a in sensed]
+        return self._correct(
+            self._size,
+            len(value),
+            uses_acceleration,
+            biases.start,
+            biases.stop - biases.start,
+            value.ctypes.data,
+            variance.ctypes.data,
+            scale,
+            limit,
+            *pointers,
+            *self._jacobians[:3],
+            self._p,
+            self._error,
+        )
+
+
+def kalman(model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
+    """The compiled algebra where there is a compiler and room enough, else NumPy's."""
+    source = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
+    library = codegen.library("kalman", source) if len(covariance) <= LARGEST else None
+    if library is None:
+        return Kalman(model, by_angles, by_velocity, covariance)
+    return CompiledKalman(ctypes.CDLL(str(library)), model, by_angles, by_velocity, covariance)
