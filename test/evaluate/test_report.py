@@ -141,6 +141,20 @@ def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
     assert found["messages_lost"] == 2
 
 
+def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, tmp_path):
+    learnt = channel(
+        "vsense/parameters",
+        "sensor_msgs/msg/JointState",
+        np.array([0.0, 1.0]),
+        {"position": np.array([[0.5], [0.0271]]), "velocity": np.array([[1.0], [0.01]]), "effort": np.zeros((2, 0))},
+        names=("imu.gyro_bias_x",),
+    )
+    one = replace(whole, output=recording(*whole.output.channels.values(), learnt))
+    assert one.parameters() == [("imu.gyro_bias_x", 0.0271, 0.01)]
+    page = write_report([one], tmp_path / "report.html", title="learnt").read_text()
+    assert re.search(r"imu: gyro bias x</td><td>\+0\.0271</td><td>0\.01</td>", page)
+
+
 def test_references_and_estimates_are_no_sensors(whole):
     assert [(row.topic, row.messages) for row in whole.sensors()] == [("gps/velocity", 200)]
 

@@ -123,6 +123,14 @@ class Drive:
             if len(channel) and not {"vsense", "reference"} & set(topic.strip("/").split("/"))
         ]
 
+    def parameters(self) -> list[tuple[str, float, float]]:
+        """Name, value and standard deviation of what the estimator learnt about car and sensors, at the end [SI]."""
+        channel = find_channel(self.output, "vsense/parameters")
+        if channel is None:
+            return []
+        values, deviations = channel.columns["position"][-1], channel.columns["velocity"][-1]
+        return list(zip(channel.names, values.tolist(), deviations.tolist(), strict=True))
+
     def facts(self) -> list[str]:
         """Duration, distance and speed range of the drive, in words."""
         found = [f"{self.input.duration:.0f} s"]

@@ -74,7 +74,7 @@ def without_reference(output: Recording, input: Recording) -> list[str]:
     missing = [name for name in read_signals(output, "vsense") if name not in scored]
     for topic, channel in output.channels.items():
         name = topic.removeprefix("/")
-        if len(channel) and name.startswith(("vsense/wheel_slip/", "vsense/parameters")):
+        if len(channel) and name.startswith("vsense/wheel_slip/"):
             missing.append(name.removeprefix("vsense/").replace("/", "_"))
     return missing
 

@@ -219,13 +219,26 @@ def _signal(axes: Axes, estimate: Series | None, truth: Series | None, start: in
     rows = thin(estimate.shown())
     seconds, value = (estimate.stamp[rows] - start) * 1e-9, estimate.shown()[rows]
     axes.plot(seconds, value, color=ESTIMATE, label="estimate", zorder=2)
-    limits = axes.get_ylim()
     if estimate.deviation is not None:
         two = 2.0 * estimate.deviation[rows] * estimate.signal.shown_per_unit
         axes.fill_between(seconds, value - two, value + two, color=BAND, alpha=0.55, lw=0.0, label="±2σ", zorder=1)
-        settled = rows >= len(estimate) // 20
-        reach = (float(np.min((value - two)[settled])), float(np.max((value + two)[settled])))
-        axes.set_ylim(min(limits[0], reach[0]), max(limits[1], reach[1]))
+    axes.set_ylim(value_limits(estimate, truth))
+
+
+def value_limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
+    """What an axis must show, in the shown unit: the curves, and the band once the first twentieth has gone by, in
+    which it may be many times as wide as the signal."""
+    shown = estimate.shown()
+    low, high = float(shown.min()), float(shown.max())
+    if truth is not None:
+        low, high = min(low, float(truth.shown().min())), max(high, float(truth.shown().max()))
+    if estimate.deviation is not None:
+        settled = slice(len(estimate) // 20, None)
+        two = 2.0 * estimate.deviation[settled] * estimate.signal.shown_per_unit
+        low = min(low, float((shown[settled] - two).min()))
+        high = max(high, float((shown[settled] + two).max()))
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
 
 
 def _residual(axes: Axes, found: SignalScore | None, estimate: Series | None, truth: Series | None, start: int) -> None:

@@ -17,7 +17,7 @@ from plotly.subplots import make_subplots
 
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
-from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw
+from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
 from vsense_ros.evaluate.signals import SIGNALS, WHEELS, Series, read_signals, thin
 
 ROW_HEIGHT = 190  # of one interactive plot [px]
@@ -146,6 +146,8 @@ def _interactive(drive: Drive) -> str:
                 explained.add(trace.name)
                 figure.add_trace(trace, row=row, col=1)
         figure.update_yaxes(title_text=f"[{unit}]", row=row, col=1)
+        if len(names) == 1:
+            figure.update_yaxes(range=value_limits(estimates[names[0]], truths.get(names[0])), row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
     figure.update_xaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
     figure.update_yaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
