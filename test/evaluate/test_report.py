@@ -156,7 +156,7 @@ def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, tmp_path):
 
 
 def test_references_and_estimates_are_no_sensors(whole):
-    assert [(row.topic, row.messages) for row in whole.sensors()] == [("gps/velocity", 200)]
+    assert [(row.topic, row.count) for row in whole.sensors()] == [("gps/velocity", 200)]
 
 
 def test_scores_are_shown_in_the_units_people_read():

@@ -8,10 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsense_ros.bag.inspect import TopicInfo, inspect
 from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.recording import Recording
 
 
 class RunFigures(Protocol):
@@ -27,23 +28,6 @@ class RunFigures(Protocol):
     def messages_lost(self) -> int: ...
     @property
     def diagnostics(self) -> list[Diagnostic]: ...
-
-
-@dataclass(frozen=True)
-class SensorRow:
-    """What one topic of the input delivered.
-
-    `rate` [Hz] from the median interval; `latency_ms` median and `latency_worst_ms` 99th percentile of arrival - stamp;
-    `longest_gap` [s] between two stamps.
-    """
-
-    topic: str
-    kind: str
-    messages: int
-    rate: float
-    latency_ms: float
-    latency_worst_ms: float
-    longest_gap: float
 
 
 @dataclass(frozen=True)
@@ -115,12 +99,12 @@ class Drive:
             "messages_lost": self.messages_lost,
         }
 
-    def sensors(self) -> list[SensorRow]:
+    def sensors(self) -> list[TopicInfo]:
         """The topics that an estimator could use, in the order of the recording."""
         return [
-            _sensor_row(channel)
-            for topic, channel in self.input.channels.items()
-            if len(channel) and not {"vsense", "reference"} & set(topic.strip("/").split("/"))
+            info
+            for info in inspect(self.input).topics
+            if info.count and not {"vsense", "reference"} & set(info.topic.strip("/").split("/"))
         ]
 
     def parameters(self) -> list[tuple[str, float, float]]:
@@ -152,18 +136,3 @@ class Drive:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _sensor_row(channel: Channel) -> SensorRow:
-    latency = (channel.received - channel.stamp) * 1e-6
-    interval = np.diff(np.sort(channel.stamp)) * 1e-9
-    typical = float(np.median(interval)) if len(interval) else 0.0
-    return SensorRow(
-        topic=channel.topic,
-        kind=channel.kind.rsplit("/", 1)[-1],
-        messages=len(channel),
-        rate=1.0 / typical if typical > 0.0 else float("nan"),
-        latency_ms=float(np.median(latency)),
-        latency_worst_ms=float(np.quantile(latency, 0.99)),
-        longest_gap=float(interval.max()) if len(interval) else 0.0,
-    )
