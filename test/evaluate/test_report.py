@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,6 +45,14 @@ def whole() -> Drive:
     return drive(slalom("vsense", late=0.02, noise=1.0), input, notes=("no network",))
 
 
+@pytest.fixture
+def still(tmp_path) -> dict[str, Path]:
+    """A picture that need not be drawn."""
+    path = tmp_path / "still.png"
+    path.write_bytes(b"\x89PNG")
+    return {"slalom": path, "again": path}
+
+
 class Outside(HTMLParser):
     """Collects what a page would load from elsewhere, and its visible text."""
 
@@ -79,22 +88,22 @@ def test_the_page_stands_alone_and_says_everything(whole, tmp_path):
     assert "10 Hz" in reader.text
 
 
-def test_the_curves_offer_no_upload(whole, tmp_path):
-    page = write_report([whole], tmp_path / "report.html", title="private").read_text()
+def test_the_curves_offer_no_upload(whole, still, tmp_path):
+    page = write_report([whole], tmp_path / "report.html", title="private", pictures=still).read_text()
     assert '"showSendToCloud": false' in page
 
 
-def test_the_script_of_the_curves_is_on_the_page_once_for_all_drives(whole, tmp_path):
-    one = write_report([whole], tmp_path / "one.html", title="one").stat().st_size
-    two = write_report([whole, replace(whole, name="again")], tmp_path / "two.html", title="two")
+def test_the_script_of_the_curves_is_on_the_page_once_for_all_drives(whole, still, tmp_path):
+    one = write_report([whole], tmp_path / "one.html", title="one", pictures=still).stat().st_size
+    two = write_report([whole, replace(whole, name="again")], tmp_path / "two.html", title="two", pictures=still)
     assert two.stat().st_size - one < one - 3_000_000
     assert set(re.findall(r'<section id="(\w+)"', two.read_text())) == {"slalom", "again"}
 
 
-def test_baselines_stand_below_the_signal_they_are_compared_with(whole, tmp_path):
+def test_baselines_stand_below_the_signal_they_are_compared_with(whole, still, tmp_path):
     raw = SignalScore(0.16, 1.0, 0.1, 0.05, "m/s", 100)
     page = write_report(
-        [replace(whole, baselines={"raw wheel speeds": {"speed": raw}})], tmp_path / "r.html", title="r"
+        [replace(whole, baselines={"raw wheel speeds": {"speed": raw}})], tmp_path / "r.html", title="r", pictures=still
     ).read_text()
     assert re.search(r"<td>speed</td>.*?raw wheel speeds</td><td>0\.160 m/s</td>", page, re.S)
 
@@ -141,7 +150,7 @@ def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
     assert found["messages_lost"] == 2
 
 
-def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, tmp_path):
+def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, still, tmp_path):
     learnt = channel(
         "vsense/parameters",
         "sensor_msgs/msg/JointState",
@@ -151,7 +160,7 @@ def test_what_was_learnt_stands_on_the_page_as_of_the_end(whole, tmp_path):
     )
     one = replace(whole, output=recording(*whole.output.channels.values(), learnt))
     assert one.parameters() == [("imu.gyro_bias_x", 0.0271, 0.01)]
-    page = write_report([one], tmp_path / "report.html", title="learnt").read_text()
+    page = write_report([one], tmp_path / "report.html", title="learnt", pictures=still).read_text()
     assert re.search(r"imu: gyro bias x</td><td>\+0\.0271</td><td>0\.01</td>", page)
 
 
