@@ -315,14 +315,16 @@ def decode_channel(kind: str, topic: str, payloads: Sequence[bytes], received: N
     foreign = {" / ".join(filter(None, key)) or "(empty)": n for key, n in frames.items() if key != frame}
     chosen = [(g, r) for g, r in groups if (g.strings.frame_id, g.strings.child_frame_id) == frame]
 
-    names = tuple(dict.fromkeys(name for layout, _ in chosen for name in layout.strings.names))
+    alone = len(chosen) == 1
+    names = chosen[0][0].strings.names
+    if not alone:
+        names = tuple(dict.fromkeys(name for layout, _ in chosen for name in layout.strings.names))
     order = np.concatenate([rows for _, rows in chosen])
     stamp = np.empty(len(order), np.int64)
     widths = {field: width or len(names) for field, width in FIELDS[kind].items()}
     if kind == "sensor_msgs/msg/JointState":
         present = {field for layout, _ in chosen for field in layout.offsets}
         widths = {field: width if field in present else 0 for field, width in widths.items()}
-    alone = len(chosen) == 1
     columns = {field: np.full((len(order), width), np.nan) for field, width in widths.items()} if not alone else {}
     done = 0
     for layout, rows in chosen:

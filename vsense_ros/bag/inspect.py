@@ -111,7 +111,9 @@ def _topic(channel: Channel, start: int, doubts: list[str]) -> TopicInfo:
     if not -0.1 <= late <= 2.0 and not np.isnan(late):
         problems.append(f"time stamps are {late:.3f} s older than the arrival (median): is a clock wrong?")
     signals = dict(_signals(channel))
-    share = float(np.mean([np.isnan(values).mean() for values in signals.values()])) if signals else 0.0
+    share = (
+        float(np.mean([np.isnan(values).mean() for values in signals.values()])) if signals and len(channel) else 0.0
+    )
     live = {name: values for name, values in signals.items() if not np.isnan(values).all()}
     constant = tuple(name for name, values in live.items() if len(values) > 1 and np.nanstd(values) == 0.0)
     problems += _inertial(channel, live)

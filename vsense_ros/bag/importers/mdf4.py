@@ -36,6 +36,11 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     from asammdf.blocks.utils import MdfException
 
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
+    # asammdf recurses without end when it drops a file whose header it could not read, so that is looked at first.
+    with path.open("rb") as stream:
+        stream.seek(64)
+        if stream.read(4).removeprefix(b"##")[:2] != b"HD":
+            raise InputError(f"{path}: the MDF file is damaged: no measurement header at byte 64; copy it again")
     try:
         file = MDF(path)
     except (MdfException, OSError, ValueError, KeyError) as error:
