@@ -20,11 +20,11 @@ from vsense_ros import observer
 from vsense_ros.bag import datasets, write_bag
 from vsense_ros.bag.importers import comma2k19, import_recording
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.drive import Drive, RunFigures
-from vsense_ros.evaluate.metrics import SignalScore, score
+from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import draw
 from vsense_ros.evaluate.report import write_report
-from vsense_ros.evaluate.signals import SIGNALS, find_channel, make_series, read_signals
 from vsense_ros.evaluate.terminal import in_files, progress, show_drive, waiting
 from vsense_ros.recording import Recording
 from vsense_ros.shared_files import shared_folder
@@ -69,31 +69,37 @@ def manoeuvre(name: str) -> Path:
 
 
 def raw_signals(source: Path, recording: Recording) -> Baselines:
-    """Scores of what the car's wheel speeds and the gyro alone tell, against the reference."""
-    truths = read_signals(recording, "reference")
-    found: dict[str, dict[str, SignalScore]] = {}
-
-    def keep(label: str, name: str, topic: str, column: str, factor: float, holder: Recording) -> None:
-        channel = find_channel(holder, topic)
-        if channel is None or name not in truths:
-            return
-        value = channel.columns[column] if column == "velocity" else channel.columns[column][:, 2:]
-        series = make_series(SIGNALS[name], channel, factor * value.mean(axis=1, keepdims=True))
-        result = score(series, truths[name])
-        if result is not None:
-            found.setdefault(label, {})[name] = result
-
+    """What the RAV4's wheel speeds and the gyro alone tell."""
     radius = float(recording.metadata.get("wheel_rolling_radius_m", comma2k19.ROLLING_RADIUS))
-    keep("raw CAN wheel speeds", "speed", "vehicle/wheel_speeds", "velocity", radius, recording)
-    raw = comma2k19.read(source, calibrated_gyro=False)
-    keep("raw gyro", "yaw_rate", "imu/data", "angular_velocity", 1.0, raw)
-    keep("gyro, bias removed by the phone", "yaw_rate", "imu/data", "angular_velocity", 1.0, recording)
-    return found
+    uncalibrated = comma2k19.read(source, calibrated_gyro=False)
+    return baselines.by_label(
+        ("raw CAN wheel speeds", baselines.score_all(baselines.wheel_speed(recording, radius), recording)),
+        ("raw gyro", baselines.score_all(baselines.gyro(uncalibrated), recording)),
+        ("gyro, bias removed by the phone", baselines.score_all(baselines.gyro(recording), recording)),
+    )
+
+
+def handling_formulas(source: Path, recording: Recording) -> Baselines:
+    """What formulas of yaw rate and speed tell of a lap: one fitted to the other laps, one of geometry alone."""
+    others = [import_recording(source.with_name(name)) for name in ("cpg_slow_lap.mat", "cpg_fast_lap.mat")]
+    fitted = baselines.regression(recording, baselines.fit_regression(others))
+    car = load_vehicle(shared_folder("config") / "vehicles" / "genesis.yaml")
+    rolling = baselines.kinematic(recording, car.physics.chassis.cog_to_rear_axle)
+    return baselines.by_label(
+        ("regression on two other laps", baselines.score_all(fitted, recording)),
+        ("kinematic, rear axle without slip", baselines.score_all(rolling, recording)),
+    )
 
 
 JOBS = (
     Job("rav4", "Toyota RAV4 on a highway", "rav4", lambda: dataset("comma2k19_rav4"), raw_signals),
-    Job("genesis", "Hyundai Genesis on a proving-ground lap", "genesis", lambda: dataset("genesis_oxts_can")),
+    Job(
+        "genesis",
+        "Hyundai Genesis on a proving-ground lap",
+        "genesis",
+        lambda: dataset("genesis_oxts_can"),
+        handling_formulas,
+    ),
     Job("double_lane_change", "Double lane change, ISO 3888", "sedan", lambda: manoeuvre("double_lane_change")),
 )
 
@@ -136,8 +142,8 @@ def _run(job: Job, out: Path, through_ros: bool) -> Drive:
     vehicle_file = shared_folder("config") / "vehicles" / f"{job.vehicle}.yaml"
     result, way = _estimate(job, source, recording, vehicle_file, through_ros)
     write_bag(out / job.name, result.output, overwrite=True)
-    baselines = job.baselines(source, recording) if job.baselines else {}
-    return Drive.of(job.name, job.title, recording, result, baselines=baselines, way=way)
+    simpler = job.baselines(source, recording) if job.baselines else {}
+    return Drive.of(job.name, job.title, recording, result, baselines=simpler, way=way)
 
 
 def _estimate(
