@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -86,7 +87,7 @@ def _fault(path: Path, tree: CommentedMap, fault: Any) -> str:
     return f"{where}: {message[:1].lower() + message[1:]}{shown}{_unit(fault['loc'])}"
 
 
-def _field(location: tuple[Any, ...]):
+def _field(location: tuple[Any, ...]) -> FieldInfo | None:
     """The schema's field at a location, or None."""
     model: Any = Vehicle
     field = None

@@ -1,8 +1,9 @@
 """The 14-degree-of-freedom car: a chassis, four wheels that travel on straight guides, and their spins.
 
-Coordinates `q` (14): position of `cog` in the map [m], roll, pitch, yaw [rad], suspension compressions fl, fr, rl, rr [m],
-spin angles of the wheels [rad]. Velocities `u` (14): velocity of `cog` in body axes [m/s], body rates [rad/s], compression
-rates [m/s], spin speeds [rad/s]. `cog` is the centre of gravity in the design position, standing on level ground.
+Coordinates `q` (14): position of `cog` in the map [m], roll, pitch, yaw [rad], suspension compressions fl, fr, rl, rr
+[m], spin angles of the wheels [rad]. Velocities `u` (14): velocity of `cog` in body axes [m/s], body rates [rad/s],
+compression rates [m/s], spin speeds [rad/s]. `cog` is the centre of gravity in the design position, standing on level
+ground.
 
 Nine bodies: the sprung mass, four hubs on prismatic joints and four wheels on revolute joints, in relative coordinates
 (the simplified vehicle of Rodríguez 2020 with the kinematic table of a straight guide). The guides are inclined in the
@@ -117,7 +118,7 @@ class Car:
                     opposite=i + 1 - 2 * (i % 2),
                     front=axle == 0,
                     tyre=FORCES[self._tyres[axle]],
-                )  # fmt: skip
+                )
             )
         return SimpleNamespace(wheelbase=wheelbase, corners=corners)
 
@@ -157,7 +158,7 @@ class Car:
                 f"hub_{WHEELS[i]}", -1, ca.vertcat(zero3, corner.guide), ca.SX.eye(3),
                 corner.centre + corner.guide * self.q[6 + i], spatial.rigid_inertia(a.hub_mass, zero3, ca.SX(3, 3)),
             )  # fmt: skip
-            # The wheel is a body of revolution: its frame steers but does not spin, and nothing depends on the spin angle.
+            # The wheel is a body of revolution: its frame steers but does not spin; nothing depends on the spin angle.
             wheel = Body(
                 f"wheel_{WHEELS[i]}", len(bodies), ca.SX([0, 1, 0, 0, 0, 0]),
                 spatial.rotation_z(angles[i]) if corner.front else ca.SX.eye(3), zero3,
@@ -230,7 +231,7 @@ class Car:
                     * effective_radius
                     * rolling_speed
                     / ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
-                )  # fmt: skip
+                )
             )
         return contacts
 

@@ -112,11 +112,12 @@ class Kernel:
         self._keep = (function, list(arguments))
         for i, argument in enumerate(arguments):
             if argument.size:
-                self._buffer.set_arg(i, memoryview(argument))
+                self._buffer.set_arg(i, memoryview(argument))  # type: ignore[call-arg, arg-type]
         for i, result in enumerate(self.results):
             if function.nnz_out(i) != result.size:
                 raise ValueError(f"{function.name()}: output {i} must be dense")
-            self._buffer.set_res(i, memoryview(result.reshape(-1, order="F")))
+            flat = memoryview(result.reshape(-1, order="F"))  # type: ignore[arg-type]
+            self._buffer.set_res(i, flat)  # type: ignore[call-arg]
 
     call: Callable[[], None]
 

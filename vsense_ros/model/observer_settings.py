@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
-
-from vsense_ros.model.parameter import parameter
+from vsense_ros.model.parameter import Part, parameter
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ForceErrors(_Part):
+class ForceErrors(Part):
     """How far the model's generalized forces may be wrong, as the standard deviation of the acceleration they cause."""
 
     longitudinal: float = parameter("m/s²", "along x", ge=0, default=0.5)
@@ -26,7 +20,7 @@ class ForceErrors(_Part):
     wheel_spin_time_constant: float = parameter("s", "correlation time on the wheels", gt=0, default=0.5)
 
 
-class Surroundings(_Part):
+class Surroundings(Part):
     """How far road, steering offset and tyre radius may be from what is assumed."""
 
     grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.02)
@@ -41,7 +35,7 @@ class Surroundings(_Part):
     radius_error_drift: float = parameter("-", "its change in one second", ge=0, default=1e-6)
 
 
-class ObserverSettings(_Part):
+class ObserverSettings(Part):
     """The errorEKF's settings."""
 
     longest_step: float = parameter("s", "longest time step of the prediction", gt=0, le=0.05, default=0.01)

@@ -12,7 +12,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Part(BaseModel):
+    """What every part of a vehicle file is: unchangeable, without unknown keys, and with finite numbers alone."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def parameter(unit: str, description: str, **constraints: Any) -> Any:

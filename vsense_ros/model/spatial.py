@@ -1,7 +1,8 @@
 """Spatial vector algebra on CasADi expressions.
 
 Motion vectors are `[ω; v]` and force vectors `[n; f]`, 6×1, both about and in the axes of a body's own frame
-(Featherstone 2008, chapter 2). Expressions with structural zeros keep them, which is what makes the generated code short.
+(Featherstone 2008, chapter 2). Expressions with structural zeros keep them, which is what makes the generated code
+short.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Open kinematic trees in relative coordinates: bodies as data, dynamics without iteration.
 
 A tree has one floating root (six velocities) and one-degree-of-freedom joints. Its equations are the recursive ones of
-Featherstone 2008 (articulated bodies, table 7.1; Newton-Euler, table 5.1), O(n) in the number of bodies. Everything is a
-CasADi expression, so that Jacobians and code come from the same text.
+Featherstone 2008 (articulated bodies, table 7.1; Newton-Euler, table 5.1), O(n) in the number of bodies. Everything is
+a CasADi expression, so that Jacobians and code come from the same text.
 """
 
 from __future__ import annotations

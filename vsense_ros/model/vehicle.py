@@ -5,19 +5,17 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from vsense_ros.model.observer_settings import ObserverSettings
-from vsense_ros.model.parameter import numbers, parameter, vector, with_values
+from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
 from vsense_ros.model.sensors import Sensor
 from vsense_ros.model.tyres import Tyre
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Chassis(_Part):
+class Chassis(Part):
     """The whole car, wheels included."""
 
     mass: float = parameter("kg", "mass of the whole car", gt=0, lt=1e5)
@@ -29,7 +27,7 @@ class Chassis(_Part):
     cog_to_rear_axle: float = parameter("m", "distance from cog to the rear axle", gt=0, lt=10)
 
 
-class Axle(_Part):
+class Axle(Part):
     """One axle with two equal wheels."""
 
     track: float = parameter("m", "distance between the wheel centres", gt=0, lt=5)
@@ -54,20 +52,20 @@ class Axle(_Part):
     tyre: Tyre = Field(description="tyre model and its parameters")
 
 
-class Steering(_Part):
+class Steering(Part):
     """From the steering wheel to the front wheels."""
 
     ratio: float = parameter("-", "steering-wheel angle over road-wheel angle", gt=0, lt=100, default=16.0)
     ackermann: float = parameter("-", "0: parallel wheels, 1: Ackermann geometry", ge=-1, le=2, default=1.0)
 
 
-class Aerodynamics(_Part):
+class Aerodynamics(Part):
     """Air forces on the body."""
 
     drag_area: float = parameter("m²", "drag coefficient times frontal area", ge=0, lt=20, default=0.0)
 
 
-class Road(_Part):
+class Road(Part):
     """The road, as far as it is taken to be known."""
 
     friction: float = parameter(
@@ -75,7 +73,7 @@ class Road(_Part):
     )
 
 
-class Physics(_Part):
+class Physics(Part):
     """All that enters the equations of motion."""
 
     chassis: Chassis
@@ -108,7 +106,7 @@ class Physics(_Part):
         return self
 
 
-class Vehicle(_Part):
+class Vehicle(Part):
     """A vehicle file."""
 
     name: str = Field(description="name of the vehicle", min_length=1)
@@ -121,7 +119,7 @@ class Vehicle(_Part):
         """Physical parameters by dotted name."""
         return dict(numbers(self.physics))
 
-    def parameter_vector(self):
+    def parameter_vector(self) -> NDArray[np.float64]:
         """Physical parameters in the order of `values`, (n,)."""
         return vector(self.physics)
 

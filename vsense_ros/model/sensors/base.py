@@ -4,17 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from vsense_ros.model.parameter import parameter
+from vsense_ros.model.parameter import Part, parameter
 
-Triple = tuple[float, float, float]
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
+
 Vector = NDArray[np.float64]
+Names = tuple[str, ...]  # of the joints in a JointState
+Values = Mapping[str, Vector]  # fields of a message by name
+
+Length = Annotated[float, Field(ge=-20, le=20)]
+Angle = Annotated[float, Field(ge=-6.2832, le=6.2832)]
+Deviation = Annotated[float, Field(gt=0)]
+Triple = tuple[float, float, float]
+Position = tuple[Length, Length, Length]
+Attitude = tuple[Angle, Angle, Angle]
+Deviations = tuple[Deviation, Deviation, Deviation]
 
 
 @dataclass(frozen=True)
@@ -31,16 +43,15 @@ class Bias:
     time_constant: float = float("inf")
 
 
-class SensorBase(BaseModel):
+class SensorBase(Part):
     """Where a sensor's messages come from and how far they can be trusted."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     message: ClassVar[str] = ""  # message type
     uses_acceleration: ClassVar[bool] = False  # True: the equation refers to the accelerations
     is_input: ClassVar[bool] = False  # True: the values drive the model instead of correcting it
 
-    topic: str
+    kind: str = Field(description="what it is")
+    topic: str = Field(description="topic of its messages")
     frame_id: str = Field(default="", description="expected frame of the messages; empty: any")
     latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=2, default=0.0)
     gate: float = parameter(
@@ -60,11 +71,11 @@ class SensorBase(BaseModel):
         """Standard deviation of each component where a message does not give one, (m,)."""
         raise NotImplementedError
 
-    def read(self, names: tuple[str, ...], values: Mapping[str, Vector], out: Vector, variance: Vector) -> None:
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         """Fill `out` (m,) and `variance` (m,) from the fields of a message; NaN marks an absent component."""
         raise NotImplementedError
 
-    def equation(self, motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         """What the sensor would measure, (m,), as a function of a `Motion`."""
         raise NotImplementedError
 
@@ -77,7 +88,7 @@ def covariance_diagonal(flat: Vector | None, size: int) -> Vector | None:
     return diagonal if np.all(diagonal > 0) else None
 
 
-def by_name(names: tuple[str, ...], wanted: tuple[str, ...], values: Vector | None, out: Vector) -> None:
+def by_name(names: Names, wanted: Names, values: Vector | None, out: Vector) -> None:
     """Pick the elements of a JointState's field by joint name; NaN where a joint is missing."""
     out[:] = np.nan
     if values is None or len(values) != len(names):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import SensorBase, covariance_diagonal
+from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, covariance_diagonal
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
 
 
 class GnssAttitude(SensorBase):
@@ -23,13 +26,13 @@ class GnssAttitude(SensorBase):
     noise: float = parameter("rad", "standard deviation of the heading", gt=0, default=0.005)
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
-    def mounting(self):
+    def mounting(self) -> Vector:
         return np.array([self.yaw])
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.full(2, self.noise)
 
-    def read(self, names, values, out, variance):
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         x, y, z, w = values["orientation"]
         heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         out[0], out[1] = np.cos(heading), np.sin(heading)
@@ -40,6 +43,6 @@ class GnssAttitude(SensorBase):
         if diagonal is not None:
             variance[:] = diagonal[2]
 
-    def equation(self, motion, biases, mounting):
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         heading = motion.q[5] + mounting[0]
         return ca.vertcat(ca.cos(heading), ca.sin(heading))

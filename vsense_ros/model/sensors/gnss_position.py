@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import SensorBase, Triple, covariance_diagonal
+from vsense_ros.model.sensors.base import Names, Position, SensorBase, Values, Vector, covariance_diagonal
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
 
 
 class GnssPosition(SensorBase):
@@ -21,18 +25,18 @@ class GnssPosition(SensorBase):
     kind: Literal["gnss_position"] = "gnss_position"
     topic: str = "gps/fix"
     frame_id: str = "gnss_link"
-    position: Triple = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
+    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m", "standard deviation of east and north", gt=0, default=1.5)
     noise_from_message: bool = True
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
-    def mounting(self):
+    def mounting(self) -> Vector:
         return np.array(self.position)
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.full(2, self.noise)
 
-    def read(self, names, values, out, variance):
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[0], out[1] = values["east"][0], values["north"][0]
         if len(values.get("status", ())) and values["status"][0] < 0:
             out[:] = np.nan
@@ -40,5 +44,5 @@ class GnssPosition(SensorBase):
         if self.noise_from_message and diagonal is not None:
             variance[:] = diagonal
 
-    def equation(self, motion, biases, mounting):
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return (motion.q[0:3] + motion.attitude @ mounting)[0:2]

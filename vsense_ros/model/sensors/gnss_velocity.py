@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import SensorBase, Triple, covariance_diagonal
+from vsense_ros.model.sensors.base import Names, Position, SensorBase, Values, Vector, covariance_diagonal
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
 
 
 class GnssVelocity(SensorBase):
@@ -19,24 +22,24 @@ class GnssVelocity(SensorBase):
     kind: Literal["gnss_velocity"] = "gnss_velocity"
     topic: str = "gps/velocity"
     frame_id: str = "map"
-    position: Triple = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
+    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m/s", "standard deviation of east and north", gt=0, default=0.1)
     noise_from_message: bool = True
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
-    def mounting(self):
+    def mounting(self) -> Vector:
         return np.array(self.position)
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.full(2, self.noise)
 
-    def read(self, names, values, out, variance):
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[:] = values["linear"][:2]
         diagonal = covariance_diagonal(values.get("covariance"), 2)
         if self.noise_from_message and diagonal is not None:
             variance[:] = diagonal
 
-    def equation(self, motion, biases, mounting):
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         on_road = motion.attitude @ (motion.u[0:3] + ca.cross(motion.u[3:6], mounting))
         # Of the way along a sloping road only the cosine is seen on the map.
         return on_road[0:2] * ca.cos(motion.surroundings[0])

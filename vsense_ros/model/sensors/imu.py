@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Bias, SensorBase, Triple, covariance_diagonal
+from vsense_ros.model.sensors.base import (
+    Attitude,
+    Bias,
+    Deviations,
+    Names,
+    Position,
+    SensorBase,
+    Triple,
+    Values,
+    Vector,
+    covariance_diagonal,
+)
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
 
 
 class Imu(SensorBase):
@@ -21,13 +35,17 @@ class Imu(SensorBase):
     kind: Literal["imu"] = "imu"
     topic: str = "imu/data"
     frame_id: str = "imu_link"
-    position: Triple = parameter("m", "mounting point in the axes of cog", default=(0.0, 0.0, 0.0))
-    attitude: Triple = parameter("rad", "roll, pitch and yaw of imu_link in cog", default=(0.0, 0.0, 0.0))
-    rate_noise: Triple = parameter("rad/s", "standard deviation of each gyro", default=(0.003, 0.003, 0.003))
-    force_noise: Triple = parameter("m/s²", "standard deviation of each accelerometer", default=(0.1, 0.1, 0.2))
-    rate_bias: float = parameter("rad/s", "standard deviation of the gyro bias at start", ge=0, default=0.01)
+    position: Position = parameter("m", "mounting point in the axes of cog", default=(0.0, 0.0, 0.0))
+    attitude: Attitude = parameter("rad", "roll, pitch and yaw of imu_link in cog", default=(0.0, 0.0, 0.0))
+    rate_noise: Deviations = parameter("rad/s", "standard deviation of each gyro", default=(0.003, 0.003, 0.003))
+    force_noise: Deviations = parameter("m/s²", "standard deviation of each accelerometer", default=(0.1, 0.1, 0.2))
+    rate_offset: Triple = parameter("rad/s", "known bias of each gyro", default=(0.0, 0.0, 0.0))
+    force_offset: Triple = parameter("m/s²", "known bias of each accelerometer", default=(0.0, 0.0, 0.0))
+    rate_bias: float = parameter(
+        "rad/s", "standard deviation of the rest of the gyro bias at start", ge=0, default=0.01
+    )
     rate_bias_drift: float = parameter("rad/s", "change of the gyro bias in one second", ge=0, default=1e-5)
-    force_bias: float = parameter("m/s²", "standard deviation of the accelerometer bias at start", ge=0, default=0.1)
+    force_bias: float = parameter("m/s²", "standard deviation of the rest of the bias at start", ge=0, default=0.1)
     force_bias_drift: float = parameter("m/s²", "change of the bias in one second", ge=0, default=1e-4)
 
     def biases(self) -> tuple[Bias, ...]:
@@ -35,15 +53,15 @@ class Imu(SensorBase):
         forces = tuple(Bias(f"accelerometer_bias_{axis}", self.force_bias, self.force_bias_drift) for axis in "xyz")
         return rates + forces
 
-    def mounting(self):
+    def mounting(self) -> Vector:
         return np.array([*self.position, *self.attitude])
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.array([*self.rate_noise, *self.force_noise])
 
-    def read(self, names, values, out, variance):
-        out[:3] = values["angular_velocity"]
-        out[3:] = values["linear_acceleration"]
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
+        out[:3] = values["angular_velocity"] - np.array(self.rate_offset)
+        out[3:] = values["linear_acceleration"] - np.array(self.force_offset)
         for part, field in (
             (slice(0, 3), "angular_velocity_covariance"),
             (slice(3, 6), "linear_acceleration_covariance"),
@@ -55,11 +73,11 @@ class Imu(SensorBase):
             if diagonal is not None:
                 variance[part] = diagonal
 
-    def equation(self, motion, biases, mounting):
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return equation(motion, biases, mounting)
 
 
-def equation(motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
+def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts."""
     arm = mounting[0:3]
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T

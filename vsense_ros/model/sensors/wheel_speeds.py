@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import SensorBase, by_name
+from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Motion
 
 NAMES = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
 
@@ -21,11 +25,11 @@ class WheelSpeeds(SensorBase):
     topic: str = "vehicle/wheel_speeds"
     noise: float = parameter("rad/s", "standard deviation", gt=0, default=0.05)
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.full(4, self.noise)
 
-    def read(self, names, values, out, variance):
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         by_name(names, NAMES, values.get("velocity"), out)
 
-    def equation(self, motion, biases, mounting):
+    def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return motion.u[10:14]

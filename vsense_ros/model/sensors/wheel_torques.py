@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from vsense_ros.model.sensors.base import SensorBase, by_name
+from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
 from vsense_ros.model.sensors.wheel_speeds import NAMES
 
 INPUT = slice(1, 5)
@@ -21,8 +21,8 @@ class WheelTorques(SensorBase):
     kind: Literal["wheel_torques"] = "wheel_torques"
     topic: str = "vehicle/wheel_torques"
 
-    def deviations(self):
+    def deviations(self) -> Vector:
         return np.zeros(4)
 
-    def read(self, names, values, out, variance):
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         by_name(names, NAMES, values.get("effort"), out)

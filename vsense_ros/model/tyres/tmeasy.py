@@ -1,26 +1,26 @@
 """TMeasy: a handling tyre model from a few parameters with physical meaning (Hirschberg, Rill & Weinfurter 2007).
 
 Steady-state combined-slip forces with degressive load influence. Each force curve is given at the nominal load and at
-twice that load by its initial slope, its maximum and the slip there, and the sliding force and the slip where it sets in.
+twice that load by its initial slope, its maximum and the slip there, and the sliding force and the slip where it
+sets in.
 """
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Literal
 
 import casadi as ca
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import model_validator
 
-from vsense_ros.model.parameter import parameter
+from vsense_ros.model.parameter import Part, parameter
 
 SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
 SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
 
 
-class ForceCurve(BaseModel):
+class ForceCurve(Part):
     """Force against slip at one load."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     initial_slope: float = parameter("N", "initial slope dF/ds", gt=0)
     maximum: float = parameter("N", "largest force", gt=0)
@@ -43,19 +43,15 @@ class ForceCurve(BaseModel):
         return self
 
 
-class LoadPair(BaseModel):
+class LoadPair(Part):
     """A force curve at the nominal load and at twice the nominal load."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     nominal: ForceCurve
     double: ForceCurve
 
 
-class TMeasy(BaseModel):
+class TMeasy(Part):
     """Parameters of a TMeasy tyre."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     model: Literal["tmeasy"] = "tmeasy"
     nominal_load: float = parameter("N", "nominal load", gt=0)
@@ -78,7 +74,7 @@ def _slip_at_load(nominal: ca.SX, double: ca.SX, ratio: ca.SX) -> ca.SX:
     return nominal + (double - nominal) * (ratio - 1)
 
 
-def _curve(p, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+def _curve(p: SimpleNamespace, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     near, far = p.nominal, p.double
     slope = _force_at_load(near.initial_slope, far.initial_slope, load_ratio)
     maximum = friction * _force_at_load(near.maximum, far.maximum, load_ratio)
@@ -89,7 +85,7 @@ def _curve(p, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, 
 
 
 def forces(
-    p, load: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, friction: ca.SX
+    p: SimpleNamespace, load: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, friction: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     """Longitudinal force, lateral force [N], aligning moment [N m], longitudinal slip and lateral slip [-].
 
