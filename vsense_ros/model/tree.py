@@ -134,27 +134,3 @@ def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
         for k in range(i + 1, n):
             y[i, :] -= low[k, i] * y[k, :]
     return y
-
-
-def solve_general(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solution of a small system by elimination without pivoting, which uses structural zeros.
-
-    For matrices of the form I - h J whose pivots are known to stay away from zero.
-    """
-    n = matrix.shape[0]
-    a = ca.SX(matrix)
-    y = ca.SX(right)
-    for k in range(n):
-        inverse = 1 / a[k, k]
-        for i in range(k + 1, n):
-            if a[i, k].is_zero():
-                continue
-            factor = a[i, k] * inverse
-            a[i, k + 1 :] -= factor * a[k, k + 1 :]
-            y[i, :] -= factor * y[k, :]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            if not a[i, k].is_zero():
-                y[i, :] -= a[i, k] * y[k, :]
-        y[i, :] /= a[i, i]
-    return y
