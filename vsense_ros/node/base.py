@@ -1,0 +1,290 @@
+"""What all nodes are: lifecycle nodes that publish samples and diagnostics, and end with one message on bad input."""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+
+from vsense_ros.bag import cdr
+from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.errors import InputError
+from vsense_ros.node import parameters, spin
+from vsense_ros.node.convert import message_type
+from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node.time_base import TimeBase
+from vsense_ros.recording import Sample
+
+Params = TypeVar("Params", bound=NodeParameters)
+
+# Nothing good is lost: a reader may fall this many messages behind (a second or more) before the oldest go.
+LOSSLESS = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=4000)
+PROGRESS_TOPIC = "vsense/progress"
+
+
+class SensingNode(LifecycleNode, Generic[Params]):
+    """A lifecycle node with parameters from a model.
+
+    What a node does stands in `configure`, `start`, `stop` and `release`; each of them may raise `InputError`. Between
+    `start` and `stop` the node is active. `diagnostics` is asked once a second from `configure` to `release`.
+    """
+
+    model: type[Params]
+
+    def __init__(self, name: str, model: type[Params]) -> None:
+        super().__init__(name)
+        self.model = model
+        parameters.declare(self, model)
+        self.parameters = parameters.read(self, model)
+        self.add_on_set_parameters_callback(self._judge_changes)
+        self.fault: InputError | None = None
+        self.exit_code = 0
+        self.finish: spin.Stop | None = None
+        self.published: Counter[str] = Counter()
+        self.time_base = TimeBase(self.get_parameter("use_sim_time").value)
+        self._outputs: dict[str, Any] = {}
+        self._timers_of_mine: list[Any] = []
+        self._diagnostics_publisher: Any = None
+        self._progress_publisher: Any = None
+        self._connected = False
+        self.create_subscription(Clock, "/clock", self._on_clock, 50)
+
+    # What a node adds
+
+    def configure(self) -> None:
+        """Open what has to be opened; `self.parameters` is up to date."""
+
+    def start(self) -> None:
+        """Begin to work."""
+
+    def stop(self) -> None:
+        """Stop working; also called on the way down from an error."""
+
+    def release(self) -> None:
+        """Close what `configure` has opened, as far as it got."""
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Health, once a second."""
+        return []
+
+    def parameters_changed(self) -> None:
+        """Live parameters have new values in `self.parameters`."""
+
+    def summary(self) -> dict[str, Any]:
+        """Counts for the file that the parameter `summary` names."""
+        return {"published": dict(self.published)}
+
+    def on_clock(self, stamp: int) -> None:
+        """A `/clock` message told this time [ns]."""
+
+    # Publishing
+
+    def create_output(self, topic: str, kind: str) -> None:
+        """Announce a topic on which `publish` will send, so that its subscribers are found before the first message."""
+        if topic not in self._outputs:
+            self._outputs[topic] = self.create_lifecycle_publisher(message_type(kind), topic, LOSSLESS)
+
+    def publish(self, sample: Sample) -> None:
+        """Send a sample; dropped while the node is not active."""
+        self.publish_bytes(sample.topic, sample.kind, cdr.encode(sample))
+
+    def publish_bytes(self, topic: str, kind: str, data: bytes) -> None:
+        """Send a message that is CDR bytes already."""
+        if topic not in self._outputs:
+            self.create_output(topic, kind)
+        self._outputs[topic].publish(data)
+        self.published[topic] += 1
+
+    def create_steady_timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        """A timer [s] that also runs before a replay has begun to publish `/clock`, and while it pauses."""
+        return self.create_timer(period, callback, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def unheard(self) -> list[str]:
+        """Announced topics that nobody subscribes to."""
+        return [topic for topic, publisher in self._outputs.items() if publisher.get_subscription_count() == 0]
+
+    @property
+    def state(self) -> str:
+        """Name of the lifecycle state."""
+        return self._state_machine.current_state[1]
+
+    def now(self) -> int:
+        """Time [ns] of the system or of `/clock`."""
+        return self.get_clock().now().nanoseconds
+
+    # Lifecycle
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._guarded(self._configure, super().on_configure, state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._guarded(self._activate, super().on_activate, state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = self._guarded(self.stop, super().on_deactivate, state)
+        self.get_logger().info("inactive")
+        return result
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._guarded(self._close, super().on_cleanup, state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._guarded(self.stop, super().on_deactivate, state)
+        return self._guarded(self._close, super().on_shutdown, state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.stop()
+        self._close()
+        return super().on_error(state)
+
+    def _guarded(self, job: Any, then: Any, state: LifecycleState) -> TransitionCallbackReturn:
+        """rclpy swallows what a transition raises: input faults refuse the transition, anything else is shown."""
+        try:
+            job()
+        except InputError as error:
+            self.fault = error
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            self.get_logger().fatal(traceback.format_exc())
+            return TransitionCallbackReturn.ERROR
+        return then(state)
+
+    def _configure(self) -> None:
+        self.fault = None
+        self.parameters = parameters.read(self, self.model)
+        try:
+            self.configure()
+        except BaseException:
+            self._close()
+            raise
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._progress_publisher = self.create_publisher(Header, PROGRESS_TOPIC, LOSSLESS)
+        self._timers_of_mine = [
+            self.create_steady_timer(1.0, self._publish_diagnostics),
+            self.create_steady_timer(0.1, self._look_for_subscribers),
+        ]
+
+    def _activate(self) -> None:
+        # Publishers first: `start` may already send.
+        for publisher in self._outputs.values():
+            publisher.on_activate(None)
+        self.start()
+        self._connected = False
+        self.get_logger().info("active")
+
+    def _close(self) -> None:
+        self.release()
+        for timer in self._timers_of_mine:
+            self.destroy_timer(timer)
+        self._timers_of_mine = []
+        for publisher in self._outputs.values():
+            self.destroy_lifecycle_publisher(publisher)
+        self._outputs.clear()
+        if self._diagnostics_publisher is not None:
+            self.destroy_publisher(self._diagnostics_publisher)
+            self.destroy_publisher(self._progress_publisher)
+            self._diagnostics_publisher = None
+        self._write_summary()
+
+    def _write_summary(self) -> None:
+        if self.parameters.summary:
+            text = json.dumps(self.summary(), indent=2) + "\n"
+            Path(self.parameters.summary).write_text(text, encoding="utf-8")
+
+    # Parameters, time, diagnostics
+
+    def _judge_changes(self, changes: list[Parameter]) -> SetParametersResult:
+        mine = [change for change in changes if change.name in self.model.model_fields]
+        fixed = [c.name for c in mine if not parameters.is_live(self.model, c.name)]
+        if fixed and self.state != "unconfigured":
+            reason = f"{', '.join(fixed)}: takes effect when the node is configured; clean it up first"
+            return SetParametersResult(successful=False, reason=reason)
+        try:
+            new = parameters.changed(self, self.model, mine)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        if mine:
+            self.parameters = new
+            self.parameters_changed()
+        for change in changes:
+            if change.name == "use_sim_time":
+                self.time_base = TimeBase(change.value)
+        return SetParametersResult(successful=True)
+
+    def _on_clock(self, message: Clock) -> None:
+        stamp = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+        if self.time_base.simulated:
+            self.time_base.tick(stamp)
+        self.on_clock(stamp)
+
+    def report_progress(self, stamp: int) -> None:
+        """Tell a replay that everything up to its clock message `stamp` [ns] has been worked off here."""
+        if self._diagnostics_publisher is not None:
+            seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+            time = Time(sec=seconds, nanosec=nanoseconds)
+            self._progress_publisher.publish(Header(stamp=time, frame_id=self.get_fully_qualified_name()))
+
+    def _publish_diagnostics(self) -> None:
+        statuses = self.diagnostics()
+        if statuses and self._diagnostics_publisher is not None:
+            data = cdr.encode_diagnostics(self.now(), statuses, hardware_id=self.get_name())
+            self._diagnostics_publisher.publish(data)
+
+    def _look_for_subscribers(self) -> None:
+        if not self._connected and self._outputs and not self.unheard:
+            self._connected = True
+            self.get_logger().info("connected: every topic has a subscriber")
+
+
+def run_node(node_type: type[SensingNode], model: type[NodeParameters], arguments: list[str] | None = None) -> int:
+    """The process of a node: 0 after a clean end, 2 after bad input, 1 after a fault of ours."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name = node_type.__module__.rpartition(".")[2] if node_type.__module__ != "__main__" else Path(sys.argv[0]).stem
+    if "-h" in arguments or "--help" in arguments:
+        print(f"{(sys.modules[node_type.__module__].__doc__ or '').strip()}\n")
+        print(f"usage: {name} --ros-args -p PARAMETER:=VALUE …   (or --params-file FILE)\n")
+        print(f"Parameters:\n{parameters.help_text(model)}")
+        return 0
+    try:
+        spin.init(arguments)
+    except Exception as error:  # rclpy's own, of several types, for arguments that it cannot read
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    node: SensingNode | None = None
+    try:
+        node = node_type(name, model)
+        stop = node.finish = spin.Stop()
+        if node.parameters.autostart:
+            for transition in (node.trigger_configure, node.trigger_activate):
+                if transition() != TransitionCallbackReturn.SUCCESS:
+                    return 2 if node.fault is not None else 1
+        spin.spin(node, stop)
+        if node.state != "finalized":
+            node.trigger_shutdown()
+        return node.exit_code
+    except InputError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,154 @@
+"""CAN driver: frames of a bus, through a database (DBC) and a mapping, to the topics that the mapping names."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from typing import Any, Literal
+
+import can
+from pydantic import Field
+
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.driver.can import CanDecoder
+from vsense_ros.driver.can_bus import open_bus
+from vsense_ros.driver.can_mapping import JointStateOutput
+from vsense_ros.errors import InputError
+from vsense_ros.node.base import SensingNode, run_node
+from vsense_ros.node.parameters import NodeParameters, parameter
+
+_PATIENCE = 0.1  # [s] for which a read waits
+_FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
+
+
+class CanDriverParameters(NodeParameters):
+    """Bus, database and mapping."""
+
+    interface: Literal["socketcan", "udp_multicast", "slcan", "virtual"] = Field(
+        "socketcan", description="python-can interface"
+    )
+    channel: str = Field("can0", description="of the interface: can0, a multicast group, a serial port", min_length=1)
+    port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
+    bitrate: int = parameter(0, "bit/s", "for interfaces that set it themselves; 0: leave it", ge=0, le=1_000_000)
+    database: str = Field("", description="CAN database file (.dbc, .arxml, .kcd, .sym)")
+    mapping: str = Field("", description="YAML file: which signals become which topics (config/can)")
+
+
+def bus_options(interface: str, port: int) -> dict[str, Any]:
+    """Options of python-can that an interface needs here: multicast never leaves the machine, ports open at once."""
+    if interface == "udp_multicast":
+        return {"port": port, "hop_limit": 0}
+    return {"sleep_after_open": 0.0} if interface == "slcan" else {}
+
+
+class CanDriver(SensingNode[CanDriverParameters]):
+    """See the module."""
+
+    _thread: threading.Thread | None = None
+    _bus: can.BusABC | None = None
+    _untimed = 0
+
+    def configure(self) -> None:
+        p = self.parameters
+        for name in ("database", "mapping"):
+            if not getattr(p, name):
+                raise InputError(f"parameter {name} is empty: {CanDriverParameters.model_fields[name].description}")
+        self._lock = threading.Lock()
+        self._end = threading.Event()
+        self._untimed = 0
+        self._losses = 0
+        self._problem = "not opened yet"
+        self._decoder = CanDecoder(p.database, p.mapping)
+        for output in self._decoder.mapping.outputs:
+            is_joint = isinstance(output, JointStateOutput)
+            self.create_output(output.topic, f"sensor_msgs/msg/{'JointState' if is_joint else 'Imu'}")
+
+    def _open(self) -> can.BusABC:
+        p = self.parameters
+        bus = open_bus(p.interface, p.channel, p.bitrate or None, **bus_options(p.interface, p.port))
+        self._problem = ""
+        return bus
+
+    def start(self) -> None:
+        self._end.clear()
+        self._thread = threading.Thread(target=self._run, name="read CAN", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        if self._thread is not None:
+            self._end.set()
+            self._thread.join()
+            self._thread = None
+
+    def release(self) -> None:
+        self.stop()
+        self._shut()
+
+    def _shut(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.shutdown()
+
+    def _run(self) -> None:
+        wait = _FIRST_WAIT
+        while not self._end.is_set():
+            try:
+                if self._bus is None:
+                    self._bus = self._open()
+                wait = _FIRST_WAIT
+                self._read(self._bus)
+            except (can.CanError, OSError, InputError) as error:
+                if str(error) != self._problem:
+                    self.get_logger().warning(f"trying again: {error}")
+                self._losses += not self._problem
+                self._problem = str(error)
+                with contextlib.suppress(can.CanError, OSError):  # what is broken may not close in good order
+                    self._shut()
+                self._end.wait(wait)
+                wait = min(2.0 * wait, _LONGEST_WAIT)
+
+    def _read(self, bus: can.BusABC) -> None:
+        while not self._end.is_set():
+            frame = bus.recv(_PATIENCE)
+            if frame is None:
+                continue
+            # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
+            wall = time.time_ns()
+            stamped = round(frame.timestamp * 1e9)
+            received = self.time_base.at(stamped if abs(stamped - wall) < 1_000_000_000 else wall)
+            if received is None:
+                self._untimed += 1
+                continue
+            frame.timestamp = received * 1e-9
+            with self._lock:
+                samples = self._decoder.feed(frame, received)
+            for sample in samples:
+                self.publish(sample)
+
+    def diagnostics(self) -> list[Diagnostic]:
+        values = {
+            "interface": self.parameters.interface,
+            "channel": self.parameters.channel,
+            "losses": str(self._losses),
+            "frames before the first /clock message": str(self._untimed),
+        }
+        level, text = (Level.ERROR, f"trying again: {self._problem}") if self._problem else (Level.OK, "open")
+        now = self.time_base.now()
+        if now is None:
+            return [Diagnostic("can: interface", level, text, values)]
+        with self._lock:
+            return [Diagnostic("can: interface", level, text, values), *self._decoder.diagnostics(now)]
+
+    def summary(self) -> dict[str, Any]:
+        return {**super().summary(), "frames_without_time": self._untimed}
+
+
+def main() -> int:
+    """Entry point of `ros2 run vsense_ros can_driver`."""
+    return run_node(CanDriver, CanDriverParameters)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

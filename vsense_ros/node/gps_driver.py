@@ -1,0 +1,78 @@
+"""GNSS driver: NMEA 0183 or UBX bytes from a serial port, a pty or TCP to `gps/fix`, `gps/velocity`, `gps/attitude`."""
+
+from __future__ import annotations
+
+import sys
+from typing import Literal
+
+from pydantic import Field
+
+from vsense_ros.driver.gnss import GnssSettings
+from vsense_ros.driver.nmea import NmeaDecoder
+from vsense_ros.driver.ubx import UbxDecoder
+from vsense_ros.node.base import run_node
+from vsense_ros.node.parameters import parameter
+from vsense_ros.node.serial_node import SerialParameters, SerialSensorNode
+
+_DEFAULT = GnssSettings()
+
+
+class GpsDriverParameters(SerialParameters):
+    """See `vsense_ros.driver.gnss.GnssSettings`."""
+
+    protocol: Literal["nmea", "ubx"] = Field("nmea", description="what the receiver speaks")
+    fix_topic: str = Field(_DEFAULT.fix_topic, description="where to publish sensor_msgs/NavSatFix", min_length=1)
+    velocity_topic: str = Field(_DEFAULT.velocity_topic, description="where to publish ENU velocities", min_length=1)
+    attitude_topic: str = Field(_DEFAULT.attitude_topic, description="where to publish headings", min_length=1)
+    frame_id: str = Field(_DEFAULT.frame_id, description="frame of the antenna")
+    map_frame_id: str = Field(_DEFAULT.map_frame_id, description="frame of the velocities, east north up")
+    nominal_rate: float = parameter(0.0, "Hz", "expected rate; 0: no expectation", ge=0, le=1000)
+    timeout: float = parameter(_DEFAULT.timeout, "s", "silence after which the receiver is stale", gt=0, le=60)
+    range_error: float = parameter(_DEFAULT.range_error, "m", "times HDOP: horizontal standard deviation", gt=0)
+    speed_deviation: float = parameter(_DEFAULT.speed_deviation, "m/s", "of each horizontal axis, if not stated", gt=0)
+    heading_deviation: float = parameter(_DEFAULT.heading_deviation, "rad", "of the heading, if not stated", gt=0)
+    baseline_yaw: float = parameter(
+        _DEFAULT.baseline_yaw, "rad", "from the vehicle's x axis to the line from first to second antenna", ge=-4, le=4
+    )
+    jump_limit: float = parameter(_DEFAULT.jump_limit, "m", "between a fix and where the velocity leads", gt=0)
+
+
+class GpsDriver(SerialSensorNode[GpsDriverParameters]):
+    """See the module."""
+
+    sensor = "gnss"
+
+    def make_decoder(self) -> NmeaDecoder | UbxDecoder:
+        p = self.parameters
+        settings = GnssSettings(
+            fix_topic=p.fix_topic,
+            velocity_topic=p.velocity_topic,
+            attitude_topic=p.attitude_topic,
+            frame_id=p.frame_id,
+            map_frame_id=p.map_frame_id,
+            nominal_rate=p.nominal_rate or None,
+            timeout=p.timeout,
+            range_error=p.range_error,
+            speed_deviation=p.speed_deviation,
+            heading_deviation=p.heading_deviation,
+            baseline_yaw=p.baseline_yaw,
+            jump_limit=p.jump_limit,
+        )
+        return NmeaDecoder(settings) if p.protocol == "nmea" else UbxDecoder(settings)
+
+    def topics(self) -> dict[str, str]:
+        p = self.parameters
+        return {
+            p.fix_topic: "sensor_msgs/msg/NavSatFix",
+            p.velocity_topic: "geometry_msgs/msg/TwistWithCovarianceStamped",
+            p.attitude_topic: "sensor_msgs/msg/Imu",
+        }
+
+
+def main() -> int:
+    """Entry point of `ros2 run vsense_ros gps_driver`."""
+    return run_node(GpsDriver, GpsDriverParameters)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

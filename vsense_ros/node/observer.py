@@ -1,0 +1,168 @@
+"""Observer: the topics that a vehicle file names to `vsense/*`, at up to 250 Hz.
+
+Every message is used, in order of arrival. When messages have queued up, all of them are worked off and only the newest
+estimate is published, so that the node catches up without losing a measurement; with `publish_all` every estimate that
+is due is published, which a recording wants.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from vsense_ros.bag import cdr
+from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.errors import InputError
+from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.convert import message_type
+from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.observer import Observer, estimate_samples
+from vsense_ros.shared_files import vehicle_path
+from vsense_ros.vehicle_file import load_vehicle
+
+_TIMES_KEPT = 1_000_000
+_PERCENTILES = (50, 90, 99, 99.9)
+
+
+class ObserverParameters(NodeParameters):
+    """Vehicle and output."""
+
+    vehicle: str = Field("", description="vehicle file, or the name of one in config/vehicles")
+    rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
+    publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
+    map_origin: tuple[float, ...] = parameter(
+        (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the first GNSS fix"
+    )
+
+
+class ObserverNode(SensingNode[ObserverParameters]):
+    """See the module."""
+
+    _observer: Observer | None = None
+
+    def configure(self) -> None:
+        p = self.parameters
+        if not p.vehicle:
+            raise InputError("parameter vehicle is empty: expected a vehicle file, or the name of one")
+        if len(p.map_origin) not in (0, 3):
+            raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
+        origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
+        self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin)
+        # The topics are those of any estimate, also of one before the start.
+        for sample in estimate_samples(self._observer.snapshot()):
+            self.create_output(sample.topic, sample.kind)
+        self._interval = round(1e9 / p.rate)
+        self._next_due = 0
+        self.received: Counter[str] = Counter()
+        self.unreadable = 0
+        self.step_times: list[float] = []
+        self.latencies: list[float] = []
+        self._newest_due = False
+        self._inputs = [self._subscribe(topic, kind) for topic, kind in self._observer.topics.items()]
+
+    def _subscribe(self, topic: str, kind: str) -> Any:
+        def receive(data: bytes) -> None:
+            self._receive(topic, kind, data)
+
+        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+
+    def release(self) -> None:
+        if self._observer is None:
+            return
+        for subscription in getattr(self, "_inputs", []):
+            self.destroy_subscription(subscription)
+        self._inputs = []
+
+    def _receive(self, topic: str, kind: str, data: bytes) -> None:
+        observer = self._observer
+        if observer is None or self.state != "active":
+            return
+        self.received[topic] += 1
+        try:
+            sample = cdr.decode(kind, data, topic, self.now() or None)
+        except InputError as error:
+            self.unreadable += 1
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+            return
+        before = time.perf_counter()
+        observer.add(sample)
+        self._keep(self.step_times, time.perf_counter() - before)
+        if not observer.started or not self._due(observer.stamp):
+            return
+        if self.parameters.publish_all:
+            self._publish()
+        elif not self._newest_due:
+            # A task queues up behind the messages that have arrived by now.
+            self._newest_due = True
+            self.executor.create_task(self._publish_newest)
+
+    def _due(self, stamp: int) -> bool:
+        """Whether an estimate for this time may be published; half an interval of jitter costs none of them."""
+        if stamp < self._next_due - 2 * self._interval:  # the clock went back
+            self._next_due = stamp
+        return stamp >= self._next_due
+
+    def _publish_newest(self) -> None:
+        self._newest_due = False
+        if self.state == "active":
+            self._publish()
+
+    def _publish(self) -> None:
+        observer = self._observer
+        if observer is None:
+            return
+        self._next_due = max(self._next_due + self._interval, observer.stamp + self._interval // 2)
+        for sample in observer.estimate():
+            self.publish(sample)
+        now = self.time_base.now()
+        if now is not None:
+            self._keep(self.latencies, (now - observer.stamp) * 1e-9)
+
+    @staticmethod
+    def _keep(values: list[float], value: float) -> None:
+        if len(values) < _TIMES_KEPT:
+            values.append(value)
+
+    def on_clock(self, stamp: int) -> None:
+        if self.state == "active":
+            self.report_progress(stamp)
+
+    def diagnostics(self) -> list[Diagnostic]:
+        return self._observer.diagnostics(self.now() or None) if self._observer is not None else []
+
+    def summary(self) -> dict[str, Any]:
+        if self._observer is None:
+            return super().summary()
+        return {
+            **super().summary(),
+            "received": dict(self.received),
+            "unreadable": self.unreadable,
+            "step_us_median": float(np.median(self.step_times) * 1e6) if self.step_times else None,
+            "latency_ms": percentiles(self.latencies),
+            "parameters": self._observer.parameters() if self._observer.started else {},
+            "diagnostics": [
+                {"name": d.name, "level": int(d.level), "message": d.message, "values": dict(d.values)}
+                for d in self._observer.diagnostics()
+            ],
+        }
+
+
+def percentiles(seconds: list[float]) -> dict[str, float]:
+    """Percentiles of times, in milliseconds, by name; empty without times."""
+    if not seconds:
+        return {}
+    return {f"p{q:g}": float(v) * 1e3 for q, v in zip(_PERCENTILES, np.percentile(seconds, _PERCENTILES), strict=True)}
+
+
+def main() -> int:
+    """Entry point of `ros2 run vsense_ros observer`."""
+    return run_node(ObserverNode, ObserverParameters)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""Recorder: topics to an MCAP bag, as the bytes that arrive."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from typing import Any
+
+from pydantic import Field
+
+from vsense_ros.bag import BagWriter
+from vsense_ros.bag.messages import TYPE_HASHES
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.errors import InputError
+from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.convert import message_type
+from vsense_ros.node.parameters import NodeParameters
+
+
+class RecorderParameters(NodeParameters):
+    """What and where."""
+
+    bag: str = Field("", description="folder to write the bag into; it must not hold a bag yet")
+    topics: tuple[str, ...] = Field((), description="topics to record; empty: all of known types that appear")
+    overwrite: bool = Field(False, description="replace a bag that is there already")
+
+
+class Recorder(SensingNode[RecorderParameters]):
+    """See the module."""
+
+    _writer: BagWriter | None = None
+
+    def configure(self) -> None:
+        if not self.parameters.bag:
+            raise InputError("parameter bag is empty: expected the folder to write the bag into")
+        self.recorded: Counter[str] = Counter()
+        self._kinds: dict[str, str] = {}
+        self._last_time = 0
+        self._inputs: dict[str, Any] = {}
+        self._search: Any = None
+        self._writer = BagWriter(self.parameters.bag, overwrite=self.parameters.overwrite)
+
+    def start(self) -> None:
+        self._search = self.create_steady_timer(0.1, self._look_for_topics)
+        self._look_for_topics()
+
+    def stop(self) -> None:
+        if self._writer is None:
+            return
+        if self._search is not None:
+            self.destroy_timer(self._search)
+            self._search = None
+        for subscription in self._inputs.values():
+            self.destroy_subscription(subscription)
+        self._inputs.clear()
+
+    def release(self) -> None:
+        self.stop()
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _look_for_topics(self) -> None:
+        wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._inputs or (wanted and topic not in wanted):
+                continue
+            kind = kinds[0]
+            if kind in TYPE_HASHES:
+                self._inputs[topic] = self._subscribe(topic, kind)
+            elif topic in wanted:
+                self.get_logger().error(f"{topic}: messages of type {kind} cannot be recorded", once=True)
+
+    def _subscribe(self, topic: str, kind: str) -> Any:
+        self._kinds[topic] = kind
+        name = topic.removeprefix("/")
+
+        def receive(data: bytes) -> None:
+            if self._writer is None:
+                return
+            # A bag is in order of arrival, which a clock that ticks coarsely or late must not contradict.
+            self._last_time = max(self._last_time, self.now())
+            self._writer.write_raw(name, kind, self._last_time, data)
+            self.recorded[name] += 1
+
+        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+
+    @property
+    def _missing(self) -> list[str]:
+        return [t for t in self.parameters.topics if self.resolve_topic_name(t) not in self._inputs]
+
+    def on_clock(self, stamp: int) -> None:
+        if self.state == "active":
+            self.report_progress(stamp)
+
+    def diagnostics(self) -> list[Diagnostic]:
+        values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}
+        missing = self._missing
+        if missing:
+            return [Diagnostic("recorder", Level.WARN, f"nobody publishes {', '.join(missing)}", values)]
+        return [Diagnostic("recorder", Level.OK, f"recording to {self.parameters.bag}", values)]
+
+    def summary(self) -> dict[str, Any]:
+        return {**super().summary(), "recorded": dict(self.recorded)}
+
+
+def main() -> int:
+    """Entry point of `ros2 run vsense_ros recorder`."""
+    return run_node(Recorder, RecorderParameters)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

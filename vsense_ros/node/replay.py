@@ -1,0 +1,411 @@
+"""Replay: a bag to its topics and `/clock`, a CAN log to a bus, bytes of sensors to ports; all in one time base.
+
+With rate 0 it sends as fast as the consumers take it and nothing is dropped: each of them (observer, recorder) tells on
+`vsense/progress` up to which `/clock` message it has worked everything off, and the replay stays at most `window`
+ahead of the slowest.
+
+Services: `~/pause` (std_srvs/SetBool), `~/restart` (std_srvs/Trigger). The parameters `rate`, `loop` and `position`
+(which seeks) may be set while it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from pydantic import Field
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
+
+from vsense_ros.bag import cdr, read_bag
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.driver.can_bus import open_bus, read_can_log
+from vsense_ros.errors import InputError
+from vsense_ros.node.base import LOSSLESS, PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.byte_log import read_byte_log
+from vsense_ros.node.can_driver import bus_options
+from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.ports import Port, SlcanAdapter, open_port
+
+NANO = 1_000_000_000
+_TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
+_FAST_TICK = 20_000_000  # [ns] of recorded time with rate 0
+
+Send = Callable[[Any], int]  # sends one item; how much of it nobody took
+
+
+class ReplayParameters(NodeParameters):
+    """What, whereto, how fast."""
+
+    bag: str = Field("", description="bag to publish")
+    topics: tuple[str, ...] = Field((), description="topics of the bag to publish; empty: all")
+    can_log: str = Field("", description="CAN log to send (candump .log, .asc, .blf, .mf4)")
+    can_interface: Literal["slcan_adapter", "socketcan", "udp_multicast", "slcan"] = Field(
+        "slcan_adapter", description="bus to send it to; slcan_adapter: a pty for can_driver's slcan to open"
+    )
+    can_channel: str = Field("", description="of the interface; for slcan_adapter the name of the pty to make")
+    can_port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
+    can_log_channel: str = Field("", description="only the frames of this channel of the log; empty: all")
+    gnss_bytes: str = Field("", description="byte log of a GNSS receiver")
+    gnss_port: str = Field("", description="pty to make, or socket://host:port to listen at, for gps_driver")
+    imu_bytes: str = Field("", description="byte log of an IMU")
+    imu_port: str = Field("", description="pty to make, or socket://host:port to listen at, for imu_driver")
+    rate: float = parameter(1.0, "", "times real time; 0: as fast as the consumers take it", live=True, ge=0, le=1000)
+    loop: bool = parameter(False, "", "begin again at the end", live=True)
+    start_offset: float = parameter(0.0, "s", "where to begin, after the first message", ge=0)
+    duration: float = parameter(0.0, "s", "how much to replay; 0: to the end", ge=0)
+    position: float = parameter(-1.0, "s", "set it to seek; after the first message, -1: nowhere", live=True, ge=-1)
+    paused: bool = Field(False, description="wait for ~/pause with data: false")
+    clock: bool = Field(True, description="publish /clock")
+    lead: float = parameter(0.5, "s", "of clock before the first message, from which drivers learn the time", ge=0)
+    wait: float = parameter(10.0, "s", "for subscribers, consumers and readers of ports to appear", ge=0, le=600)
+    consumers: int = parameter(0, "", "that must report progress before it begins; rate 0 needs one", ge=0, le=10)
+    window: float = parameter(0.2, "s", "of recorded time that consumers may lie behind with rate 0", gt=0, le=10)
+    exit_at_end: bool = Field(True, description="end the process when all is sent and worked off")
+
+
+class Replay(SensingNode[ReplayParameters]):
+    """See the module."""
+
+    _thread: threading.Thread | None = None
+
+    def configure(self) -> None:
+        p = self.parameters
+        self._condition = threading.Condition()
+        self._ended = False
+        self._finished = False
+        self._paused = p.paused
+        self._seek: int | None = None
+        self._moved = True  # the relation of recorded and wall time is to be fixed anew
+        self._progress: dict[str, int] = {}
+        self._not_taken: dict[str, int] = {}
+        self._closers: list[Callable[[], None]] = []
+        self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
+        self.lost_in_bag = 0
+        self._now = 0
+        self._clock_output: Any = None
+        times, sources, items = self._load()
+        if not len(times):
+            raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
+        if p.rate == 0 and (p.can_log or p.gnss_bytes or p.imu_bytes):
+            raise InputError(
+                "rate 0 works for bags alone: buses and serial lines cannot tell how far they are; set a rate above 0"
+            )
+        order = np.argsort(times, kind="stable")
+        begin = int(times[order[0]]) + round(p.start_offset * NANO)
+        end = begin + round(p.duration * NANO) if p.duration else int(times[order[-1]])
+        order = order[(times[order] >= begin) & (times[order] <= end)]
+        if not len(order):
+            length = (int(times.max()) - int(times.min())) / NANO
+            raise InputError(f"start_offset {p.start_offset:g} s is behind the end: the recording has {length:.3f} s")
+        self._times = times[order]
+        self._sources = sources
+        self._items = [items[i] for i in order]
+        if p.clock:
+            self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
+        self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
+        self._servers = [
+            self.create_service(SetBool, "~/pause", self._on_pause),
+            self.create_service(Trigger, "~/restart", self._on_restart),
+        ]
+
+    def _load(self) -> tuple[np.ndarray, list[tuple[str, Send]], list[tuple[int, Any]]]:
+        """Times [ns], senders by name, and for each time the number of its sender with what to send."""
+        p = self.parameters
+        times: list[np.ndarray] = []
+        sources: list[tuple[str, Send]] = []
+        items: list[tuple[int, Any]] = []
+
+        def add(name: str, send: Send, when: Any, what: list[Any]) -> None:
+            times.append(np.asarray(when, np.int64))
+            items.extend((len(sources), item) for item in what)
+            sources.append((name, send))
+
+        if p.bag:
+            recording = read_bag(p.bag)
+            self.lost_in_bag = recording.messages_lost
+            unknown = [topic for topic in p.topics if topic not in recording]
+            if unknown:
+                raise InputError(
+                    f"{p.bag}: has no topic {', '.join(unknown)}; it has {', '.join(sorted(recording.channels))}"
+                )
+            for topic, channel in recording.channels.items():
+                if p.topics and topic not in p.topics:
+                    continue
+                self.create_output(topic, channel.kind)
+                publish = partial(self._publish_row, topic, channel.kind)
+                add(topic, publish, channel.received, [row.tobytes() for row in cdr.encode_channel(channel)])
+        if p.can_log:
+            frames = [
+                frame
+                for frame in read_can_log(p.can_log)
+                if not p.can_log_channel or frame.channel in (None, p.can_log_channel)
+            ]
+            stamps = np.array([frame.timestamp for frame in frames])
+            add("CAN", self._open_bus(), np.rint(stamps * 1e9), frames)
+        for name, log, where in (("GNSS", p.gnss_bytes, p.gnss_port), ("IMU", p.imu_bytes, p.imu_port)):
+            if not log:
+                continue
+            if not where:
+                raise InputError(
+                    f"parameter {name.lower()}_port is empty: expected a name for a pty, or a socket:// URL"
+                )
+            entries = read_byte_log(log)
+            port: Port = open_port(where)
+            self._closers.append(port.close)
+            self._waiting_for.append((f"a reader of {where}", port.ready))
+            add(name, port.write, [t for t, _ in entries], [data for _, data in entries])
+        return (np.concatenate(times) if times else np.zeros(0, np.int64)), sources, items
+
+    def _publish_row(self, topic: str, kind: str, data: bytes) -> int:
+        self.publish_bytes(topic, kind, data)
+        return 0
+
+    def _open_bus(self) -> Send:
+        p = self.parameters
+        if p.can_interface == "slcan_adapter":
+            if not p.can_channel:
+                raise InputError("parameter can_channel is empty: slcan_adapter needs a name for its pty")
+            adapter = SlcanAdapter(p.can_channel)
+            self._closers.append(adapter.close)
+            self._waiting_for.append((f"a driver to open {p.can_channel}", adapter.ready))
+            return adapter.send
+        bus = open_bus(p.can_interface, p.can_channel, **bus_options(p.can_interface, p.can_port))
+        self._closers.append(bus.shutdown)
+
+        def send(frame: Any) -> int:
+            bus.send(frame, timeout=1.0)
+            return 0
+
+        return send
+
+    def start(self) -> None:
+        self._ended = False
+        self._moved = True
+        self._thread = threading.Thread(target=self._guarded_run, name="replay", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        if self._thread is not None:
+            with self._condition:
+                self._ended = True
+                self._condition.notify_all()
+            self._thread.join()
+            self._thread = None
+
+    def release(self) -> None:
+        self.stop()
+        for close in getattr(self, "_closers", []):
+            close()
+        self._closers = []
+        if getattr(self, "_clock_output", None) is not None:
+            self.destroy_publisher(self._clock_output)
+            self._clock_output = None
+        for server in getattr(self, "_servers", []):
+            self.destroy_service(server)
+        self._servers = []
+        if getattr(self, "_progress_reader", None) is not None:
+            self.destroy_subscription(self._progress_reader)
+            self._progress_reader = None
+
+    # The thread that sends
+
+    def _guarded_run(self) -> None:
+        try:
+            self._run()
+        except Exception as error:  # the node must end with a message, not hang with a dead thread
+            self.get_logger().fatal(f"replay ended: {error!r}")
+            self.exit_code = 1
+            if self.finish is not None:
+                self.finish()
+
+    def _run(self) -> None:
+        first = int(self._times[0])
+        self._now = first - round(self.parameters.lead * NANO)
+        if not self._wait_for_the_others():
+            return
+        self.get_logger().info("begins")
+        tick = self._now
+        position = told = 0
+        total = len(self._times)
+        while True:
+            with self._condition:
+                while self._paused and not self._ended and self._seek is None:
+                    self._moved = True
+                    self._condition.wait()
+                if self._ended:
+                    return
+                if self._seek is not None:
+                    target = min(max(self._seek, first), int(self._times[-1]))
+                    position = int(np.searchsorted(self._times, target))
+                    self._seek = None
+                    self._now = tick = target
+                    self._progress.clear()
+                    self._moved = True
+                    self._finished = False
+            if position == total:
+                if self.parameters.loop:
+                    self._seek = first
+                    continue
+                if not self._finished:
+                    self._drain()
+                    self._finished = True
+                    self.get_logger().info("finished: everything is sent")
+                    if self.parameters.exit_at_end and self.finish is not None:
+                        self.finish()
+                with self._condition:
+                    if not self._ended and self._seek is None:
+                        self._condition.wait(0.5)
+                continue
+            due = int(self._times[position])
+            rate = self.parameters.rate
+            if self._clock_output is not None and tick <= due:
+                if self._wait_until(tick):
+                    self._publish_clock(tick)
+                    tick += _FAST_TICK if rate == 0 else round(_TICK * max(rate, 1.0))
+                continue
+            if self._wait_until(due):
+                source, item = self._items[position]
+                name, send = self._sources[source]
+                not_taken = send(item)
+                if not_taken:
+                    self._not_taken[name] = self._not_taken.get(name, 0) + not_taken
+                position += 1
+                if position * 100 // total != told:
+                    told = position * 100 // total
+                    self.get_logger().info(f"{told} %")
+
+    def _wait_until(self, moment: int) -> bool:
+        """Wait for a time of the recording [ns]; False if something else has to be done first."""
+        rate = self.parameters.rate
+        if rate == 0:
+            return self._wait_for_consumers(moment - round(self.parameters.window * NANO))
+        wall = time.monotonic_ns()
+        if self._moved:
+            self._moved = False
+            self._origin = (wall, self._now)
+        began, at = self._origin
+        wait = began + (moment - at) / rate - wall
+        if wait > 0:
+            with self._condition:
+                if self._paused or self._ended or self._seek is not None or self._moved:
+                    return False
+                if self._condition.wait(wait * 1e-9):
+                    return False
+        self._now = moment
+        return True
+
+    def _wait_for_consumers(self, moment: int) -> bool:
+        with self._condition:
+            while self._progress and min(self._progress.values()) < moment:
+                if self._paused or self._ended or self._seek is not None:
+                    return False
+                self._condition.wait(0.5)
+        return True
+
+    def _publish_clock(self, stamp: int) -> None:
+        if self._clock_output is not None:
+            seconds, nanoseconds = divmod(stamp, NANO)
+            self._clock_output.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+    def _wait_for_the_others(self) -> bool:
+        """Give subscribers, consumers and readers of ports the time to appear; False if the replay ended meanwhile."""
+        p = self.parameters
+        deadline = time.monotonic() + p.wait
+        consumers = max(p.consumers, 1 if p.rate == 0 else 0)
+        while True:
+            missing = [what for what, ready in self._waiting_for if not ready()]
+            missing += [f"a subscriber of {topic}" for topic in self.unheard]
+            if consumers:
+                self._publish_clock(self._now)
+            with self._condition:
+                if len(self._progress) < consumers:
+                    missing.append(f"{consumers - len(self._progress)} of {consumers} consumers")
+                if self._ended:
+                    return False
+                if not missing:
+                    return True
+                if time.monotonic() > deadline:
+                    self.get_logger().warning(f"waited {p.wait:g} s in vain for {', '.join(missing)}")
+                    if p.rate == 0 and not self._progress:
+                        raise InputError("rate 0 needs a consumer that reports progress: an observer or a recorder")
+                    return True
+                self._condition.wait(0.05)
+
+    def _drain(self) -> None:
+        """Wait until the consumers have worked off everything, and then what the first made for the others."""
+        last = int(self._times[-1])
+        for moment in (last + 1_000_000, last + 2_000_000):
+            self._publish_clock(moment)
+            deadline = time.monotonic() + self.parameters.wait
+            with self._condition:
+                while self._progress and min(self._progress.values()) < moment and not self._ended:
+                    if time.monotonic() > deadline:
+                        behind = [name for name, done in self._progress.items() if done < moment]
+                        self.get_logger().warning(f"{', '.join(behind)} did not finish in {self.parameters.wait:g} s")
+                        return
+                    self._condition.wait(0.1)
+
+    # What comes from outside
+
+    def _on_progress(self, message: Header) -> None:
+        with self._condition:
+            self._progress[message.frame_id] = message.stamp.sec * NANO + message.stamp.nanosec
+            self._condition.notify_all()
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        with self._condition:
+            self._paused = request.data
+            self._moved = True
+            self._condition.notify_all()
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _on_restart(self, _: Any, response: Any) -> Any:
+        self._move(int(self._times[0]))
+        response.success, response.message = True, "at the start"
+        return response
+
+    def _move(self, target: int) -> None:
+        with self._condition:
+            self._seek = target
+            self._condition.notify_all()
+
+    def parameters_changed(self) -> None:
+        if self._thread is None:
+            return
+        if self.parameters.position >= 0:
+            self._move(int(self._times[0]) + round(self.parameters.position * NANO))
+            self.parameters = self.parameters.model_copy(update={"position": -1.0})
+        with self._condition:
+            self._moved = True
+            self._condition.notify_all()
+
+    def diagnostics(self) -> list[Diagnostic]:
+        seconds = (self._now - int(self._times[0])) / NANO
+        values = {"position [s]": f"{seconds:.2f}", "rate": f"{self.parameters.rate:g}"}
+        values |= {f"not taken: {name}": str(count) for name, count in self._not_taken.items()}
+        if self._not_taken:
+            return [Diagnostic("replay", Level.WARN, f"nobody took all of {', '.join(self._not_taken)}", values)]
+        text = "finished" if self._finished else "paused" if self._paused else "running"
+        return [Diagnostic("replay", Level.OK, text, values)]
+
+    def summary(self) -> dict[str, Any]:
+        seconds = (int(self._times[-1]) - int(self._times[0])) / NANO
+        return {**super().summary(), "not_taken": self._not_taken, "lost_in_bag": self.lost_in_bag, "seconds": seconds}
+
+
+def main() -> int:
+    """Entry point of `ros2 run vsense_ros replay`."""
+    return run_node(Replay, ReplayParameters)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

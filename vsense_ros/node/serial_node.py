@@ -1,0 +1,95 @@
+"""What the nodes of serial sensors share: port → bytes → decoder → topics."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, Protocol, TypeVar
+
+from pydantic import Field
+
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.node.base import SensingNode
+from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.serial_link import SerialLink
+from vsense_ros.recording import Sample
+
+
+class Decoder(Protocol):
+    """What the decoders of `vsense_ros.driver` have in common."""
+
+    def feed(self, data: bytes, received: int, /) -> list[Sample]:
+        """Samples that these bytes complete."""
+
+    def diagnostics(self, now: int, /) -> list[Diagnostic]:
+        """Health at `now` [ns]."""
+
+
+class SerialParameters(NodeParameters):
+    """Where the bytes come from."""
+
+    port: str = Field("", description="device (/dev/ttyUSB0, /dev/pts/3) or socket://host:port")
+    baud_rate: int = parameter(115200, "bit/s", "of a serial port", ge=1200, le=4_000_000)
+
+
+Params = TypeVar("Params", bound=SerialParameters)
+
+
+class SerialSensorNode(SensingNode[Params]):
+    """A serial sensor with its decoder."""
+
+    sensor: str
+    _decoder: Decoder
+    _link: SerialLink | None = None
+    _untimed = 0
+
+    def make_decoder(self) -> Decoder:
+        """A decoder with the settings of `self.parameters`."""
+        raise NotImplementedError
+
+    def topics(self) -> dict[str, str]:
+        """Topics that are published, with their types."""
+        raise NotImplementedError
+
+    def configure(self) -> None:
+        self._lock = threading.Lock()
+        self._untimed = 0
+        self._decoder = self.make_decoder()
+        for topic, kind in self.topics().items():
+            self.create_output(topic, kind)
+        p, warn = self.parameters, self.get_logger().warning
+        self._link = SerialLink(self.sensor, p.port, p.baud_rate, self._on_bytes, warn)
+
+    def start(self) -> None:
+        if self._link is not None:
+            self._link.start()
+
+    def stop(self) -> None:
+        if self._link is not None:
+            self._link.stop()
+
+    def release(self) -> None:
+        self.stop()
+
+    def _on_bytes(self, data: bytes, wall: int) -> None:
+        received = self.time_base.at(wall)
+        if received is None:
+            self._untimed += len(data)
+            return
+        with self._lock:
+            samples = self._decoder.feed(data, received)
+        for sample in samples:
+            self.publish(sample)
+
+    def diagnostics(self) -> list[Diagnostic]:
+        found = [self._link.diagnostic()] if self._link is not None else []
+        if self._untimed:
+            text = "bytes arrived before the first /clock message and were dropped"
+            found.append(Diagnostic(f"{self.sensor}: clock", Level.WARN, text, {"bytes": str(self._untimed)}))
+        now = self.time_base.now()
+        if now is not None:
+            with self._lock:
+                found += self._decoder.diagnostics(now)
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        return {**super().summary(), "bytes_without_time": self._untimed}
