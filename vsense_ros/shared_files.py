@@ -26,3 +26,20 @@ def shared_folder(name: str) -> Path:
     raise InputError(
         f"the folder {name!r} of {PACKAGE} is not installed; looked for it as {candidates[0]} and below share"
     )
+
+
+def vehicle_path(text: str) -> Path:
+    """The vehicle file that is meant: a path, or the name of one in config/vehicles.
+
+    Raises `InputError` that lists the known names.
+    """
+    path = Path(text)
+    if path.exists() or path.suffix or len(path.parts) > 1:
+        return path
+    folder = shared_folder("config") / "vehicles"
+    known = sorted(file.stem for file in folder.glob("*.yaml"))
+    if text not in known:
+        raise InputError(
+            f"no vehicle file {text!r}: neither a path nor one of {', '.join(known) or 'none'} in {folder}"
+        )
+    return folder / f"{text}.yaml"
