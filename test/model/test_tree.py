@@ -69,7 +69,9 @@ def twins(count: int, random: np.random.Generator) -> Twins:
         model.appendBodyToJoint(joints[-1], inertia, pin.SE3.Identity())
         here = placement * moved
         bodies.append(
-            Body(f"b{i}", parent, ca.SX(motion), ca.SX(here.rotation), ca.SX(here.translation), spatial_inertia(inertia))
+            Body(
+                f"b{i}", parent, ca.SX(motion), ca.SX(here.rotation), ca.SX(here.translation), spatial_inertia(inertia)
+            )
         )
         coordinates.append(np.array([coordinate]))
     model.gravity = pin.Motion.Zero()

@@ -182,7 +182,7 @@ class Car:
 
     @cached_property
     def _contacts(self) -> list[SimpleNamespace]:
-        """Tyre contact of each wheel: point, axes (body axes), forces, slips, camber; and the wheel load."""
+        """Tyre contact of each wheel: point, axes (body axes), forces, slips, inclination; and the wheel load."""
         v = self._v
         attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
         normal = attitude.T @ ca.SX([0, 0, 1])
@@ -224,7 +224,7 @@ class Car:
                     moment=moment,
                     slip_x=slip_x,
                     slip_y=slip_y,
-                    camber=ca.asin(-(normal.T @ axle)),
+                    inclination=ca.asin(normal.T @ axle),
                     effective_radius=effective_radius,
                     rolling=-a.rolling_resistance
                     * load
@@ -271,10 +271,10 @@ class Car:
     @cached_property
     def wheel_outputs(self) -> ca.SX:
         """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
-        slip angle [rad], camber [rad]; 7×4."""
+        slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
         return ca.horzcat(
             *(
-                ca.vertcat(c.force_x, c.force_y, c.load, c.moment, c.slip_x, ca.atan(-c.slip_y), c.camber)
+                ca.vertcat(c.force_x, c.force_y, c.load, c.moment, c.slip_x, ca.atan(-c.slip_y), c.inclination)
                 for c in self._contacts
             )
         )

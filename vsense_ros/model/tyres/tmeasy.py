@@ -16,6 +16,7 @@ from pydantic import model_validator
 from vsense_ros.model.parameter import Part, parameter
 
 SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
+LARGEST_LOAD_RATIO = 2.5  # the force curves are those of this ratio to the nominal load beyond it
 SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
 
 
@@ -48,6 +49,34 @@ class LoadPair(Part):
 
     nominal: ForceCurve
     double: ForceCurve
+
+    @model_validator(mode="after")
+    def _curves_keep_their_shape_at_every_load(self) -> LoadPair:
+        # Forces over load and slips are linear in the load, so looking at the ends of the range is enough.
+        for ratio in (0.0, LARGEST_LOAD_RATIO):
+            force = {
+                name: 2 * near - far / 2 - (near - far / 2) * ratio
+                for name in ("initial_slope", "maximum", "sliding")
+                for near, far in [(getattr(self.nominal, name), getattr(self.double, name))]
+            }
+            slip = {
+                name: near + (far - near) * (ratio - 1)
+                for name in ("slip_at_maximum", "slip_at_sliding")
+                for near, far in [(getattr(self.nominal, name), getattr(self.double, name))]
+            }
+            for name, value in (force | slip).items():
+                if value <= 0:
+                    raise ValueError(
+                        f"{name} must stay positive from no load to {LARGEST_LOAD_RATIO:g} times the nominal load, "
+                        f"but {getattr(self.nominal, name):g} at the nominal load and {getattr(self.double, name):g} "
+                        "at its double differ too much"
+                    )
+            if force["sliding"] > force["maximum"] * (1 + 1e-9) or slip["slip_at_sliding"] <= slip["slip_at_maximum"]:
+                raise ValueError(
+                    f"nominal and double fit together badly: at {ratio:g} times the nominal load sliding would exceed "
+                    "maximum, or slip_at_sliding would not exceed slip_at_maximum"
+                )
+        return self
 
 
 class TMeasy(Part):
@@ -93,8 +122,8 @@ def forces(
     the contact point [m/s] in the axes of the contact patch; `rolling_speed` is effective radius times spin [m/s];
     `friction` scales the road's grip, 1 being the road the tyre was measured on.
     """
-    # Limited at 2.5 times the nominal load: the parabola that describes load influence turns down beyond it.
-    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, 2.5)
+    # Limited, because the parabola that describes load influence turns down beyond.
+    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
     transport = ca.sqrt(rolling_speed**2 + p.standstill_speed**2)
     slip_x = (rolling_speed - speed_x) / transport
     slip_y = -speed_y / transport
@@ -130,5 +159,6 @@ def forces(
     force_x = contact * force_over_slip * normal_x
     force_y = contact * force_over_slip * normal_y
     fading = ca.fmax(1 - (slip_y / p.slip_of_no_trail) ** 2, 0)
-    moment = -p.pneumatic_trail * fading * force_y
+    # The trail points against the direction of rolling.
+    moment = -p.pneumatic_trail * (rolling_speed / transport) * fading * force_y
     return force_x, force_y, moment, slip_x, slip_y
