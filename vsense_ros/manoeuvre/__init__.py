@@ -1,0 +1,56 @@
+"""Generated test drives, one file each: what a car with known forces would have recorded.
+
+To add one: write its file, add it here.
+"""
+
+from __future__ import annotations
+
+from vsense_ros.errors import InputError
+from vsense_ros.manoeuvre import (
+    brake_in_turn,
+    double_lane_change,
+    sine_with_dwell,
+    steady_state_circle,
+    step_steer,
+    throttle_and_steer,
+)
+from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
+
+# Those that stand in bags/.
+STANDARD = tuple(
+    module.MANOEUVRE for module in (double_lane_change, step_steer, sine_with_dwell, steady_state_circle, brake_in_turn)
+)
+MANOEUVRES = {m.name: m for m in (*STANDARD, *throttle_and_steer.MANOEUVRES)}
+STEP = 1e-3  # [s] of the simulation
+
+__all__ = ["MANOEUVRES", "STANDARD", "Manoeuvre", "drive", "generate"]
+
+
+def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
+    """What `vehicle` does in a manoeuvre, every millisecond. Raises `InputError` for an unknown name."""
+    manoeuvre = _find(name)
+    if manoeuvre.friction is not None:
+        vehicle = vehicle.with_parameters({"road.friction": manoeuvre.friction})
+    q, u = rolling_straight(vehicle, manoeuvre.speed)
+    return simulate(
+        vehicle, manoeuvre.driver(vehicle), manoeuvre.duration, step=step, keep_every=round(STEP / step), q=q, u=u
+    )
+
+
+def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
+    """What the sensors of `vehicle` record in a manoeuvre, with the truth below `reference/`.
+
+    The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name.
+    """
+    manoeuvre = _find(name)
+    return record(drive(name, vehicle), vehicle, seed, name=name, about=f"{manoeuvre.title}: {manoeuvre.source}")
+
+
+def _find(name: str) -> Manoeuvre:
+    if name not in MANOEUVRES:
+        raise InputError(f"no manoeuvre {name!r}; known are {', '.join(MANOEUVRES)}")
+    return MANOEUVRES[name]

@@ -1,0 +1,28 @@
+"""The generated bags of the repository: which manoeuvres, which car, which seed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from vsense_ros.bag import write_bag
+from vsense_ros.manoeuvre import STANDARD, generate
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.shared_files import shared_folder
+from vsense_ros.vehicle_file import load_vehicle
+
+SEED = 2020
+LARGEST = 1_500_000  # [byte] of a bag's file
+
+
+def plant() -> Vehicle:
+    """The car that drives the manoeuvres."""
+    return load_vehicle(shared_folder("config") / "vehicles" / "prototype_real.yaml")
+
+
+def write_bags(out: Path, vehicle: Vehicle, seed: int = SEED) -> Iterator[Path]:
+    """Generate all standard manoeuvres into `out/<name>`, replacing what stands there; yields each bag when written."""
+    for manoeuvre in STANDARD:
+        path = out / manoeuvre.name
+        write_bag(path, generate(manoeuvre.name, vehicle, seed), overwrite=True)
+        yield path

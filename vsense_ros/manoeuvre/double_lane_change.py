@@ -1,0 +1,76 @@
+"""ISO 3888-1: out of a lane, 3.5 m to the left past an obstacle, and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper
+from vsense_ros.model.simulate import Array, Driver
+from vsense_ros.model.vehicle import Vehicle
+
+SPEED = 70 / 3.6
+ENTRY = 2.5 * SPEED  # [m] where the first section begins
+
+# Sections of the track: beginning and end [m after ENTRY], width per vehicle width (plus 0.25 m), offset of the right
+# edge [m] (Leung 2010, table C.2 has the same track).
+SECTIONS = ((0.0, 15.0, 1.1, 0.0), (45.0, 70.0, 1.2, 3.5), (95.0, 125.0, 1.3, 0.0))
+
+
+def vehicle_width(vehicle: Vehicle) -> float:
+    """Over the tyres [m]: the vehicle file knows tracks only, a tyre of the class is 0.17 m wide."""
+    return max(vehicle.physics.front.track, vehicle.physics.rear.track) + 0.17
+
+
+def lanes(vehicle: Vehicle) -> list[tuple[float, float, float, float]]:
+    """Beginning, end, right and left edge of each section in the map [m]; the first is centred on the x axis."""
+    width = vehicle_width(vehicle)
+    right = -0.5 * (SECTIONS[0][2] * width + 0.25)
+    return [
+        (ENTRY + begin, ENTRY + end, right + offset, right + offset + factor * width + 0.25)
+        for begin, end, factor, offset in SECTIONS
+    ]
+
+
+@dataclass(frozen=True)
+class LaneChanges:
+    """The middle of the lanes, joined by the curves of least jerk (quintic)."""
+
+    knots: tuple[tuple[float, float, float], ...]  # beginning and end of each straight, and its y [m]
+
+    def offset(self, x: float, y: float) -> float:
+        middle = self.knots[0][2]
+        for (_, begin, near), (end, _, far) in pairwise(self.knots):
+            s = float(np.clip((x - begin) / (end - begin), 0, 1))
+            middle += (far - near) * s**3 * (10 - 15 * s + 6 * s**2)
+        return middle - y
+
+
+def _path(vehicle: Vehicle) -> LaneChanges:
+    # Drivers cut into the sections as far as the width allows, so the transitions are longer than the gaps.
+    cut = 4.0
+    knots = [(begin + cut, end - cut, 0.5 * (right + left)) for begin, end, right, left in lanes(vehicle)]
+    return LaneChanges(tuple(knots))
+
+
+def driver(vehicle: Vehicle) -> Driver:
+    hands = PathFollower(vehicle, _path(vehicle))
+    feet = SpeedKeeper(vehicle, lambda t: SPEED)
+    return lambda t, q, u: _together(hands(t, q, u), feet(t, u))
+
+
+def _together(angle: float, torques: Array) -> Array:
+    return np.concatenate([[angle], torques])
+
+
+MANOEUVRE = Manoeuvre(
+    "double_lane_change",
+    "Double lane change",
+    "ISO 3888-1 with a path-following driver, at 70 km/h instead of 80: the plant's road has a grip of 0.8",
+    duration=12.0,
+    speed=SPEED,
+    driver=driver,
+)

@@ -1,0 +1,146 @@
+"""Parts of a driver: hands that steer, feet that drive and brake.
+
+All of them know the car as a driver does, by its size, weight and feel, and act on where it is and how fast it goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.car import GRAVITY, SPIN, YAW, X
+from vsense_ros.model.simulate import rolling_radii
+from vsense_ros.model.vehicle import Axle, Vehicle
+
+Array = NDArray[np.float64]
+
+FRONT_BRAKE_SHARE = 0.6  # of the braking force; the rest is the rear axle's
+STEERING_RATE = 0.6  # [rad/s] of the road wheels: 480 °/s at a steering wheel of ratio 14; ISO 7401 asks for 200 to 500
+_LOCKED = 2.0  # [rad/s] spin below which a brake fades, so that it holds a wheel and does not turn it back
+
+
+def ramp(t: float, start: float, duration: float) -> float:
+    """From 0 to 1 within `duration` [s] after `start` [s]."""
+    return min(max((t - start) / duration, 0.0), 1.0)
+
+
+def wheelbase(vehicle: Vehicle) -> float:
+    """[m]"""
+    return vehicle.physics.chassis.cog_to_front_axle + vehicle.physics.chassis.cog_to_rear_axle
+
+
+def cornering_stiffness(axle: Axle, load: float) -> float:
+    """Of both tyres of an axle, each under `load` [N]; [N/rad]."""
+    near, far = axle.tyre.lateral.nominal.initial_slope, axle.tyre.lateral.double.initial_slope
+    ratio = load / axle.tyre.nominal_load
+    return 2 * ratio * (2 * near - 0.5 * far - (near - 0.5 * far) * ratio)
+
+
+def understeer_gradient(vehicle: Vehicle) -> float:
+    """Steering beyond the geometric one per lateral acceleration, of the linear bicycle model [rad s²/m]."""
+    chassis = vehicle.physics.chassis
+    slip = []
+    for axle, arm in (
+        (vehicle.physics.front, chassis.cog_to_rear_axle),
+        (vehicle.physics.rear, chassis.cog_to_front_axle),
+    ):
+        mass = chassis.mass * arm / wheelbase(vehicle)
+        slip.append(mass / cornering_stiffness(axle, mass * GRAVITY / 2))
+    return slip[0] - slip[1]
+
+
+def steady_steering(vehicle: Vehicle, speed: float, lateral_acceleration: float) -> float:
+    """Road-wheel angle of the linear bicycle model in a steady turn [rad]."""
+    return lateral_acceleration * (wheelbase(vehicle) / speed**2 + understeer_gradient(vehicle))
+
+
+class Pedals:
+    """Wheel torques for a wanted acceleration: driven at the rear, braked at all wheels."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._mass = vehicle.physics.chassis.mass
+        self._radii = rolling_radii(vehicle)
+        self._drive = np.array([0.0, 0.0, 0.5, 0.5])
+        self._brake = 0.5 * np.array([FRONT_BRAKE_SHARE] * 2 + [1 - FRONT_BRAKE_SHARE] * 2)
+
+    def torques(self, acceleration: float, u: Array) -> Array:
+        """(4,) [N m] that accelerate the car's mass by `acceleration` [m/s²], negative: brake."""
+        force = self._mass * acceleration
+        if force >= 0:
+            return force * self._drive * self._radii
+        return force * self._brake * self._radii * np.clip(u[SPIN] / _LOCKED, -1, 1)
+
+
+@dataclass
+class SpeedKeeper:
+    """Feet that keep a speed, which may change with time."""
+
+    vehicle: Vehicle
+    speed: Callable[[float], float]  # time [s] → wanted speed [m/s]
+    time_constant: float = 0.5  # [s]
+    limit: float = 4.0  # [m/s²]
+    integral: float = 0.0  # of the resistances that a constant pedal makes up for [m/s²]
+    _pedals: Pedals = field(init=False)
+    _last: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._pedals = Pedals(self.vehicle)
+
+    def __call__(self, t: float, u: Array) -> Array:
+        """Wheel torques (4,) [N m]."""
+        error = (self.speed(t) - float(u[X])) / self.time_constant
+        self.integral = float(np.clip(self.integral + 0.5 * error * (t - self._last), -1, 1))
+        self._last = t
+        return self._pedals.torques(float(np.clip(error + self.integral, -self.limit, self.limit)), u)
+
+
+class Path(Protocol):
+    """A line to be followed."""
+
+    def offset(self, x: float, y: float) -> float:
+        """How far the line is to the left of a point in the map [m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Turning left from the origin, where it runs along x."""
+
+    radius: float
+
+    def offset(self, x: float, y: float) -> float:
+        return float(np.hypot(x, y - self.radius)) - self.radius
+
+
+@dataclass
+class PathFollower:
+    """Hands that aim at a point ahead on a path.
+
+    The angle is that of the circle through the aim, plus what the car's understeer takes (pure pursuit: κ = 2 e / d²);
+    hands and arms follow it with a lag and a limited rate.
+    """
+
+    vehicle: Vehicle
+    path: Path
+    preview: float = 0.45  # [s]
+    nearest: float = 3.0  # the aim is never closer [m]
+    lag: float = 0.05  # [s]
+    angle: float = 0.0  # of the road wheels [rad]
+    _last: float = 0.0
+
+    def __call__(self, t: float, q: Array, u: Array) -> float:
+        """Road-wheel angle [rad]."""
+        speed = float(u[X])
+        ahead = max(self.preview * speed, self.nearest)
+        heading = float(q[YAW])
+        error = self.path.offset(float(q[0]) + ahead * np.cos(heading), float(q[1]) + ahead * np.sin(heading))
+        curvature = 2 * error / ahead**2
+        wanted = curvature * (wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2)
+        h, self._last = t - self._last, t
+        largest = STEERING_RATE * h
+        self.angle += float(np.clip((wanted - self.angle) * min(h / self.lag, 1.0), -largest, largest))
+        return self.angle

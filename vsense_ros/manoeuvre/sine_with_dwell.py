@@ -1,0 +1,40 @@
+"""ISO 19365: one period of 0.7 Hz at the steering wheel, with a pause of 0.5 s in its second extreme."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.manoeuvre.driver import steady_steering
+from vsense_ros.model.car import GRAVITY
+from vsense_ros.model.simulate import Driver
+from vsense_ros.model.vehicle import Vehicle
+
+SPEED = 80 / 3.6
+FREQUENCY = 0.7  # [Hz]
+DWELL = 0.5  # [s]
+START = 2.0  # [s]
+AMPLITUDE = 3.0  # times the angle of 0.3 g; the standard goes from 1.5 up to 6.5 in steps of 0.5
+
+
+def steering(t: float) -> float:
+    """Between -1 and 1."""
+    phase = (t - START) * FREQUENCY
+    if phase > 0.75:
+        phase = max(0.75, phase - DWELL * FREQUENCY)
+    return float(np.sin(2 * np.pi * phase)) if 0 < phase < 1 else 0.0
+
+
+def driver(vehicle: Vehicle) -> Driver:
+    amplitude = AMPLITUDE * steady_steering(vehicle, SPEED, 0.3 * GRAVITY)
+    return lambda t, q, u: np.array([amplitude * steering(t), 0.0, 0.0, 0.0, 0.0])
+
+
+MANOEUVRE = Manoeuvre(
+    "sine_with_dwell",
+    "Sine with dwell",
+    "ISO 19365 (the manoeuvre of FMVSS 126), 80 km/h, throttle closed, 3 times the angle of 0.3 g",
+    duration=8.0,
+    speed=SPEED,
+    driver=driver,
+)
