@@ -228,6 +228,20 @@ def test_info_names_what_looks_wrong(tmp_path):
     assert "100 Hz" in result.output
 
 
+def test_a_simulated_manoeuvre_is_a_bag_with_its_truth(tmp_path):
+    out = tmp_path / "step_steer"
+    result = vsense("simulate", "step_steer", "--vehicle", "prototype_real", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert {"imu/data", "vehicle/steering", "reference/odometry", "reference/wheel_force/rr"} <= set(
+        read_bag(out).channels
+    )
+
+
+def test_an_unknown_manoeuvre_lists_the_known_ones(tmp_path):
+    result = vsense("simulate", "handstand", "--vehicle", "prototype_real", "--out", tmp_path / "bag")
+    refused(result, "handstand", "step_steer")
+
+
 def test_datasets_that_are_not_here_are_listed_as_such(tmp_path):
     result = vsense("datasets", VSENSE_DATA=str(tmp_path))
     assert result.exit_code == 0
@@ -278,3 +292,22 @@ def test_the_demo_runs_what_it_can_and_says_what_it_left_out(bag, tmp_path):
 def test_a_demo_of_nothing_is_refused(tmp_path):
     with pytest.raises(InputError, match="no drive"):
         run_demo(tmp_path, Console(record=True), through_ros=False, jobs=(Job("gone", "Gone", "rav4", missing),))
+
+
+def test_processes_that_fail_are_told_at_the_end_and_the_drive_is_shown_without_them(bag, tmp_path, monkeypatch):
+    def fail(**_: object) -> None:
+        raise InputError("node observer ended with 1")
+
+    monkeypatch.setattr("vsense_ros.demo.find_spec", lambda name: object())
+    monkeypatch.setattr("vsense_ros.demo.run_through_ros", fail)
+    job = Job("here", "A drive", "rav4", lambda: bag)
+    with pytest.raises(InputError, match=r"here: its ROS processes failed.*node observer ended"):
+        run_demo(tmp_path, Console(record=True), jobs=(job,))
+    assert list(json.loads((tmp_path / "summary.json").read_text())) == ["here"]
+
+
+def test_a_machine_without_ros_is_told_so(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr("vsense_ros.demo.find_spec", lambda name: None)
+    console = Console(record=True, width=110)
+    run_demo(tmp_path, console, jobs=(Job("here", "A drive", "rav4", lambda: bag),))
+    assert "There is no ROS 2 on this machine" in console.export_text()

@@ -155,9 +155,10 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
+    from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
-    car = load_vehicle(_vehicle_file(vehicle))
+    car = load_vehicle(vehicle_path(vehicle))
     with waiting(f"reading {bag.name}"):
         recording = import_recording(bag)
     name = recording.name or bag.stem
@@ -177,6 +178,61 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
             write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
     show_drive(drive, console())
     console().print(f"Results in {folder}.", soft_wrap=True)
+
+
+@main.command()
+@click.argument("manoeuvre")
+@_vehicle_option
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")
+@click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
+@click.option("--overwrite", is_flag=True, help="Replace a bag that stands at BAG.")
+def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool) -> None:
+    """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.
+
+    An unknown name lists those there are.
+
+    \b
+    Examples:
+      vsense simulate step_steer --vehicle prototype_real --out out/step_steer
+      vsense run out/step_steer --vehicle prototype_model
+    """
+    from vsense_ros.bag import write_bag
+    from vsense_ros.bag.inspect import inspect
+    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
+    from vsense_ros.manoeuvre import generate
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    with waiting(f"driving {manoeuvre}"):
+        recording = generate(manoeuvre, car, seed)
+        write_bag(out, recording, overwrite=overwrite)
+    show_inspection(inspect(recording), console())
+    console().print(f"Written to {out}.", soft_wrap=True)
+
+
+@main.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("bags"), show_default=True, help="Folder.")
+def bags(out: Path) -> None:
+    """Generate the manoeuvre bags of the repository again, bit by bit.
+
+    \b
+    Examples:
+      vsense bags
+      vsense bags --out /tmp/bags && diff -r bags /tmp/bags
+    """
+    from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.manoeuvre import STANDARD
+    from vsense_ros.manoeuvre.bags import plant, write_bags
+
+    written: list[Path] = []
+    with progress("generating") as done:
+        for path in write_bags(out, plant()):
+            written.append(path)
+            done(len(written) / len(STANDARD))
+    for path in written:
+        size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
+        click.echo(f"{path} {size:.2f} MB")
 
 
 @main.command()
@@ -253,22 +309,6 @@ def schema(as_json: bool) -> None:
     from vsense_ros.vehicle_schema import json_schema, markdown_table
 
     click.echo(json.dumps(json_schema(), indent=2) if as_json else markdown_table(), nl=as_json)
-
-
-def _vehicle_file(text: str) -> Path:
-    """The file that `--vehicle` means."""
-    path = Path(text)
-    if path.exists() or path.suffix or len(path.parts) > 1:
-        return path
-    from vsense_ros.shared_files import shared_folder
-
-    folder = shared_folder("config") / "vehicles"
-    known = sorted(file.stem for file in folder.glob("*.yaml"))
-    if text not in known:
-        raise InputError(
-            f"no vehicle file {text!r}: neither a path nor one of {', '.join(known) or 'none'} in {folder}"
-        )
-    return folder / f"{text}.yaml"
 
 
 if __name__ == "__main__":
