@@ -11,7 +11,7 @@
 #define DYNAMIC 7
 #define SURROUND 4
 #define GAIN (DYNAMIC + MODEL + MODEL + SURROUND)
-#define LARGEST 128
+enum { n = STATES }; /* the length of the state, given when compiling: loops of known length are twice as fast */
 
 static const int dynamic_coordinates[DYNAMIC] = {2, 3, 4, 6, 7, 8, 9};
 
@@ -96,10 +96,10 @@ int vsense_transition(double h, double gamma, const double *by_q, const double *
     return 1;
 }
 
-void vsense_propagate(int n, double h, double *p, const double *gain, const double *by_angles,
+void vsense_propagate(double h, double *p, const double *gain, const double *by_angles,
                       const double *by_velocity, const double *decay, const double *noise) {
     int columns[GAIN];
-    double rows[MODEL][LARGEST], corner[MODEL][MODEL], angles[6][3], velocity[6][6];
+    double rows[MODEL][STATES], corner[MODEL][MODEL], angles[6][3], velocity[6][6];
     gain_columns(columns);
     /* velocities */
     for (int i = 0; i < MODEL; i++) {
@@ -160,26 +160,27 @@ void vsense_propagate(int n, double h, double *p, const double *gain, const doub
     }
     /* forces, surroundings, biases */
     for (int i = 0; i < n; i++) {
-        const double di = i < 2 * MODEL ? 1 : decay[i - 2 * MODEL];
-        for (int j = 0; j < 2 * MODEL; j++) p[(long)i * n + j] *= di;
-        for (int j = 2 * MODEL; j < n; j++) p[(long)i * n + j] *= di * decay[j - 2 * MODEL];
-        if (i >= 2 * MODEL) p[(long)i * n + i] += noise[i - 2 * MODEL];
+        double *row = p + (long)i * n;
+        if (i >= 2 * MODEL)
+            for (int j = 0; j < n; j++) row[j] *= decay[i - 2 * MODEL];
+        for (int j = 2 * MODEL; j < n; j++) row[j] *= decay[j - 2 * MODEL];
+        if (i >= 2 * MODEL) row[i] += noise[i - 2 * MODEL];
     }
 }
 
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and error filled, only where that is at most limit. */
-double vsense_correct(int n, int m, int uses_acceleration, int first_bias, int biases, const double *value,
+double vsense_correct(int m, int uses_acceleration, int first_bias, int biases, const double *value,
                       const double *variance, double scale, double limit, const double *expected, const double *by_q,
                       const double *by_u, const double *by_udot, const double *by_surroundings,
                       const double *model_by_q, const double *model_by_u, const double *model_by_surroundings,
                       double *p, double *error) {
-    double jacobian[LARGEST], projected[16][LARGEST], total[16][16], innovation[16], weights[16];
+    double jacobian[STATES], projected[16][STATES], total[16][16], innovation[16], weights[16];
     int used = 0, component[16];
     for (int i = 0; i < m; i++)
         if (isfinite(value[i]) && isfinite(expected[i])) component[used++] = i;
     if (used == 0) return -1;
-    double rows[16][LARGEST];
+    double rows[16][STATES];
     for (int a = 0; a < used; a++) {
         const int i = component[a];
         memset(jacobian, 0, n * sizeof *jacobian);

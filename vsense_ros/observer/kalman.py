@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
 Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
-LARGEST = 128  # states that the compiled form has room for
 
 
 class Jacobians:
@@ -138,14 +137,13 @@ class CompiledKalman(Kalman):
     ) -> None:
         super().__init__(model, by_angles, by_velocity, covariance)
         number, integer = ctypes.c_double, ctypes.c_int
-        self._size = integer(len(covariance))
         self._transition = library.vsense_transition
         self._propagate = library.vsense_propagate
         self._correct = library.vsense_correct
         self._transition.argtypes = [number, number] + [ctypes.c_void_p] * 6
-        self._propagate.argtypes = [integer, number] + [ctypes.c_void_p] * 6
+        self._propagate.argtypes = [number] + [ctypes.c_void_p] * 6
         self._propagate.restype = None
-        self._correct.argtypes = [integer] * 5 + [ctypes.c_void_p] * 2 + [number] * 2 + [ctypes.c_void_p] * 10
+        self._correct.argtypes = [integer] * 4 + [ctypes.c_void_p] * 2 + [number] * 2 + [ctypes.c_void_p] * 10
         self._correct.restype = number
         self._jacobians = [_pointer(a) for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)]
         self._kinematics = [_pointer(by_angles), _pointer(by_velocity)]
@@ -158,14 +156,13 @@ class CompiledKalman(Kalman):
             raise FloatingPointError("the model's Jacobian is singular")
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
-        self._propagate(self._size, h, self._p, self._gain, *self._kinematics, decay.ctypes.data, noise.ctypes.data)
+        self._propagate(h, self._p, self._gain, *self._kinematics, decay.ctypes.data, noise.ctypes.data)
 
     def correct(self, sensed, uses_acceleration, biases, value, variance, scale, limit) -> float:
         pointers = self._sensed.get(id(sensed))
         if pointers is None:
             pointers = self._sensed[id(sensed)] = [_pointer(a) for a in sensed]
         return self._correct(
-            self._size,
             len(value),
             uses_acceleration,
             biases.start,
@@ -182,9 +179,9 @@ class CompiledKalman(Kalman):
 
 
 def kalman(model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
-    """The compiled algebra where there is a compiler and room enough, else NumPy's."""
+    """The compiled algebra where there is a compiler, else NumPy's."""
     source = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
-    library = codegen.library("kalman", source) if len(covariance) <= LARGEST else None
+    library = codegen.library("kalman", f"#define STATES {len(covariance)}\n{source}")
     if library is None:
         return Kalman(model, by_angles, by_velocity, covariance)
     return CompiledKalman(ctypes.CDLL(str(library)), model, by_angles, by_velocity, covariance)

@@ -31,6 +31,7 @@ _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
 _FUTURE = 1.0  # [s] a stamp this far ahead of its arrival is a clock fault
+_LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
 
 
@@ -95,6 +96,7 @@ class Observer:
         for i, sensor in enumerate(self._list):
             self._by_topic.setdefault(sensor.topic, []).append(i)
         self.health = [_Health() for _ in self._list]
+        self._variance = [sensor.deviations() ** 2 for sensor in self._list]
         self.map_origin = map_origin
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
@@ -161,8 +163,8 @@ class Observer:
                 health.refused_in_a_row += 1
                 text = "stamp repeated" if back == 0 else f"stamp {back:.3g} s before the previous one"
                 return self._refuse(index, sample.stamp, text)
-        deviations = sensor.deviations()
-        value, variance = np.empty(len(deviations)), deviations**2
+        variance = self._variance[index].copy()
+        value = np.empty(len(variance))
         values = sample.values
         if sensor.kind == "gnss_position":
             values = self._on_map(sample)
@@ -170,9 +172,12 @@ class Observer:
             sensor.read(sample.names, values, value, variance)
         except (KeyError, IndexError, ValueError) as error:
             return self._refuse(index, sample.stamp, f"unreadable: {error}")
-        value[np.abs(value) > 1e7] = np.nan
-        if np.isnan(value).all():
-            return self._refuse(index, sample.stamp, "no usable number in the message")
+        with np.errstate(invalid="ignore"):
+            known = np.abs(value) < _LARGEST_VALUE
+        if not known.all():
+            value[~known] = np.nan
+            if not known.any():
+                return self._refuse(index, sample.stamp, "no usable number in the message")
         health.last_stamp, health.last_received = sample.stamp, received
         self._newest_arrival = max(self._newest_arrival, received)
         if self._frozen(health, value, sensor):

@@ -84,8 +84,10 @@ def covariance_diagonal(flat: Vector | None, size: int) -> Vector | None:
     """Diagonal of a row-major covariance, or None where it is absent (-1) or unknown (zeros)."""
     if flat is None or len(flat) == 0:
         return None
+    if flat[0] <= 0:
+        return None
     diagonal = flat[:: int(len(flat) ** 0.5) + 1][:size]
-    return diagonal if np.all(diagonal > 0) else None
+    return diagonal if (diagonal > 0).all() else None
 
 
 def by_name(names: Names, wanted: Names, values: Vector | None, out: Vector) -> None:

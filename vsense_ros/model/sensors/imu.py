@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
@@ -48,6 +49,10 @@ class Imu(SensorBase):
     force_bias: float = parameter("m/s²", "standard deviation of the rest of the bias at start", ge=0, default=0.1)
     force_bias_drift: float = parameter("m/s²", "change of the bias in one second", ge=0, default=1e-4)
 
+    @cached_property
+    def _offset(self):
+        return np.array([*self.rate_offset, *self.force_offset])
+
     def biases(self) -> tuple[Bias, ...]:
         rates = tuple(Bias(f"gyro_bias_{axis}", self.rate_bias, self.rate_bias_drift) for axis in "xyz")
         forces = tuple(Bias(f"accelerometer_bias_{axis}", self.force_bias, self.force_bias_drift) for axis in "xyz")
@@ -60,8 +65,9 @@ class Imu(SensorBase):
         return np.array([*self.rate_noise, *self.force_noise])
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        out[:3] = values["angular_velocity"] - np.array(self.rate_offset)
-        out[3:] = values["linear_acceleration"] - np.array(self.force_offset)
+        out[:3] = values["angular_velocity"]
+        out[3:] = values["linear_acceleration"]
+        out -= self._offset
         for part, field in (
             (slice(0, 3), "angular_velocity_covariance"),
             (slice(3, 6), "linear_acceleration_covariance"),
