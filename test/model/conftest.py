@@ -30,7 +30,8 @@ def car(vehicle: Vehicle) -> Car:
 def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
     """Makes a random state of a driving car, its inputs and its surroundings, from a seed.
 
-    All wheels touch the ground; slips reach from free rolling to beyond the maximum of the force.
+    All wheels touch the ground, loaded up to several times what they carry at rest; slips reach from free rolling to
+    beyond the maximum of the force.
     """
     chassis = vehicle.physics.chassis
 
@@ -38,8 +39,8 @@ def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
         random = np.random.default_rng(seed)
         q, u = np.zeros(14), np.zeros(14)
         q[:2] = random.uniform(-500, 500, 2)
-        q[2] = chassis.cog_height - random.uniform(0.0, 0.01)
-        q[3:5] = random.uniform(-0.01, 0.01, 2)
+        q[2] = chassis.cog_height - random.uniform(0.04, 0.06)
+        q[3:5] = random.uniform(-0.02, 0.02, 2)
         q[5] = random.uniform(-4, 4)
         q[6:10] = random.uniform(-0.01, 0.01, 4)
         q[10:14] = random.uniform(-100, 100, 4)
