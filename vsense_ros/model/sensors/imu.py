@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
@@ -49,10 +49,6 @@ class Imu(SensorBase):
     force_bias: float = parameter("m/s²", "standard deviation of the rest of the bias at start", ge=0, default=0.1)
     force_bias_drift: float = parameter("m/s²", "change of the bias in one second", ge=0, default=1e-4)
 
-    @cached_property
-    def _offset(self):
-        return np.array([*self.rate_offset, *self.force_offset])
-
     def biases(self) -> tuple[Bias, ...]:
         rates = tuple(Bias(f"gyro_bias_{axis}", self.rate_bias, self.rate_bias_drift) for axis in "xyz")
         forces = tuple(Bias(f"accelerometer_bias_{axis}", self.force_bias, self.force_bias_drift) for axis in "xyz")
@@ -67,7 +63,7 @@ class Imu(SensorBase):
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[:3] = values["angular_velocity"]
         out[3:] = values["linear_acceleration"]
-        out -= self._offset
+        out -= _joined(self.rate_offset, self.force_offset)
         for part, field in (
             (slice(0, 3), "angular_velocity_covariance"),
             (slice(3, 6), "linear_acceleration_covariance"),
@@ -81,6 +77,12 @@ class Imu(SensorBase):
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return equation(motion, biases, mounting)
+
+
+@cache
+def _joined(rates: Triple, forces: Triple):
+    """Both triples as one array, kept because every message needs it."""
+    return np.array([*rates, *forces])
 
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
