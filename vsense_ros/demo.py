@@ -48,7 +48,12 @@ def _as_topics(_: Path, recording: Recording, scratch: Path) -> dict[str, Any]:
 
 
 def _as_bytes(source: Path, recording: Recording, scratch: Path) -> dict[str, Any]:
-    """The raw CAN frames on a bus, IMU and GNSS as the bytes that such sensors send."""
+    """The raw CAN frames on a bus, IMU and GNSS as the bytes that such sensors send.
+
+    Their drivers are told how good these sensors are in this car, where a phone on the windscreen shakes.
+    """
+    sensors = load_vehicle(vehicle_path("rav4")).sensors
+    imu_noise, speed_noise = sensors["imu"].model_dump(), sensors["velocity"].model_dump()["noise"]
     comma2k19.write_can_log(source, scratch / "can.log")
     imu = [
         (sample.received or sample.stamp, encode_mtdata2(sample, count & 0xFFFF))
@@ -62,6 +67,13 @@ def _as_bytes(source: Path, recording: Recording, scratch: Path) -> dict[str, An
         "can_mapping": shared_folder("config") / "can" / "toyota_rav4_2017.yaml",
         "gnss_bytes": gnss_byte_stream(recording, "nmea"),
         "imu_bytes": imu,
+        "driver_parameters": {
+            "imu_driver": {
+                "rate_deviation": float(imu_noise["rate_noise"][2]),
+                "acceleration_deviation": float(max(imu_noise["force_noise"])),
+            },
+            "gps_driver": {"speed_deviation": float(speed_noise)},
+        },
     }
 
 
