@@ -20,6 +20,8 @@ from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.parameters import NodeParameters, parameter
 
 _PATIENCE = 0.1  # [s] for which a read waits
+_CORRECTION = 50_000_000  # [ns]
+_RESOLUTION = 1_000  # [ns] of a Unix time as a float
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
 
 
@@ -49,6 +51,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
     _thread: threading.Thread | None = None
     _bus: can.BusABC | None = None
     _untimed = 0
+    _last_arrival = 0
 
     def configure(self) -> None:
         p = self.parameters
@@ -121,6 +124,10 @@ class CanDriver(SensingNode[CanDriverParameters]):
             if received is None:
                 self._untimed += 1
                 continue
+            # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
+            if 0 <= self._last_arrival - received < _CORRECTION:
+                received = self._last_arrival + _RESOLUTION
+            self._last_arrival = received
             frame.timestamp = received * 1e-9
             with self._lock:
                 samples = self._decoder.feed(frame, received)

@@ -64,7 +64,9 @@ class ReplayParameters(NodeParameters):
     position: float = parameter(-1.0, "s", "set it to seek; after the first message, -1: nowhere", live=True, ge=-1)
     paused: bool = Field(False, description="wait for ~/pause with data: false")
     clock: bool = Field(True, description="publish /clock")
-    lead: float = parameter(0.5, "s", "of clock before the first message, from which drivers learn the time", ge=0)
+    lead: float = parameter(
+        0.5, "s", "of clock (wall time) before the first message, from which drivers learn the time", ge=0
+    )
     wait: float = parameter(10.0, "s", "for subscribers, consumers and readers of ports to appear", ge=0, le=600)
     consumers: int = parameter(0, "", "that must report progress before it begins; rate 0 needs one", ge=0, le=10)
     window: float = parameter(0.2, "s", "of recorded time that consumers may lie behind with rate 0", gt=0, le=10)
@@ -228,7 +230,7 @@ class Replay(SensingNode[ReplayParameters]):
 
     def _run(self) -> None:
         first = int(self._times[0])
-        self._now = first - round(self.parameters.lead * NANO)
+        self._now = first - round(self.parameters.lead * NANO * self.parameters.rate)
         if not self._wait_for_the_others():
             return
         self.get_logger().info("begins")

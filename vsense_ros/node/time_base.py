@@ -5,9 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from itertools import islice
 
-_WINDOW = 64  # clock messages
-_RATE_SPAN = 500_000_000  # [ns] of wall time before the rate of the clock is believed
+_RATE_TICKS = 512  # clock messages from which the rate of the clock is taken
+_OFFSET_TICKS = 64  # newest of them from which the offset is taken
+_RATE_SPAN = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
+_RATE_NOISE = 0.02  # a rate this close to 1 is 1
 _JUMP = 50_000_000  # [ns]
 
 
@@ -20,16 +23,26 @@ class TimeBase:
 
     def __init__(self, simulated: bool) -> None:
         self.simulated = simulated
-        self._ticks: deque[tuple[int, int]] = deque(maxlen=_WINDOW)  # wall, simulated [ns]
+        self._ticks: deque[tuple[int, int]] = deque(maxlen=_RATE_TICKS)  # wall, simulated [ns], newest first
+        self._best = (0, 0)
+        self._rate = 1.0
         self._lock = threading.Lock()
 
     def tick(self, simulated: int, wall: int | None = None) -> None:
         """A clock message arrived; `simulated` is the time that it tells [ns]."""
         wall = time.time_ns() if wall is None else wall
         with self._lock:
-            if self._ticks and abs(self._at(wall) - simulated) > _JUMP * max(1.0, self._rate()):
+            if self._ticks and abs(self._at(wall) - simulated) > _JUMP * max(1.0, self._rate):
                 self._ticks.clear()
-            self._ticks.append((wall, simulated))
+                self._rate = 1.0
+            self._ticks.appendleft((wall, simulated))
+            first_wall, first = self._ticks[-1]
+            if wall - first_wall >= _RATE_SPAN:
+                rate = (simulated - first) / (wall - first_wall)
+                self._rate = 1.0 if abs(rate - 1.0) < _RATE_NOISE else rate
+            self._best = max(
+                islice(self._ticks, _OFFSET_TICKS), key=lambda t: t[1] - first - self._rate * (t[0] - first_wall)
+            )
 
     def at(self, wall: int) -> int | None:
         """The time [ns] at the wall time `wall` [ns]; None before the clock's first tick."""
@@ -42,10 +55,6 @@ class TimeBase:
         """The time [ns]; None before the clock's first tick."""
         return self.at(time.time_ns())
 
-    def _rate(self) -> float:
-        (first_wall, first), (last_wall, last) = self._ticks[0], self._ticks[-1]
-        return (last - first) / (last_wall - first_wall) if last_wall - first_wall >= _RATE_SPAN else 1.0
-
     def _at(self, wall: int) -> int:
-        rate = self._rate()
-        return max(simulated + round(rate * (wall - ticked)) for ticked, simulated in self._ticks)
+        ticked, simulated = self._best
+        return simulated + round(self._rate * (wall - ticked))

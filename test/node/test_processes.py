@@ -1,0 +1,405 @@
+"""The nodes as processes, each test in a ROS domain of its own."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from ros_probe import probe
+from vsense_ros.bag import read_bag, write_bag
+from vsense_ros.driver.imu import encode_mtdata2
+from vsense_ros.driver.samples import imu
+from vsense_ros.errors import InputError
+from vsense_ros.node.ports import PtyPort, TcpPort
+from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
+from vsense_ros.recording import Channel, Recording
+
+pytestmark = pytest.mark.slow
+
+START = 1_700_000_000_000_000_000
+NMEA = (
+    b"$GNRMC,101112.{0:02d}0,A,4807.0380000,N,01131.0000000,E,22.4000,84.4000,{1}*",
+    b"$GNGGA,101112.{0:02d}0,4807.0380000,N,01131.0000000,E,4,12,0.8,545.400,M,46.9,M,,*",
+)
+DBC = """VERSION ""
+BU_: ECU
+BO_ 170 WHEELS: 8 ECU
+ SG_ FL : 7|16@0+ (0.01,0) [0|250] "km/h" X
+ SG_ FR : 23|16@0+ (0.01,0) [0|250] "km/h" X
+ SG_ RL : 39|16@0+ (0.01,0) [0|250] "km/h" X
+ SG_ RR : 55|16@0+ (0.01,0) [0|250] "km/h" X
+"""
+MAPPING = """name: test car
+outputs:
+  - kind: joint_state
+    topic: vehicle/wheel_speeds
+    message: WHEELS
+    field: velocity
+    joints:
+      wheel_fl: {signals: [FL], unit: km/h, rolling_radius: 0.3}
+      wheel_fr: {signals: [FR], unit: km/h, rolling_radius: 0.3}
+      wheel_rl: {signals: [RL], unit: km/h, rolling_radius: 0.3}
+      wheel_rr: {signals: [RR], unit: km/h, rolling_radius: 0.3}
+"""
+
+Start = Callable[..., NodeProcess]
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    return ros_environment(free_domain())
+
+
+@pytest.fixture
+def start(environment: Mapping[str, str]) -> Iterator[Start]:
+    running: list[NodeProcess] = []
+
+    def begin(node: str, **parameters: Any) -> NodeProcess:
+        running.append(NodeProcess(node, parameters, environment))
+        return running[-1]
+
+    yield begin
+    for process in running:
+        process.stop()
+
+
+def sentence(body: bytes, *values: object) -> bytes:
+    text = body.decode().format(*values).encode()
+    checksum = 0
+    for byte in text[1:-1]:
+        checksum ^= byte
+    return text + f"{checksum:02X}\r\n".encode()
+
+
+def small_drive(seconds: float = 3.0, rate: int = 500) -> Recording:
+    """An IMU and wheel speeds, every message different."""
+    n = round(seconds * rate)
+    stamp = START + np.arange(n) * (1_000_000_000 // rate)
+    counter = np.arange(n, dtype=float)[:, None]
+    zeros = np.zeros((n, 9))
+    inertial = {
+        "orientation": np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
+        "orientation_covariance": zeros,
+        "angular_velocity": np.hstack([counter, 0 * counter, -counter]),
+        "angular_velocity_covariance": zeros,
+        "linear_acceleration": np.hstack([counter, counter, 9.81 + 0 * counter]),
+        "linear_acceleration_covariance": zeros,
+    }
+    wheels = {"position": np.zeros((n, 0)), "velocity": counter + np.arange(4) / 4, "effort": np.zeros((n, 0))}
+    names = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
+    return Recording(
+        {
+            "imu/data": Channel("imu/data", "sensor_msgs/msg/Imu", stamp, stamp, inertial, "imu_link"),
+            "vehicle/wheel_speeds": Channel(
+                "vehicle/wheel_speeds", "sensor_msgs/msg/JointState", stamp, stamp, wheels, "", names
+            ),
+        }
+    )
+
+
+def recorded(process: NodeProcess, bag: Path) -> Recording:
+    assert process.stop() == 0, process.output
+    return read_bag(bag)
+
+
+def test_nmea_bytes_at_a_pty_become_fixes_and_velocities(start: Start, tmp_path: Path) -> None:
+    port = PtyPort(str(tmp_path / "gnss"))
+    driver = start("gps_driver", port=str(tmp_path / "gnss"))
+    recorder = start("recorder", bag=str(tmp_path / "bag"))
+    driver.wait_until_active()
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    while not port.ready():
+        time.sleep(0.02)
+    today = time.strftime("%d%m%y", time.gmtime())
+    for tenth in range(0, 100, 10):
+        data = sentence(NMEA[0], tenth, f"{today},,,A") + sentence(NMEA[1], tenth)
+        assert port.write(b"\xff$GARBAGE\r\n" + data) == 0
+        time.sleep(0.02)
+    time.sleep(0.5)
+    driver.stop()
+    port.close()
+    bag = recorded(recorder, tmp_path / "bag")
+    fix, velocity = bag["gps/fix"], bag["gps/velocity"]
+    assert len(fix) == len(velocity) == 10
+    assert np.diff(fix.stamp).tolist() == [100_000_000] * 9
+    np.testing.assert_allclose(fix.columns["latitude"], 48 + 7.038 / 60, atol=1e-9)
+    np.testing.assert_allclose(fix.columns["altitude"], 545.4 + 46.9)
+    speed = 22.4 * 1852 / 3600
+    east, north = speed * np.sin(np.radians(84.4)), speed * np.cos(np.radians(84.4))
+    np.testing.assert_allclose(velocity.columns["linear"][:, :2], [[east, north]] * 10, atol=1e-6)
+
+
+def test_imu_bytes_over_tcp_become_imu_messages_in_vehicle_axes_also_after_the_port_was_gone(
+    start: Start, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = taken.getsockname()[1]
+    recorder = start("recorder", bag=str(tmp_path / "bag"))
+    driver = start("imu_driver", port=f"socket://127.0.0.1:{number}", mounting="x,-y,-z")
+    driver.wait_until_active()  # though nobody listens there yet
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    now = time.time_ns()
+    for life in range(2):
+        port = TcpPort(f"127.0.0.1:{number}")
+        while not port.ready():
+            time.sleep(0.02)
+        for i in range(50):
+            count = 50 * life + i
+            sample = imu(
+                "",
+                now + count * 10_000_000,
+                "",
+                angular_velocity=[0.01 * count, 0.1, 0.2],
+                linear_acceleration=[0.5, 1.0, -9.81],
+            )
+            assert port.write(encode_mtdata2(sample, count)) == 0
+        time.sleep(0.3)
+        port.close()
+    assert driver.stop() == 0
+    channel = recorded(recorder, tmp_path / "bag")["imu/data"]
+    assert len(channel) == 100
+    assert channel.frame_id == "imu_link"
+    np.testing.assert_allclose(channel.columns["angular_velocity"][:, 0], 0.01 * np.arange(100), atol=1e-6)
+    np.testing.assert_allclose(channel.columns["linear_acceleration"], [[0.5, -1.0, 9.81]] * 100, atol=1e-6)
+
+
+def wheel_frame(kph: float) -> can.Message:
+    data = b"".join(round((kph + wheel) * 100).to_bytes(2, "big") for wheel in range(4))
+    return can.Message(arbitration_id=170, data=data, is_extended_id=False)
+
+
+def test_can_frames_on_a_multicast_bus_become_wheel_speeds(start: Start, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe_socket:
+        probe_socket.bind(("", 0))
+        number = probe_socket.getsockname()[1]
+    bus_at: dict[str, Any] = {"channel": "239.74.163.2", "interface": "udp_multicast", "port": number, "hop_limit": 0}
+    try:
+        with can.Bus(**bus_at) as sender, can.Bus(**bus_at) as receiver:
+            sender.send(wheel_frame(0.0))
+            if receiver.recv(1.0) is None:
+                pytest.skip("multicast does not come back on this machine (no route for it)")
+    except (OSError, can.CanError) as error:
+        pytest.skip(f"no multicast on this machine: {error}")
+    (tmp_path / "car.dbc").write_text(DBC)
+    (tmp_path / "car.yaml").write_text(MAPPING)
+    driver = start(
+        "can_driver",
+        interface="udp_multicast",
+        channel=bus_at["channel"],
+        port=number,
+        database=str(tmp_path / "car.dbc"),
+        mapping=str(tmp_path / "car.yaml"),
+    )
+    recorder = start("recorder", bag=str(tmp_path / "bag"))
+    driver.wait_until_active()
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    with can.Bus(**bus_at) as sender:
+        for kph in range(50):
+            sender.send(wheel_frame(kph))
+            sender.send(can.Message(arbitration_id=0x123, data=b"other", is_extended_id=False))
+            time.sleep(0.005)
+    time.sleep(0.5)
+    assert driver.stop() == 0
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/wheel_speeds"]
+    expected = (np.arange(50)[:, None] + np.arange(4)) / 3.6 / 0.3
+    np.testing.assert_allclose(channel.columns["velocity"], expected, atol=1e-9)
+
+
+def test_a_can_log_replayed_onto_a_bus_reaches_the_driver_frame_by_frame(start: Start, tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text(DBC)
+    (tmp_path / "car.yaml").write_text(MAPPING)
+    with can.CanutilsLogWriter(str(tmp_path / "drive.log")) as writer:
+        for i in range(400):
+            frame = wheel_frame(0.5 * i)
+            frame.timestamp, frame.channel = START * 1e-9 + 0.005 * i, "can0"
+            writer.on_message_received(frame)
+    recorder = start("recorder", bag=str(tmp_path / "bag"), use_sim_time=True)
+    driver = start(
+        "can_driver",
+        use_sim_time=True,
+        interface="slcan",
+        channel=str(tmp_path / "can"),
+        database=str(tmp_path / "car.dbc"),
+        mapping=str(tmp_path / "car.yaml"),
+    )
+    driver.wait_until_active()
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    replay = start("replay", can_log=str(tmp_path / "drive.log"), can_channel=str(tmp_path / "can"), consumers=1)
+    assert replay.wait_until_ended(60.0) == 0, replay.output
+    time.sleep(0.3)
+    assert driver.stop() == 0
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/wheel_speeds"]
+    expected = (0.5 * np.arange(400)[:, None] + np.arange(4)) / 3.6 / 0.3
+    np.testing.assert_allclose(channel.columns["velocity"], expected, atol=1e-9)
+    # In the time of the log: arrivals jitter by what the machine's scheduling does, but do not drift.
+    late = (channel.stamp - (START + np.arange(400) * 5_000_000)) * 1e-9
+    assert abs(np.median(late)) < 0.05
+
+
+def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start, tmp_path: Path) -> None:
+    drive = small_drive(20.0)
+    write_bag(tmp_path / "drive", drive)
+    recorder = start("recorder", bag=str(tmp_path / "copy"), use_sim_time=True)
+    recorder.wait_until_active()
+    replay = start("replay", bag=str(tmp_path / "drive"), rate=0)
+    assert replay.wait_until_ended(120.0) == 0, replay.output
+    copy = recorded(recorder, tmp_path / "copy")
+    for topic, channel in drive.channels.items():
+        assert copy[topic].names == channel.names
+        np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
+        for field, column in channel.columns.items():
+            np.testing.assert_array_equal(copy[topic].columns[field], column, err_msg=f"{topic} {field}")
+
+
+def test_replay_pauses_seeks_and_starts_again_on_request(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+    from sensor_msgs.msg import Imu
+    from std_srvs.srv import SetBool, Trigger
+
+    write_bag(tmp_path / "drive", small_drive(30.0, rate=100))
+    with probe(environment) as client:
+        heard = client.listen(Imu, "imu/data")
+        replay = start("replay", bag=str(tmp_path / "drive"), topics=["imu/data"], exit_at_end=False, loop=True)
+        replay.wait_until_active()
+        client.until(lambda: len(heard) > 20)
+        assert client.call(SetBool, "replay/pause", SetBool.Request(data=True)).success
+        client.spin_for(0.3)
+        count = len(heard)
+        client.spin_for(0.5)
+        assert len(heard) == count
+
+        parameter = Parameter("position", value=29.0).to_parameter_msg()
+        result = client.call(SetParameters, "replay/set_parameters", SetParameters.Request(parameters=[parameter]))
+        assert result.results[0].successful
+        heard.clear()
+        client.call(SetBool, "replay/pause", SetBool.Request(data=False))
+        client.until(lambda: len(heard) > 10)
+        assert heard[0].angular_velocity.x == pytest.approx(2900, abs=2)
+        client.until(lambda: any(m.angular_velocity.x < 100 for m in heard))  # the loop has begun again
+
+        assert client.call(Trigger, "replay/restart", Trigger.Request()).success
+        heard.clear()
+        client.until(lambda: len(heard) > 3)
+        assert heard[-1].angular_velocity.x < 200
+        assert replay.stop() == 0
+
+
+def test_a_node_goes_through_its_lifecycle_on_request(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState, GetState
+    from sensor_msgs.msg import NavSatFix
+
+    port = PtyPort(str(tmp_path / "gnss"))
+    driver = start("gps_driver", port=str(tmp_path / "gnss"), autostart=False)
+    with probe(environment) as client:
+        heard = client.listen(NavSatFix, "gps/fix")
+        health = client.listen(DiagnosticArray, "diagnostics")
+
+        def change(transition: int) -> bool:
+            request = ChangeState.Request(transition=Transition(id=transition))
+            return client.call(ChangeState, "gps_driver/change_state", request).success
+
+        def state() -> str:
+            return client.call(GetState, "gps_driver/get_state", GetState.Request()).current_state.label
+
+        def send() -> None:
+            today = time.strftime("%d%m%y", time.gmtime())
+            for tenth in range(0, 100, 10):
+                port.write(sentence(NMEA[0], tenth, f"{today},,,A") + sentence(NMEA[1], tenth))
+
+        assert state() == "unconfigured"
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert state() == "inactive"
+        assert not port.ready()
+        assert change(Transition.TRANSITION_ACTIVATE)
+        client.until(port.ready)
+        time.sleep(0.5)
+        send()
+        client.until(lambda: len(heard) >= 5)
+        client.until(lambda: any(s.name == "gnss: port" for m in health for s in m.status))
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        assert not port.ready()
+        assert change(Transition.TRANSITION_CLEANUP)
+        assert state() == "unconfigured"
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert change(Transition.TRANSITION_ACTIVATE)
+        heard.clear()
+        client.until(port.ready)
+        time.sleep(0.5)
+        send()
+        client.until(lambda: len(heard) >= 5)
+    assert driver.stop() == 0
+    port.close()
+
+
+def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", *arguments]
+    return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(
+    ("node", "arguments", "words"),
+    [
+        ("gps_driver", ["-p", "port:=/dev/x", "-p", "protocol:=sirf"], "parameter protocol is 'sirf'"),
+        ("gps_driver", [], "parameter port is empty"),
+        ("imu_driver", ["-p", "port:=/dev/x", "-p", "mounting:=x,y,y"], "is no rotation"),
+        ("imu_driver", ["-p", "prot:=/dev/x"], "no parameter 'prot'"),
+        ("can_driver", ["-p", "database:=/none.dbc", "-p", "mapping:=/none.yaml"], "/none.dbc: no such file"),
+        ("observer", ["-p", "vehicle:=batmobile"], "no vehicle file 'batmobile'"),
+        ("observer", ["-p", "vehicle:=genesis", "-p", "rate:=-1.0"], "parameter rate is -1.0"),
+        ("replay", ["-p", "bag:=/nowhere"], "/nowhere"),
+        ("replay", [], "nothing to replay"),
+        ("recorder", [], "parameter bag is empty"),
+    ],
+)
+def test_bad_input_ends_a_node_with_one_line_and_exit_code_2(
+    environment: Mapping[str, str], node: str, arguments: list[str], words: str
+) -> None:
+    ended = run_node(environment, node, *arguments)
+    assert ended.returncode == 2, ended.stderr
+    lines = ended.stderr.strip().splitlines()
+    assert len(lines) == 1, ended.stderr
+    assert words in lines[0]
+
+
+def test_a_recorder_does_not_touch_what_is_no_bag(environment: Mapping[str, str], tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    ended = run_node(environment, "recorder", "-p", f"bag:={tmp_path}", "-p", "overwrite:=true")
+    assert ended.returncode == 2
+    assert "no bag" in ended.stderr
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_in_good_order(start: Start, tmp_path: Path, number: signal.Signals) -> None:
+    recorder = start("recorder", bag=str(tmp_path / "bag"))
+    recorder.wait_until_active()
+    recorder._process.send_signal(number)
+    assert recorder.wait_until_ended(10.0) == 0
+    assert "Traceback" not in recorder.output
+    assert (tmp_path / "bag" / "metadata.yaml").exists()
+
+
+def test_a_node_that_fails_is_reported_with_its_words(start: Start) -> None:
+    with pytest.raises(InputError, match=r"node observer ended with 2: .*vehicle is empty"):
+        start("observer").wait_until_active()

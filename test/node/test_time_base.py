@@ -1,0 +1,42 @@
+"""Wall time to the time of a replay."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense_ros.node.time_base import TimeBase
+
+MS = 1_000_000
+START = 1_500_000_000_000 * MS
+
+
+def test_without_a_simulated_clock_wall_time_is_the_time() -> None:
+    assert TimeBase(simulated=False).at(123) == 123
+
+
+def test_before_the_first_tick_there_is_no_time() -> None:
+    assert TimeBase(simulated=True).now() is None
+
+
+@given(
+    rate=st.sampled_from([0.5, 1.0, 3.0]),
+    delays=st.lists(st.integers(0, 8), min_size=150, max_size=150),
+)
+def test_ticks_that_come_late_do_not_shift_the_time(rate: float, delays: list[int]) -> None:
+    base = TimeBase(simulated=True)
+    delays[::10] = [0] * len(delays[::10])
+    for i, delay in enumerate(delays):
+        base.tick(START + round(10 * MS * i * rate), wall=10 * MS * i + delay * MS)
+    wall = 10 * MS * len(delays)
+    # The rate is known to the delay of one tick in all of them, the offset to the promptest tick of the last 0.64 s.
+    assert base.at(wall) == pytest.approx(START + wall * rate, abs=rate * 4 * MS)
+
+
+def test_a_jump_of_the_clock_is_followed_at_once() -> None:
+    base = TimeBase(simulated=True)
+    for i in range(100):
+        base.tick(START + 10 * MS * i, wall=10 * MS * i)
+    base.tick(START - 3_600_000 * MS, wall=1000 * MS)
+    assert base.at(1005 * MS) == START - 3_600_000 * MS + 5 * MS
