@@ -154,6 +154,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
+    from vsense_ros.evaluate.reference import at_cog
     from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
@@ -164,7 +165,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     name = recording.name or bag.stem
     with progress(f"estimating {name}") as done:
         result = observer.run(recording, car, progress=done)
-    drive = Drive.of(name, f"{name}, {car.name}", recording, result, way="without ROS")
+    drive = Drive.of(name, f"{name}, {car.name}", at_cog(recording, car), result, way="without ROS")
     folder = out if out is not None else Path("out") / "run" / name
     folder.mkdir(parents=True, exist_ok=True)
     write_bag(folder / "output", result.output, overwrite=True)
@@ -253,6 +254,49 @@ def demo(out: Path, without_ros: bool) -> None:
     from vsense_ros.evaluate.terminal import console
 
     run_demo(out, console(), through_ros=not without_ros)
+
+
+@main.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File.")
+@click.option("--identify", metavar="FILE", type=click.Path(path_type=Path), help="First identify, and write FILE.")
+@click.option("--sweeps", default=3, show_default=True, help="Of the identification; each takes about ten minutes.")
+def genesis(out: Path, identify: Path | None, sweeps: int) -> None:
+    """Identify the Genesis from two laps, examine the observer on the third.
+
+    Without --identify the vehicle file in config/vehicles is used, which --identify has made.
+
+    \b
+    Examples:
+      vsense genesis
+      vsense genesis --identify config/vehicles/genesis.yaml
+    """
+    from rich.table import Table
+
+    from vsense_ros import genesis as job
+    from vsense_ros.bag.importers import genesis as laps
+    from vsense_ros.demo import dataset
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle, save_vehicle
+
+    folder = dataset("genesis_oxts_can")
+    folder = folder if folder.is_dir() else folder.parent
+    car = load_vehicle(vehicle_path("genesis"))
+    if identify is not None:
+        with progress("identifying on the slow and the fast lap") as done:
+            recordings = [laps.read(folder / name) for name in job.IDENTIFIED_FROM]
+            car = job.identify(car, recordings, sweeps, done)
+        save_vehicle(identify, car)
+    with progress("estimating the third lap") as done:
+        results = job.examine(folder, car, done)
+    job.write_results(results, out)
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    for heading in ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"):
+        table.add_column(heading, justify="left" if heading == "case" else "right")
+    for name, figures in results.items():
+        values = (figures["side_slip_rmse_deg"], figures["lateral_velocity_nrmsd_percent"])
+        table.add_row(name, *(f"{value:.3f}" for value in values))
+    console().print(table)
 
 
 @main.group(invoke_without_command=True, cls=_Commands)

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
 from vsense_ros.model.sensors import Sensor
+from vsense_ros.model.sensors.base import Triple
 from vsense_ros.model.tyres import Tyre
 
 
@@ -106,6 +107,13 @@ class Physics(Part):
         return self
 
 
+class Reference(Part):
+    """Where the reference system of a recording sits, if it does not measure at cog; only comparisons use it."""
+
+    position: Triple = parameter("m", "the point it refers to, in the axes of cog", default=(0.0, 0.0, 0.0))
+    yaw: float = parameter("rad", "direction of its forward axis in the axes of cog", default=0.0)
+
+
 class Vehicle(Part):
     """A vehicle file."""
 
@@ -114,6 +122,7 @@ class Vehicle(Part):
     physics: Physics
     sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
+    reference: Reference = Reference()
 
     def values(self) -> dict[str, float]:
         """Physical parameters by dotted name."""
