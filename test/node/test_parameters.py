@@ -11,16 +11,10 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here
 from rclpy.parameter import Parameter
 
 from vsense_ros.errors import InputError
-from vsense_ros.node import can_driver, gps_driver, imu_driver, observer, parameters, recorder, replay
+from vsense_ros.node import gps_driver, observer, parameters
+from vsense_ros.node.document import NODES
 
-MODELS = [
-    can_driver.CanDriverParameters,
-    gps_driver.GpsDriverParameters,
-    imu_driver.ImuDriverParameters,
-    observer.ObserverParameters,
-    recorder.RecorderParameters,
-    replay.ReplayParameters,
-]
+MODELS = [model for _, model in NODES]
 
 
 @pytest.fixture(scope="module")

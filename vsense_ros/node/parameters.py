@@ -131,7 +131,8 @@ def rows(model: type[NodeParameters]) -> list[tuple[str, str, str, str, str]]:
         allowed = ", ".join(map(str, schema["enum"])) if "enum" in schema else ""
         if lowest is not None or highest is not None:
             allowed = f"{'' if lowest is None else f'{lowest:g}'} … {'' if highest is None else f'{highest:g}'}".strip()
-        default = info.default if isinstance(info.default, str) else str(info.default)
+        default = f"{info.default:.6g}" if isinstance(info.default, float) else str(info.default)
+        default = default.lower() if isinstance(info.default, bool) else "" if info.default == () else default
         found.append((name, default, _extra(model, name, "unit") or "", allowed, info.description or ""))
     return found
 
@@ -140,7 +141,8 @@ def markdown_table(model: type[NodeParameters]) -> str:
     """The parameters as a table in Markdown."""
     lines = ["| parameter | default | unit | allowed | what |", "|---|---|---|---|---|"]
     for name, default, unit, allowed, description in rows(model):
-        lines.append(f"| `{name}` | {f'`{default}`' if default else ''} | {unit} | {allowed} | {description} |")
+        live = " *(live)*" if is_live(model, name) else ""
+        lines.append(f"| `{name}` | {f'`{default}`' if default else ''} | {unit} | {allowed} | {description}{live} |")
     return "\n".join(lines) + "\n"
 
 

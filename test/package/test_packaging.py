@@ -1,0 +1,129 @@
+"""The package as others see it: manifest, build description, launch files, dependencies."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import types
+from importlib.metadata import entry_points
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NODES = ("can_driver", "imu_driver", "gps_driver", "observer", "replay", "recorder")
+
+
+def manifest() -> ElementTree.Element:
+    return ElementTree.parse(ROOT / "package.xml").getroot()
+
+
+def test_the_manifest_is_one_that_colcon_takes_for_a_ros_package() -> None:
+    catkin_pkg = pytest.importorskip("catkin_pkg.package", reason="catkin_pkg is not installed here")
+    package = catkin_pkg.parse_package(str(ROOT))
+    warnings: list[str] = []
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert package.package_format == 3
+    assert [e.content for e in package.exports if e.tagname == "build_type"] == ["ament_python"]
+    assert package.licenses == ["Apache-2.0"]
+
+
+def test_manifest_and_build_description_tell_the_same_version() -> None:
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert re.search(r'version="([^"]+)"', setup)[1] == manifest().findtext("version")  # type: ignore[index]
+
+
+def test_versions_are_pinned_in_the_requirement_files_alone() -> None:
+    names = set()
+    for path in sorted((ROOT / "requirements").glob("*.txt")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if line and not line.startswith("#"):
+                assert re.search(r"==|<", line), f"{path.name}: {line!r} has no version"
+                assert "://" not in line
+                name = re.split(r"[\[=<>]", line)[0].lower()
+                assert name not in names, f"{name} is listed twice"
+                names.add(name)
+    assert not re.search(r"==\d", (ROOT / "setup.py").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["vsense", *NODES])
+def test_every_command_of_the_package_leads_to_a_function(name: str) -> None:
+    (command,) = [e for e in entry_points(group="console_scripts", name=name) if e.value.startswith("vsense_ros")]
+    if command.value.startswith("vsense_ros.node"):
+        pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
+    assert callable(command.load())
+
+
+def test_the_core_imports_without_ros() -> None:
+    """Nothing outside `node/` may name a ROS package, except to find out whether there is one."""
+    ros = {"rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces"}
+    for path in sorted((ROOT / "vsense_ros").rglob("*.py")):
+        if "node" in path.relative_to(ROOT).parts:
+            continue
+        for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in item.names] if isinstance(item, ast.Import) else []
+            names += [item.module or ""] if isinstance(item, ast.ImportFrom) else []
+            assert not ros & {name.partition(".")[0] for name in names}, f"{path.relative_to(ROOT)}:{item.lineno}"
+
+
+def test_the_page_about_the_nodes_is_the_one_that_their_models_make() -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
+    from vsense_ros.node.document import page
+
+    written = (ROOT / "docs" / "nodes.md").read_text(encoding="utf-8")
+    assert written == page(), "run: python -m vsense_ros.node.document > docs/nodes.md"
+
+
+class _Anything:
+    """Stands for any class or value of launch; remembers what it was made with."""
+
+    def __init__(self, *args: object, **kwargs: object) -> None:
+        self.args, self.kwargs = args, kwargs
+
+
+@pytest.fixture
+def launch_stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`launch` comes with apt's ROS alone; where it is missing, its names are stood in for."""
+    if "launch" in sys.modules:
+        return
+    for name in (
+        "launch",
+        "launch.actions",
+        "launch.conditions",
+        "launch.event_handlers",
+        "launch.events",
+        "launch.substitutions",
+        "launch_ros",
+        "launch_ros.actions",
+        "launch_ros.parameter_descriptions",
+    ):
+        module = types.ModuleType(name)
+        module.__getattr__ = lambda _: _Anything  # type: ignore[method-assign]
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+@pytest.mark.usefixtures("launch_stand_in")
+@pytest.mark.parametrize("name", ["replay", "vehicle"])
+def test_launch_files_start_nodes_with_parameters_that_these_have(name: str) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
+    from vsense_ros.node.document import NODES as DOCUMENTED
+
+    models = {module.__name__.rpartition(".")[2]: model for module, model in DOCUMENTED}
+    source = (ROOT / "launch" / f"{name}.launch.py").read_text(encoding="utf-8")
+    scope: dict[str, object] = {}
+    exec(compile(source, f"{name}.launch.py", "exec"), scope)
+    description = scope["generate_launch_description"]()  # type: ignore[operator]
+    if not isinstance(description, _Anything):
+        pytest.skip("launch is installed: its own classes do not tell their arguments")
+    nodes = [a for a in description.args[0] if "executable" in getattr(a, "kwargs", {})]
+    assert nodes
+    for node in nodes:
+        (parameters,) = node.kwargs["parameters"]
+        unknown = set(parameters) - {"use_sim_time"} - set(models[node.kwargs["executable"]].model_fields)
+        assert not unknown, f"{node.kwargs['executable']}: {unknown}"
+    used = set(re.findall(r'(?:value|argument|LaunchConfiguration)\("(\w+)"', source))
+    used |= set(re.findall(r'needs="(\w+)"', source))
+    assert used == set(scope["ARGUMENTS"])  # type: ignore[call-overload]
