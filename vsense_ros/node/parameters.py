@@ -122,15 +122,18 @@ def _validated(model: type[Model], values: Mapping[str, Any]) -> Model:
         raise InputError("; ".join(faults)) from None
 
 
+def _range_text(constraints: list[Any]) -> str:
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = [(sign, getattr(c, key, None)) for c in constraints for key, sign in signs.items()]
+    return ", ".join(f"{sign} {bound:.12g}" for sign, bound in found if bound is not None)
+
+
 def rows(model: type[NodeParameters]) -> list[tuple[str, str, str, str, str]]:
     """Name, default, unit, range and description of each parameter."""
     found = []
     for name, info in model.model_fields.items():
-        lowest, highest = _bounds(model, name)
         schema = model.model_json_schema()["properties"][name]
-        allowed = ", ".join(map(str, schema["enum"])) if "enum" in schema else ""
-        if lowest is not None or highest is not None:
-            allowed = f"{'' if lowest is None else f'{lowest:g}'} … {'' if highest is None else f'{highest:g}'}".strip()
+        allowed = ", ".join(map(str, schema["enum"])) if "enum" in schema else _range_text(info.metadata)
         default = f"{info.default:.6g}" if isinstance(info.default, float) else str(info.default)
         default = default.lower() if isinstance(info.default, bool) else "" if info.default == () else default
         found.append((name, default, _extra(model, name, "unit") or "", allowed, info.description or ""))
