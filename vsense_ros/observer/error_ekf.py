@@ -127,7 +127,7 @@ class ErrorEkf:
         return known
 
     def linearize(self) -> None:
-        """Evaluate accelerations and Jacobians at the present state; acceleration sensors and the next step use them."""
+        """Accelerations and Jacobians at the present state, which acceleration sensors and the next step use."""
         self._linearize.call()
 
     def predict(self, h: float) -> None:

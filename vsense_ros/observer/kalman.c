@@ -3,6 +3,9 @@
  * Covariances are row-major n x n and exactly symmetric. Jacobians come column-major from the model's functions.
  * No allocation, no library but libm. MODEL is the number of coordinates; the state begins with
  * coordinates, velocities, accelerations (MODEL each) and SURROUND surroundings, then come biases.
+ *
+ * Nearly all the work is linear combinations of rows, which `combine` holds in registers; sums along a row, which a
+ * compiler may not reorder and therefore does one by one, are avoided.
  */
 #include <math.h>
 #include <string.h>
@@ -11,7 +14,24 @@
 #define DYNAMIC 7
 #define SURROUND 4
 #define GAIN (DYNAMIC + MODEL + MODEL + SURROUND)
+#define COMPONENTS 16 /* at most, of a measurement */
 enum { n = STATES }; /* the length of the state, given when compiling: loops of known length are twice as fast */
+
+/* What the functions share; all arrays stay where they are. */
+struct model {
+    const double *by_q, *by_u, *by_surroundings, *by_q_rates; /* 14 x 7, 14, 4, 14 */
+    const double *by_angles, *by_velocity;                    /* 6 x 3, 6 x 6 */
+    double *inverse;                                          /* 14 x 14, column-major */
+    double *gain;                                             /* 14 x GAIN, row-major */
+    double *covariance, *error;
+};
+
+/* A measurement of `components` and what was expected of it. */
+struct sensed {
+    int components, uses_acceleration, first_bias, biases;
+    const double *value, *variance;
+    const double *expected, *by_q, *by_u, *by_udot, *by_surroundings;
+};
 
 static const int dynamic_coordinates[DYNAMIC] = {2, 3, 4, 6, 7, 8, 9};
 
@@ -21,202 +41,218 @@ static void gain_columns(int *columns) {
     for (int i = MODEL; i < 3 * MODEL + SURROUND; i++) columns[k++] = i;
 }
 
-static void multiply(const double *a, const double *b, double *out) {
-    for (int i = 0; i < MODEL; i++) {
-        double row[MODEL] = {0};
-        for (int k = 0; k < MODEL; k++) {
-            const double f = a[i * MODEL + k];
-            for (int j = 0; j < MODEL; j++) row[j] += f * b[k * MODEL + j];
-        }
-        memcpy(out + i * MODEL, row, sizeof row);
-    }
+typedef double lane __attribute__((vector_size(32)));
+#define LANES 14 /* with two more registers for operands, what a processor with 16 of them can hold */
+
+static inline __attribute__((always_inline)) lane loaded(const double *from) {
+    lane result;
+    memcpy(&result, from, sizeof result);
+    return result;
 }
 
-/* Inverse by Gauss-Jordan elimination with partial pivoting; returns 0 if singular. */
-static int invert(double *a, double *inverse) {
-    memset(inverse, 0, MODEL * MODEL * sizeof *inverse);
-    for (int i = 0; i < MODEL; i++) inverse[i * MODEL + i] = 1;
+/* out += sum of factor[k] * row[k], all rows `width` long; `width` is a constant wherever this is called. */
+static inline __attribute__((always_inline)) void combine(int width, double *out, int count, const double *factor,
+                                                          const double *const *row) {
+    int first = 0;
+    for (; width - first >= 4; first += 4 * LANES) {
+        const int lanes = (width - first) / 4 < LANES ? (width - first) / 4 : LANES;
+        lane sum[LANES];
+#pragma GCC unroll 16
+        for (int j = 0; j < lanes; j++) sum[j] = loaded(out + first + 4 * j);
+        for (int k = 0; k < count; k++) {
+            const lane f = {factor[k], factor[k], factor[k], factor[k]};
+#pragma GCC unroll 16
+            for (int j = 0; j < lanes; j++) sum[j] += f * loaded(row[k] + first + 4 * j);
+        }
+#pragma GCC unroll 16
+        for (int j = 0; j < lanes; j++) memcpy(out + first + 4 * j, &sum[j], sizeof(lane));
+    }
+    for (int k = 0; k < count; k++)
+        for (int j = width / 4 * 4; j < width; j++) out[j] += factor[k] * row[k][j];
+}
+
+/* Inverse by Gauss-Jordan elimination with partial pivoting; `rows` (MODEL x 2 MODEL) holds the matrix, and beside it
+ * at first the unit matrix, at last the inverse. Returns 0 if singular. */
+static int invert(double (*rows)[2 * MODEL]) {
     for (int k = 0; k < MODEL; k++) {
         int best = k;
         for (int i = k + 1; i < MODEL; i++)
-            if (fabs(a[i * MODEL + k]) > fabs(a[best * MODEL + k])) best = i;
-        const double pivot = a[best * MODEL + k];
+            if (fabs(rows[i][k]) > fabs(rows[best][k])) best = i;
+        const double pivot = rows[best][k];
         if (!(fabs(pivot) > 1e-300)) return 0;
-        for (int j = 0; j < MODEL; j++) {
-            double t = a[best * MODEL + j];
-            a[best * MODEL + j] = a[k * MODEL + j];
-            a[k * MODEL + j] = t / pivot;
-            t = inverse[best * MODEL + j];
-            inverse[best * MODEL + j] = inverse[k * MODEL + j];
-            inverse[k * MODEL + j] = t / pivot;
+        for (int j = 0; j < 2 * MODEL; j++) {
+            const double t = rows[best][j];
+            rows[best][j] = rows[k][j];
+            rows[k][j] = t / pivot;
         }
+        const double *const row = rows[k];
         for (int i = 0; i < MODEL; i++) {
-            const double f = a[i * MODEL + k];
-            if (i == k || f == 0) continue;
-            for (int j = 0; j < MODEL; j++) {
-                a[i * MODEL + j] -= f * a[k * MODEL + j];
-                inverse[i * MODEL + j] -= f * inverse[k * MODEL + j];
-            }
+            const double f = -rows[i][k];
+            if (i != k && f != 0) combine(2 * MODEL, rows[i], 1, &f, &row);
         }
     }
     return 1;
 }
 
-int vsense_transition(double h, double gamma, const double *by_q, const double *by_u, const double *by_surroundings,
-                      const double *by_q_rates, double *inverse_columns, double *gain) {
-    double slope[MODEL * MODEL], matrix[MODEL * MODEL], inverse[MODEL * MODEL], w[MODEL * MODEL], response[MODEL * MODEL];
-    for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j < MODEL; j++) {
-            const double s = by_u[j * MODEL + i] + gamma * h * by_q_rates[j * MODEL + i];
-            slope[i * MODEL + j] = s;
-            matrix[i * MODEL + j] = (i == j) - gamma * h * s;
-        }
-    if (!invert(matrix, inverse)) return 0;
-    for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j < MODEL; j++) {
-            inverse_columns[j * MODEL + i] = inverse[i * MODEL + j];
-            w[i * MODEL + j] = (inverse[i * MODEL + j] - (i == j)) / gamma;
-        }
-    multiply(w, inverse, response);
-    for (int i = 0; i < MODEL * MODEL; i++) response[i] = h * (inverse[i] + (0.5 - gamma) * response[i]);
-    multiply(response, slope, matrix);
+int vsense_transition(const struct model *model, double h, double gamma) {
+    enum { width = 40 }; /* GAIN, rounded up */
+    double rows[MODEL][2 * MODEL], w[MODEL], response[MODEL][MODEL + 2], right[MODEL][width];
+    const double *right_rows[MODEL], *inverse_rows[MODEL];
+    /* What the response is multiplied with: by_q, slope, nothing, by_surroundings, in the order of the gain. */
+    memset(right, 0, sizeof right);
     for (int i = 0; i < MODEL; i++) {
-        double *row = gain + i * GAIN;
-        memset(row, 0, GAIN * sizeof *row);
-        for (int k = 0; k < MODEL; k++) {
-            const double f = response[i * MODEL + k];
-            for (int j = 0; j < DYNAMIC; j++) row[j] += f * by_q[j * MODEL + k];
-            for (int j = 0; j < SURROUND; j++) row[DYNAMIC + 2 * MODEL + j] += f * by_surroundings[j * MODEL + k];
-        }
+        for (int j = 0; j < DYNAMIC; j++) right[i][j] = model->by_q[j * MODEL + i];
+        for (int j = 0; j < SURROUND; j++) right[i][DYNAMIC + 2 * MODEL + j] = model->by_surroundings[j * MODEL + i];
         for (int j = 0; j < MODEL; j++) {
-            row[DYNAMIC + j] = (i == j) + matrix[i * MODEL + j];
-            row[DYNAMIC + MODEL + j] = response[i * MODEL + j];
+            const double s = model->by_u[j * MODEL + i] + gamma * h * model->by_q_rates[j * MODEL + i];
+            right[i][DYNAMIC + j] = s;
+            rows[i][j] = (i == j) - gamma * h * s;
+            rows[i][MODEL + j] = i == j;
         }
+        right_rows[i] = right[i];
+        inverse_rows[i] = rows[i] + MODEL;
+    }
+    if (!invert(rows)) return 0;
+    for (int i = 0; i < MODEL; i++) {
+        for (int j = 0; j < MODEL; j++) {
+            model->inverse[j * MODEL + i] = rows[i][MODEL + j];
+            w[j] = h * (0.5 - gamma) / gamma * (rows[i][MODEL + j] - (i == j));
+            response[i][j] = h * rows[i][MODEL + j];
+        }
+        combine(MODEL, response[i], MODEL, w, inverse_rows);
+    }
+    for (int i = 0; i < MODEL; i++) {
+        double row[width] = {0};
+        combine(width, row, MODEL, response[i], right_rows);
+        row[DYNAMIC + i] += 1;
+        memcpy(row + DYNAMIC + MODEL, response[i], MODEL * sizeof *row);
+        memcpy(model->gain + i * GAIN, row, GAIN * sizeof *row);
     }
     return 1;
 }
 
-void vsense_propagate(double h, double *p, const double *gain, const double *by_angles,
-                      const double *by_velocity, const double *decay, const double *noise) {
+/* corner (MODEL x MODEL) += left * right', where the columns of right' stand in `transposed`; then made symmetric. */
+static void symmetric_corner(int count, double (*left)[GAIN], double (*transposed)[16], double (*corner)[16]) {
+    const double *rows[GAIN];
+    for (int k = 0; k < count; k++) rows[k] = transposed[k];
+    for (int i = 0; i < MODEL; i++) combine(16, corner[i], count, left[i], rows);
+    for (int i = 0; i < MODEL; i++)
+        for (int j = 0; j < i; j++) corner[i][j] = corner[j][i] = 0.5 * (corner[i][j] + corner[j][i]);
+}
+
+void vsense_propagate(const struct model *model, double h, const double *decay, const double *noise) {
+    enum { first_slow = 2 * MODEL, followed = 9 };
+    double *p = model->covariance, rows[MODEL][STATES], left[MODEL][GAIN], corner[MODEL][16] = {{0}};
+    double transposed[GAIN][16] = {{0}}, map[MODEL][GAIN] = {{0}};
+    const double *from[GAIN];
     int columns[GAIN];
-    double rows[MODEL][STATES], corner[MODEL][MODEL], angles[6][3], velocity[6][6];
     gain_columns(columns);
     /* velocities */
+    for (int k = 0; k < GAIN; k++) from[k] = p + columns[k] * n;
+    memset(rows, 0, sizeof rows);
     for (int i = 0; i < MODEL; i++) {
-        double *row = rows[i];
-        memset(row, 0, n * sizeof *row);
+        combine(n, rows[i], GAIN, model->gain + i * GAIN, from);
         for (int k = 0; k < GAIN; k++) {
-            const double f = gain[i * GAIN + k];
-            const double *from = p + (long)columns[k] * n;
-            if (f == 0) continue;
-            for (int j = 0; j < n; j++) row[j] += f * from[j];
+            left[i][k] = rows[i][columns[k]];
+            transposed[k][i] = model->gain[i * GAIN + k];
         }
     }
-    for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = 0;
-            for (int k = 0; k < GAIN; k++) sum += rows[i][columns[k]] * gain[j * GAIN + k];
-            corner[i][j] = corner[j][i] = sum;
-        }
+    symmetric_corner(GAIN, left, transposed, corner);
     for (int i = 0; i < MODEL; i++) {
-        memcpy(rows[i] + MODEL, corner[i], sizeof corner[i]);
-        memcpy(p + (long)(MODEL + i) * n, rows[i], n * sizeof(double));
+        memcpy(rows[i] + MODEL, corner[i], MODEL * sizeof(double));
+        memcpy(p + (MODEL + i) * n, rows[i], n * sizeof(double));
     }
     for (int j = 0; j < n; j++)
-        if (j < MODEL || j >= 2 * MODEL)
-            for (int i = 0; i < MODEL; i++) p[(long)j * n + MODEL + i] = rows[i][j];
-    /* coordinates */
-    for (int i = 0; i < 6; i++) {
-        for (int j = 0; j < 3; j++) angles[i][j] = h * by_angles[j * 6 + i];
-        for (int j = 0; j < 6; j++) velocity[i][j] = h * by_velocity[j * 6 + i];
+        if (j < MODEL || j >= first_slow)
+            for (int i = 0; i < MODEL; i++) p[j * n + MODEL + i] = rows[i][j];
+    /* Coordinates: position and attitude follow attitude and velocity of the chassis, each of the others its rate. */
+    for (int k = 0; k < followed; k++) columns[k] = k < 3 ? 3 + k : MODEL + k - 3;
+    for (int k = followed; k < followed + MODEL - 6; k++) columns[k] = MODEL + 6 + k - followed;
+    for (int i = 0; i < MODEL; i++) {
+        for (int k = 0; k < followed && i < 6; k++)
+            map[i][k] = h * (k < 3 ? model->by_angles[k * 6 + i] : model->by_velocity[(k - 3) * 6 + i]);
+        if (i >= 6) map[i][followed + i - 6] = h;
+    }
+    for (int k = 0; k < followed + MODEL - 6; k++) {
+        from[k] = p + columns[k] * n;
+        for (int i = 0; i < MODEL; i++) transposed[k][i] = map[i][k];
     }
     for (int i = 0; i < MODEL; i++) {
-        double *row = rows[i];
-        memcpy(row, p + (long)i * n, n * sizeof *row);
-        if (i < 6) {
-            for (int k = 0; k < 3; k++)
-                for (int j = 0; j < n; j++) row[j] += angles[i][k] * p[(3 + k) * n + j];
-            for (int k = 0; k < 6; k++)
-                for (int j = 0; j < n; j++) row[j] += velocity[i][k] * p[(MODEL + k) * n + j];
-        } else {
-            for (int j = 0; j < n; j++) row[j] += h * p[(MODEL + i) * n + j];
-        }
+        memcpy(rows[i], p + i * n, sizeof rows[i]);
+        if (i < 6)
+            combine(n, rows[i], followed, map[i], from);
+        else
+            combine(n, rows[i], 1, map[i] + followed + i - 6, from + followed + i - 6);
+        for (int k = 0; k < followed + MODEL - 6; k++) left[i][k] = rows[i][columns[k]];
+        memcpy(corner[i], rows[i], MODEL * sizeof(double));
     }
-    for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j < MODEL; j++) {
-            double sum = rows[i][j];
-            if (j < 6) {
-                for (int k = 0; k < 3; k++) sum += rows[i][3 + k] * angles[j][k];
-                for (int k = 0; k < 6; k++) sum += rows[i][MODEL + k] * velocity[j][k];
-            } else {
-                sum += h * rows[i][MODEL + j];
-            }
-            corner[i][j] = sum;
-        }
+    symmetric_corner(followed + MODEL - 6, left, transposed, corner);
     for (int i = 0; i < MODEL; i++) {
-        for (int j = 0; j < MODEL; j++) rows[i][j] = 0.5 * (corner[i][j] + corner[j][i]);
-        memcpy(p + (long)i * n, rows[i], n * sizeof(double));
-        for (int j = MODEL; j < n; j++) p[(long)j * n + i] = rows[i][j];
+        memcpy(rows[i], corner[i], MODEL * sizeof(double));
+        memcpy(p + i * n, rows[i], n * sizeof(double));
+        for (int j = MODEL; j < n; j++) p[j * n + i] = rows[i][j];
     }
     /* forces, surroundings, biases */
     for (int i = 0; i < n; i++) {
-        double *row = p + (long)i * n;
-        if (i >= 2 * MODEL)
-            for (int j = 0; j < n; j++) row[j] *= decay[i - 2 * MODEL];
-        for (int j = 2 * MODEL; j < n; j++) row[j] *= decay[j - 2 * MODEL];
-        if (i >= 2 * MODEL) row[i] += noise[i - 2 * MODEL];
+        double *row = p + i * n;
+        const double own = i < first_slow ? 1 : decay[i - first_slow];
+        if (i >= first_slow)
+            for (int j = 0; j < first_slow; j++) row[j] *= own;
+        for (int j = first_slow; j < n; j++) row[j] *= own * decay[j - first_slow];
+        if (i >= first_slow) row[i] += noise[i - first_slow];
     }
+}
+
+/* One row of the measurement's Jacobian by the whole state. */
+static void sensed_row(const struct model *model, const struct sensed *sensed, int i, double *row) {
+    const int m = sensed->components;
+    memset(row, 0, n * sizeof *row);
+    for (int j = 0; j < MODEL; j++) {
+        row[j] = sensed->by_q[j * m + i];
+        row[MODEL + j] = sensed->by_u[j * m + i];
+    }
+    for (int j = 0; j < SURROUND; j++) row[3 * MODEL + j] = sensed->by_surroundings[j * m + i];
+    if (sensed->uses_acceleration)
+        for (int k = 0; k < MODEL; k++) {
+            const double f = sensed->by_udot[k * m + i];
+            if (f == 0) continue;
+            for (int j = 0; j < DYNAMIC; j++) row[dynamic_coordinates[j]] += f * model->by_q[j * MODEL + k];
+            for (int j = 0; j < MODEL; j++) row[MODEL + j] += f * model->by_u[j * MODEL + k];
+            row[2 * MODEL + k] = f;
+            for (int j = 0; j < SURROUND; j++) row[3 * MODEL + j] += f * model->by_surroundings[j * MODEL + k];
+        }
+    if (sensed->biases) row[sensed->first_bias + i] = 1;
 }
 
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and error filled, only where that is at most limit. */
-double vsense_correct(int m, int uses_acceleration, int first_bias, int biases, const double *value,
-                      const double *variance, double scale, double limit, const double *expected, const double *by_q,
-                      const double *by_u, const double *by_udot, const double *by_surroundings,
-                      const double *model_by_q, const double *model_by_u, const double *model_by_surroundings,
-                      double *p, double *error) {
-    double jacobian[STATES], projected[16][STATES], total[16][16], innovation[16], weights[16];
-    int used = 0, component[16];
-    for (int i = 0; i < m; i++)
-        if (isfinite(value[i]) && isfinite(expected[i])) component[used++] = i;
+double vsense_correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
+    double rows[COMPONENTS][STATES], projected[COMPONENTS][STATES], total[COMPONENTS][COMPONENTS];
+    double innovation[COMPONENTS], weights[COMPONENTS], factors[STATES], *p = model->covariance;
+    const double *from[STATES];
+    int used = 0, component[COMPONENTS];
+    for (int i = 0; i < sensed->components; i++)
+        if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[used++] = i;
     if (used == 0) return -1;
-    double rows[16][STATES];
     for (int a = 0; a < used; a++) {
-        const int i = component[a];
-        memset(jacobian, 0, n * sizeof *jacobian);
-        for (int j = 0; j < MODEL; j++) {
-            jacobian[j] = by_q[j * m + i];
-            jacobian[MODEL + j] = by_u[j * m + i];
-        }
-        for (int j = 0; j < SURROUND; j++) jacobian[3 * MODEL + j] = by_surroundings[j * m + i];
-        if (uses_acceleration)
-            for (int k = 0; k < MODEL; k++) {
-                const double f = by_udot[k * m + i];
-                if (f == 0) continue;
-                for (int j = 0; j < DYNAMIC; j++) jacobian[dynamic_coordinates[j]] += f * model_by_q[j * MODEL + k];
-                for (int j = 0; j < MODEL; j++) jacobian[MODEL + j] += f * model_by_u[j * MODEL + k];
-                jacobian[2 * MODEL + k] = f;
-                for (int j = 0; j < SURROUND; j++) jacobian[3 * MODEL + j] += f * model_by_surroundings[j * MODEL + k];
+        int count = 0;
+        sensed_row(model, sensed, component[a], rows[a]);
+        innovation[a] = sensed->value[component[a]] - sensed->expected[component[a]];
+        for (int k = 0; k < n; k++)
+            if (rows[a][k] != 0) {
+                factors[count] = rows[a][k];
+                from[count++] = p + k * n;
             }
-        if (biases) jacobian[first_bias + i] = 1;
-        memcpy(rows[a], jacobian, n * sizeof *jacobian);
-        innovation[a] = value[i] - expected[i];
-        double *out = projected[a];
-        memset(out, 0, n * sizeof *out);
-        for (int k = 0; k < n; k++) {
-            const double f = jacobian[k];
-            if (f == 0) continue;
-            for (int j = 0; j < n; j++) out[j] += f * p[(long)k * n + j];
-        }
-    }
-    for (int a = 0; a < used; a++)
+        memset(projected[a], 0, sizeof projected[a]);
+        combine(n, projected[a], count, factors, from);
         for (int b = 0; b <= a; b++) {
             double sum = 0;
-            for (int k = 0; k < n; k++) sum += rows[a][k] * projected[b][k];
+            for (int k = 0; k < n; k++) sum += projected[a][k] * rows[b][k];
             total[a][b] = total[b][a] = sum;
         }
+    }
     for (int a = 0; a < used; a++) {
-        total[a][a] += variance[component[a]];
+        total[a][a] += sensed->variance[component[a]];
         for (int b = 0; b < used; b++) total[a][b] *= scale;
     }
     /* Whitening by the Cholesky factor: with L L' = total, projected := L^-1 H P and weights := L^-1 innovation. */
@@ -238,22 +274,17 @@ double vsense_correct(int m, int uses_acceleration, int first_bias, int biases, 
     }
     if (!(nis <= limit)) return nis;
     for (int a = 0; a < used; a++) {
-        for (int k = 0; k < a; k++) {
-            const double f = total[a][k];
-            for (int j = 0; j < n; j++) projected[a][j] -= f * projected[k][j];
-        }
+        for (int k = 0; k < a; k++) factors[k] = -total[a][k];
+        from[a] = projected[a];
+        combine(n, projected[a], a, factors, from);
         const double f = 1 / total[a][a];
         for (int j = 0; j < n; j++) projected[a][j] *= f;
     }
-    memset(error, 0, n * sizeof *error);
-    for (int a = 0; a < used; a++)
-        for (int j = 0; j < n; j++) error[j] += weights[a] * projected[a][j];
+    memset(model->error, 0, n * sizeof(double));
+    combine(n, model->error, used, weights, from);
     for (int i = 0; i < n; i++) {
-        double *row = p + (long)i * n;
-        for (int a = 0; a < used; a++) {
-            const double f = projected[a][i];
-            for (int j = 0; j < n; j++) row[j] -= f * projected[a][j];
-        }
+        for (int a = 0; a < used; a++) factors[a] = -projected[a][i];
+        combine(n, p + i * n, used, factors, from);
     }
     return nis;
 }

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
 Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
+_COMPONENTS = 16  # of a measurement, at most, in kalman.c
 
 
 class Jacobians:
@@ -77,9 +78,10 @@ class Kalman:
         corner[:, 6:] += h * rows[:, 20:28]
         p[Q, :], p[:, Q] = rows, rows.T
         p[Q, Q] = 0.5 * (corner + corner.T)
-        p[28:, :] *= decay[:, None]
-        p[:, 28:] *= decay
-        p[range(28, len(p)), range(28, len(p))] += noise
+        p[28:, :28] *= decay[:, None]
+        p[:28, 28:] *= decay
+        p[28:, 28:] *= decay[:, None] * decay  # one product, so that the same rounding happens on both sides
+        p.flat[28 * (len(p) + 1) :: len(p) + 1] += noise
 
     def correct(
         self,
@@ -125,8 +127,26 @@ class Kalman:
         return nis
 
 
-def _pointer(array: Array) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+class _Model(ctypes.Structure):
+    """`struct model` of kalman.c."""
+
+    _fields_ = [
+        (name, ctypes.c_void_p)
+        for name in (
+            *("by_q", "by_u", "by_surroundings", "by_q_rates", "by_angles", "by_velocity"),
+            *("inverse", "gain", "covariance", "error"),
+        )
+    ]
+
+
+class _Sensed(ctypes.Structure):
+    """`struct sensed` of kalman.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("components", "uses_acceleration", "first_bias", "biases")),
+        *((name, ctypes.c_void_p) for name in ("value", "variance")),
+        *((name, ctypes.c_void_p) for name in ("expected", "by_q", "by_u", "by_udot", "by_surroundings")),
+    ]
 
 
 class CompiledKalman(Kalman):
@@ -136,46 +156,56 @@ class CompiledKalman(Kalman):
         self, library: ctypes.CDLL, model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array
     ) -> None:
         super().__init__(model, by_angles, by_velocity, covariance)
-        number, integer = ctypes.c_double, ctypes.c_int
-        self._transition = library.vsense_transition
-        self._propagate = library.vsense_propagate
+        number, address = ctypes.c_double, ctypes.c_void_p
+        self._transition, self._propagate = library.vsense_transition, library.vsense_propagate
         self._correct = library.vsense_correct
-        self._transition.argtypes = [number, number] + [ctypes.c_void_p] * 6
-        self._propagate.argtypes = [number] + [ctypes.c_void_p] * 6
+        self._transition.argtypes = [address, number, number]
+        self._propagate.argtypes = [address, number, address, address]
         self._propagate.restype = None
-        self._correct.argtypes = [integer] * 4 + [ctypes.c_void_p] * 2 + [number] * 2 + [ctypes.c_void_p] * 10
+        self._correct.argtypes = [address, address, number, number]
         self._correct.restype = number
-        self._jacobians = [_pointer(a) for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)]
-        self._kinematics = [_pointer(by_angles), _pointer(by_velocity)]
-        self._p, self._error = _pointer(covariance), _pointer(self.error)
-        self._inverse, self._gain = _pointer(self.inverse), _pointer(self.gain)
-        self._sensed: dict[int, list[ctypes.c_void_p]] = {}
+        self._structure = _Model(
+            *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
+            *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
+        )
+        self._model = ctypes.byref(self._structure)
+        # Copying into these is quicker than asking an array for its address.
+        self._value, self._variance = np.zeros(_COMPONENTS), np.zeros(_COMPONENTS)
+        self._decay, self._added = np.zeros(len(covariance) - U.stop), np.zeros(len(covariance) - U.stop)
+        self._process = self._decay.ctypes.data, self._added.ctypes.data
+        # By identity; the arrays are kept with it, so that no other object can come to have the same.
+        self._sensed: dict[tuple[int, bool, int, int], tuple[object, list[Array], _Sensed]] = {}
 
     def transition(self, h: float) -> None:
-        if not self._transition(h, GAMMA, *self._jacobians, self._inverse, self._gain):
+        if not self._transition(self._model, h, GAMMA):
             raise FloatingPointError("the model's Jacobian is singular")
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
-        self._propagate(h, self._p, self._gain, *self._kinematics, decay.ctypes.data, noise.ctypes.data)
+        self._decay[:], self._added[:] = decay, noise
+        self._propagate(self._model, h, *self._process)
 
-    def correct(self, sensed, uses_acceleration, biases, value, variance, scale, limit) -> float:
-        pointers = self._sensed.get(id(sensed))
-        if pointers is None:
-            pointers = self._sensed[id(sensed)] = [_pointer(a) for a in sensed]
-        return self._correct(
-            len(value),
-            uses_acceleration,
-            biases.start,
-            biases.stop - biases.start,
-            value.ctypes.data,
-            variance.ctypes.data,
-            scale,
-            limit,
-            *pointers,
-            *self._jacobians[:3],
-            self._p,
-            self._error,
-        )
+    def correct(
+        self,
+        sensed: list[Array],
+        uses_acceleration: bool,
+        biases: slice,
+        value: Array,
+        variance: Array,
+        scale: float,
+        limit: float,
+    ) -> float:
+        key = (id(sensed), uses_acceleration, biases.start, biases.stop)
+        known = self._sensed.get(key)
+        if known is None:
+            structure = _Sensed(
+                *(len(value), uses_acceleration, biases.start, biases.stop - biases.start),
+                *(self._value.ctypes.data, self._variance.ctypes.data),
+                *(a.ctypes.data for a in sensed),
+            )
+            known = self._sensed[key] = (ctypes.byref(structure), sensed, structure)
+        count = len(value)
+        self._value[:count], self._variance[:count] = value, variance
+        return self._correct(self._model, known[0], scale, limit)
 
 
 def kalman(model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vsense_ros.manoeuvre import generate
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
+from vsense_ros.vehicle_file import load_vehicle
+
+VEHICLES = Path(__file__).parents[2] / "config/vehicles"
+
+
+@pytest.fixture(scope="session")
+def plant() -> Vehicle:
+    return load_vehicle(VEHICLES / "prototype_real.yaml")
+
+
+@pytest.fixture(scope="session")
+def vehicle(plant: Vehicle) -> Vehicle:
+    """The observer's car: lighter and on a better road than the one that drives."""
+    return load_vehicle(VEHICLES / "prototype_model.yaml")
+
+
+@pytest.fixture(scope="session")
+def lane_change(plant: Vehicle) -> Recording:
+    """12 s: IMU at 250 Hz, wheel speeds and steering at 100 Hz, GNSS at 10 Hz 0.1 s late; with the truth."""
+    return generate("double_lane_change", plant, seed=1)

@@ -1,0 +1,209 @@
+"""The covariance algebra against dense matrices, against filterpy and against itself in the other language."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from numpy.typing import NDArray
+
+from vsense_ros.model import codegen
+from vsense_ros.observer.kalman import DYNAMIC, FORCE, SURROUND, CompiledKalman, Jacobians, Kalman, Q, U, kalman
+
+Array = NDArray[np.float64]
+N = 52
+BIASES = slice(46, 52)
+SEEDS = range(5)
+needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")
+
+
+@dataclass
+class Problem:
+    """A random linear model of the car's structure, and a covariance."""
+
+    model: Jacobians
+    by_angles: Array
+    by_velocity: Array
+    covariance: Array
+    random: np.random.Generator
+
+    def build(self, kind: Any = Kalman) -> Kalman:
+        arguments = (self.model, self.by_angles, self.by_velocity, self.covariance.copy())
+        if kind is Kalman:
+            return Kalman(*arguments)
+        made = kalman(*arguments)
+        assert isinstance(made, CompiledKalman)
+        return made
+
+    def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
+        """What a sensor's function returns: expectation and Jacobians."""
+        widths = (1, 14, 14, 14, 4)
+        parts = [np.asfortranarray(self.random.normal(size=(m, width))) for width in widths]
+        if not accelerations:
+            parts[3][:] = 0
+        return parts
+
+    def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
+        """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
+        _, by_q, by_u, by_udot, by_surroundings = sensed
+        h = np.zeros((len(by_q), N))
+        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
+        if accelerations:
+            through = np.zeros((14, N))
+            through[:, DYNAMIC], through[:, U] = self.model.by_q, self.model.by_u
+            through[:, FORCE], through[:, SURROUND] = np.eye(14), self.model.by_surroundings
+            h += by_udot @ through
+        if biased:
+            h[:, BIASES] += np.eye(len(by_q))
+        return h
+
+
+def problem(seed: int) -> Problem:
+    random = np.random.default_rng(seed)
+    model = Jacobians(*(np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (7, 14, 4, 14)))
+    root = random.normal(size=(N, N)) * 10 ** random.uniform(-2, 1, N)[:, None]
+    covariance = root @ root.T + 1e-4 * np.eye(N)
+    covariance = 0.5 * (covariance + covariance.T)
+    by_angles = np.asfortranarray(random.normal(size=(6, 3)))
+    by_velocity = np.asfortranarray(random.normal(size=(6, 6)))
+    return Problem(model, by_angles, by_velocity, covariance, random)
+
+
+def dense_transition(k: Kalman, h: float, decay: Array) -> Array:
+    """(n, n) F from its blocks: velocities first, then coordinates that follow the *new* velocities."""
+    f = np.eye(N)
+    f[28:, 28:] = np.diag(decay)
+    velocities = np.eye(N)
+    velocities[U] = 0
+    velocities[U][:, DYNAMIC] = 0
+    for column, index in enumerate([*DYNAMIC, *range(14, 46)]):
+        velocities[U, index] = k.gain[:, column]
+    coordinates = np.eye(N)
+    coordinates[:6, 3:6] += h * k.by_angles
+    coordinates[:6, 14:20] += h * k.by_velocity
+    coordinates[6:14, 20:28] += h * np.eye(8)
+    return f @ coordinates @ velocities
+
+
+def assert_close(a: Array, b: Array, tolerance: float = 1e-12) -> None:
+    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(np.abs(b).max(), 1e-300))
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
+    p = problem(seed)
+    ours, compiled = p.build(), p.build(CompiledKalman)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    sensed = p.sensed()
+    value, variance = sensed[0][:, 0] + p.random.normal(size=6), p.random.uniform(0.1, 1, 6)
+    value[2] = np.nan
+    nis = []
+    for k in (ours, compiled):
+        k.transition(0.01)
+        k.propagate(0.01, decay, noise)
+        after_step = k.covariance.copy()
+        nis.append((after_step, k.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)))
+    assert_close(compiled.inverse, ours.inverse)
+    assert_close(compiled.gain, ours.gain)
+    assert_close(nis[1][0], nis[0][0])
+    # Both solve with the covariance of the innovation, whose condition number here is below 1e6.
+    assert nis[1][1] == pytest.approx(nis[0][1], rel=1e-10)
+    assert_close(compiled.error, ours.error, 1e-10)
+    assert_close(compiled.covariance, ours.covariance)
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
+    p = problem(seed)
+    k = p.build(kind)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    k.transition(0.01)
+    f = dense_transition(k, 0.01, decay)
+    expected = f @ p.covariance @ f.T
+    expected[range(28, N), range(28, N)] += noise
+    k.propagate(0.01, decay, noise)
+    assert_close(k.covariance, expected, 1e-11)
+    assert np.array_equal(k.covariance, k.covariance.T)
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("accelerations", [True, False])
+@pytest.mark.parametrize("biased", [True, False])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: bool, seed: int) -> None:
+    p = problem(seed)
+    k = p.build(kind)
+    sensed = p.sensed(6, accelerations)
+    value = sensed[0][:, 0] + p.random.normal(size=6)
+    value[4] = np.nan
+    variance = p.random.uniform(0.1, 1, 6)
+    where = BIASES if biased else slice(46, 46)
+    nis = k.correct(sensed, accelerations, where, value, variance, 1.0, np.inf)
+    present = np.isfinite(value)
+    oracle = KalmanFilter(dim_x=N, dim_z=5)
+    oracle.P = p.covariance
+    oracle.H = p.jacobian(sensed, accelerations, biased)[present]
+    oracle.R = np.diag(variance[present])
+    oracle.update((value - sensed[0][:, 0])[present])
+    assert_close(k.error, oracle.x[:, 0], 1e-8)
+    assert_close(k.covariance, oracle.P, 1e-9)
+    assert nis == pytest.approx(float(oracle.mahalanobis) ** 2, rel=1e-8)
+    assert np.array_equal(k.covariance, k.covariance.T)
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+def test_a_measurement_beyond_the_gate_changes_nothing(kind: Any) -> None:
+    p = problem(0)
+    k = p.build(kind)
+    sensed = p.sensed()
+    nis = k.correct(sensed, True, BIASES, sensed[0][:, 0] + 1e4, np.full(6, 0.1), 1.0, 36.0)
+    assert nis > 36
+    assert np.array_equal(k.covariance, p.covariance)
+    assert not k.error.any()
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+def test_a_measurement_of_nothing_changes_nothing(kind: Any) -> None:
+    p = problem(0)
+    k = p.build(kind)
+    assert k.correct(p.sensed(), True, BIASES, np.full(6, np.nan), np.ones(6), 1.0, np.inf) < 0
+    assert np.array_equal(k.covariance, p.covariance)
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> None:
+    """The model moves the state and the filter its errors; on a linear model that is one and the same filter."""
+    p = problem(3)
+    for jacobian in (p.model.by_q, p.model.by_u, p.model.by_surroundings, p.model.by_q_rates):
+        jacobian *= 0.05  # fifty steps must not explode
+    p.by_velocity *= 0.1
+    p.by_angles *= 0.1
+    k = p.build(kind)
+    decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
+    state = p.random.normal(size=N)
+    k.transition(0.01)
+    oracle = KalmanFilter(dim_x=N, dim_z=6)
+    oracle.F = dense_transition(k, 0.01, decay)
+    oracle.Q = np.zeros((N, N))
+    oracle.Q[range(28, N), range(28, N)] = noise
+    oracle.x, oracle.P = state[:, None].copy(), p.covariance.copy()
+    variance = np.full(6, 0.5)
+    oracle.R = np.diag(variance)
+    for _ in range(50):
+        sensed = p.sensed()
+        oracle.H = p.jacobian(sensed)
+        state = oracle.F @ state
+        k.propagate(0.01, decay, noise)
+        sensed[0][:, 0] = oracle.H @ state
+        value = p.random.normal(size=6)
+        k.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
+        state += k.error
+        oracle.predict()
+        oracle.update(value)
+    assert_close(state, oracle.x[:, 0], 1e-8)
+    assert_close(k.covariance, oracle.P, 1e-8)
