@@ -147,7 +147,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 
     \b
     Examples:
-      vsense run bags/double_lane_change --vehicle sedan --report
+      vsense run bags/double_lane_change --vehicle prototype_model --report
       vsense run med_lap --vehicle genesis --out out/med_lap
     """
     from vsense_ros import observer
@@ -257,7 +257,9 @@ def demo(out: Path, without_ros: bool) -> None:
 
 
 @main.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File."
+)
 @click.option("--identify", metavar="FILE", type=click.Path(path_type=Path), help="First identify, and write FILE.")
 @click.option("--sweeps", default=3, show_default=True, help="Of the identification; each takes about ten minutes.")
 def genesis(out: Path, identify: Path | None, sweeps: int) -> None:
@@ -297,6 +299,29 @@ def genesis(out: Path, identify: Path | None, sweeps: int) -> None:
         values = (figures["side_slip_rmse_deg"], figures["lateral_velocity_nrmsd_percent"])
         table.add_row(name, *(f"{value:.3f}" for value in values))
     console().print(table)
+
+
+@main.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/thesis_errorekf.json"), show_default=True, help="File."
+)
+def thesis(out: Path) -> None:
+    """Repeat the errorEKF's table of Rodríguez 2020: plant and observer of different mass and friction.
+
+    \b
+    Examples:
+      vsense thesis
+    """
+    from vsense_ros import thesis as job
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    plant, model = (load_vehicle(vehicle_path(name)) for name in ("prototype_real", "prototype_model"))
+    with progress("driving and estimating") as done:
+        results = job.repeat(plant, model, progress=done)
+    job.write(results, out)
+    job.show(results, console())
 
 
 @main.group(invoke_without_command=True, cls=_Commands)

@@ -47,7 +47,8 @@ def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
     The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name.
     """
     manoeuvre = _find(name)
-    return record(drive(name, vehicle), vehicle, seed, name=name, about=f"{manoeuvre.title}: {manoeuvre.source}")
+    about = f"{manoeuvre.title}: {manoeuvre.source}"
+    return record(drive(name, vehicle), vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
 
 
 def _find(name: str) -> Manoeuvre:

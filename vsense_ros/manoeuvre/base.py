@@ -24,3 +24,4 @@ class Manoeuvre:
     speed: float
     driver: Callable[[Vehicle], Driver]
     friction: float | None = None
+    biased: bool = True  # whether the sensors have biases besides their noise

@@ -51,7 +51,7 @@ class LaneChanges:
 
 def _path(vehicle: Vehicle) -> LaneChanges:
     # Drivers cut into the sections as far as the width allows, so the transitions are longer than the gaps.
-    cut = 4.0
+    cut = 7.0  # [m]
     knots = [(begin + cut, end - cut, 0.5 * (right + left)) for begin, end, right, left in lanes(vehicle)]
     return LaneChanges(tuple(knots))
 

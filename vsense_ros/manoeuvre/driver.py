@@ -126,7 +126,7 @@ class PathFollower:
 
     vehicle: Vehicle
     path: Path
-    preview: float = 0.45  # [s]
+    preview: float = 0.4  # [s]
     nearest: float = 3.0  # the aim is never closer [m]
     lag: float = 0.05  # [s]
     angle: float = 0.0  # of the road wheels [rad]

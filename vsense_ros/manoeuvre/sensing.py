@@ -56,16 +56,18 @@ _SAMPLING: Mapping[str, _Sampling] = {
 }
 
 
-def record(trajectory: Trajectory, vehicle: Vehicle, seed: int, *, name: str, about: str = "") -> Recording:
+def record(
+    trajectory: Trajectory, vehicle: Vehicle, seed: int, *, name: str, about: str = "", biased: bool = True
+) -> Recording:
     """Messages of the vehicle's sensors on a trajectory with steps of 1 ms, and the truth below `reference/`.
 
-    Sensors of a kind that only a real car has (wheel torques, a second antenna) are left out.
+    `biased=False` leaves the constant errors out. Sensors of other kinds (torques, a second antenna) give nothing.
     """
     rng = np.random.RandomState(seed)
     channels = []
     for sensor in vehicle.sensors.values():
         if sensor.kind in _MESSAGES:
-            channels.append(_MESSAGES[sensor.kind](sensor, _Measuring(trajectory, vehicle, rng)))
+            channels.append(_MESSAGES[sensor.kind](sensor, _Measuring(trajectory, vehicle, rng, float(biased))))
     channels += _reference(trajectory)
     latitude, longitude, height = ORIGIN
     return Recording(
@@ -94,6 +96,7 @@ class _Measuring:
     trajectory: Trajectory
     vehicle: Vehicle
     rng: np.random.RandomState
+    bias: float  # 1, or 0 for sensors without biases
 
     def rows(self, sampling: _Sampling) -> np.ndarray:
         """Instants of the trajectory at which a sensor measures."""
@@ -113,7 +116,7 @@ class _Measuring:
         """With the bias and the noise that the vehicle file states."""
         value = self.truth(sensor, rows)
         for i, bias in enumerate(sensor.biases()):
-            value[:, i] += bias.deviation * self.rng.standard_normal()
+            value[:, i] += self.bias * bias.deviation * self.rng.standard_normal()
         return value + sensor.deviations() * self.rng.standard_normal(value.shape)
 
 
@@ -168,7 +171,7 @@ def _steering(sensor: Steering, m: _Measuring) -> Channel:
     sampling = _SAMPLING[sensor.kind]
     rows = m.rows(sampling)
     ratio = sensor.ratio or m.vehicle.physics.steering.ratio
-    angle = ratio * m.trajectory.inputs[rows, :1] + STEERING_BIAS * m.rng.standard_normal()
+    angle = ratio * m.trajectory.inputs[rows, :1] + m.bias * STEERING_BIAS * m.rng.standard_normal()
     angle = angle + STEERING_NOISE * m.rng.standard_normal(angle.shape)
     columns = {"position": quantized(angle, sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("velocity", "effort")}

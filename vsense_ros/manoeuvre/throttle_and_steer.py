@@ -1,7 +1,9 @@
 """The two manoeuvres of Rodríguez 2020: constant throttle from rest, a step of the steering at 5 s, 10 s in all.
 
-He prints the masses and the friction alone. The throttle is chosen such that the rear tyres' longitudinal force is near
-the 400 N that his percentages imply (165 N being 41 %), the angle such that the road of manoeuvre 2 is used up.
+He prints the masses, the friction and the accelerometers' noise, which is equal on the three axes and so has no bias.
+The percentages of his tyre forces imply what he divides by: 400 N along, 530 N across and 1000 N under the rear right
+tyre. So the throttle gives 400 N, and the turn is to the right, where that tyre is the lightly loaded one; it is as
+sharp as the road of manoeuvre 2 allows at the end.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from vsense_ros.model.simulate import Driver
 from vsense_ros.model.vehicle import Vehicle
 
 TORQUE = 115.0  # [N m] at each rear wheel
-ANGLE = 0.11  # [rad] of the road wheels
+ANGLE = -0.11  # [rad] of the road wheels
 STEP = 5.0  # [s]
 _PEDAL = 0.3  # [s] until the throttle is where it stays
 
@@ -22,7 +24,7 @@ _PEDAL = 0.3  # [s] until the throttle is where it stays
 def driver(vehicle: Vehicle) -> Driver:
     def drive(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         torque = TORQUE * ramp(t, 0.0, _PEDAL)
-        return np.array([ANGLE * ramp(t, STEP, ANGLE / STEERING_RATE), 0.0, 0.0, torque, torque])
+        return np.array([ANGLE * ramp(t, STEP, abs(ANGLE) / STEERING_RATE), 0.0, 0.0, torque, torque])
 
     return drive
 
@@ -36,6 +38,7 @@ MANOEUVRES = tuple(
         speed=0.0,
         driver=driver,
         friction=friction,
+        biased=False,
     )
     for number, friction in ((1, 0.8), (2, 0.6))
 )
