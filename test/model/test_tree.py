@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from vsense_ros.model import spatial
-from vsense_ros.model.tree import Body, Tree, solve_spd
+from vsense_ros.model.tree import Body, Tree, solve_dominant, solve_spd
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
 
@@ -131,5 +131,17 @@ def test_a_positive_definite_system_is_solved(size: int, seed: int):
     matrix, right = factor @ factor.T + np.eye(size), random.normal(size=(size, 2))
 
     solution = np.asarray(ca.evalf(solve_spd(ca.SX(matrix), ca.SX(right))))
+
+    assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-9, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 8), seeds)
+def test_a_system_with_a_dominant_diagonal_is_solved(size: int, seed: int):
+    random = np.random.default_rng(seed)
+    matrix = np.diag(random.uniform(1, 100, size)) + random.normal(size=(size, size)) * 0.3 / size
+    right = random.normal(size=(size, 2))
+
+    solution = np.asarray(ca.evalf(solve_dominant(ca.SX(matrix), ca.SX(right))))
 
     assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-9, atol=1e-9)

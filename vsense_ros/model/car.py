@@ -21,10 +21,11 @@ import casadi as ca
 from vsense_ros.model import spatial
 from vsense_ros.model.parameter import numbers, symbols
 from vsense_ros.model.tree import Body, Tree
-from vsense_ros.model.tyres import FORCES
+from vsense_ros.model.tyres import FORCES, STEEPEST_SLOPES
 from vsense_ros.model.vehicle import Vehicle
 
 GRAVITY = 9.80665  # [m/s²] standard acceleration of free fall
+STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
 
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -118,6 +119,7 @@ class Car:
                     opposite=i + 1 - 2 * (i % 2),
                     front=axle == 0,
                     tyre=FORCES[self._tyres[axle]],
+                    steepest_slope=STEEPEST_SLOPES[self._tyres[axle]],
                 )
             )
         return SimpleNamespace(wheelbase=wheelbase, corners=corners)
@@ -207,8 +209,9 @@ class Car:
             factor = a.dynamic_radius_factor
             effective_radius = factor * corner.radius + (1 - factor) * loaded_radius
             rolling_speed = effective_radius * self.u[10 + i]
+            speed_x = ahead.T @ velocity
             force_x, force_y, moment, slip_x, slip_y = corner.tyre(
-                a.tyre, load, ahead.T @ velocity, sideways.T @ velocity, rolling_speed, v.road.friction
+                a.tyre, load, speed_x, sideways.T @ velocity, rolling_speed, v.road.friction
             )
             contacts.append(
                 SimpleNamespace(
@@ -226,6 +229,8 @@ class Car:
                     slip_y=slip_y,
                     inclination=ca.asin(normal.T @ axle),
                     effective_radius=effective_radius,
+                    sliding_speed=rolling_speed - speed_x,
+                    transport_speed=ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
                     rolling=-a.rolling_resistance
                     * load
                     * effective_radius
@@ -267,6 +272,30 @@ class Car:
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
         linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
         return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
+
+    @cached_property
+    def stiffening(self) -> tuple[ca.SX, ca.SX]:
+        """What a time step adds to the Jacobian of the dynamics by u, as a product of 14×4 and 4×14.
+
+        Wheels are light and tyres steep: below 10 m/s slip changes faster than any affordable step. Where a tyre
+        slides, the tangent to its flat force curve says nothing of the steep slope at zero slip that the step will come
+        across, and the wheel would be thrown to and fro between the two for ever. With a slope steeper than the curve
+        has anywhere, sliding goes down with each step. The additional force acts on wheel and car alike, here a rigid
+        body in the plane, so that it takes no momentum from nowhere.
+        """
+        chassis = self._v.chassis
+        responses, slopes = [], []
+        for i, (corner, contact) in enumerate(zip(self._geometry.corners, self._contacts, strict=True)):
+            response = ca.SX.zeros(COORDINATES)
+            response[0:2] = contact.ahead[0:2] / chassis.mass
+            response[5] = ca.cross(contact.point, contact.ahead)[2] / chassis.yaw_inertia
+            response[10 + i] = -contact.effective_radius / corner.axle.wheel_spin_inertia
+            responses.append(response)
+            steepest = corner.steepest_slope(corner.axle.tyre, contact.load) / contact.transport_speed
+            tangent = ca.jacobian(contact.force_x, self.u[10 + i]) / contact.effective_radius
+            excess = ca.fmax(STIFFENING * steepest - tangent, 0)
+            slopes.append(excess * ca.jacobian(contact.sliding_speed, self.u))
+        return ca.horzcat(*responses), ca.vertcat(*slopes)
 
     @cached_property
     def wheel_outputs(self) -> ca.SX:

@@ -2,7 +2,8 @@
 
 Time integration is ROS2 (Verwer, Spee, Blom & Hundsdorfer 1999): a two-stage Rosenbrock method, second order with *any*
 matrix in place of the Jacobian, and L-stable with the exact one. Tyres near standstill are stiffer than any step length
-that a vehicle computer can afford, and an explicit method would ring there.
+that a vehicle computer can afford, and an explicit method would ring there. The matrix is the exact Jacobian, stiffened
+against wheel slip (`Car.stiffening`): a change of rank four, made within the step.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import casadi as ca
 from vsense_ros.model import codegen
 from vsense_ros.model.car import PITCH, ROLL, TRAVEL, Car, Motion, Z, kinematics
 from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.tree import solve_dominant
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
@@ -59,13 +61,22 @@ def advance_function(car: Car) -> ca.Function:
     dynamics = ca.Function("f", _arguments(car), [car.dynamics])
     q, u = car.q, car.u
     rest = _arguments(car)[2:]
+    # Inverse of the stiffened matrix by Woodbury's identity.
+    responses, slopes = car.stiffening
+    columns, rows = inverse @ responses, GAMMA * h * slopes
+    reduced = ca.SX.eye(4) - rows @ columns
+
+    def solve(right: ca.SX) -> ca.SX:
+        plain = inverse @ right
+        return plain + columns @ solve_dominant(reduced, rows @ plain)
+
     rate = kinematics(q, u)
-    first_u = inverse @ (dynamics(q, u, *rest) + GAMMA * h * (by_q @ _dynamic(rate)))
+    first_u = solve(dynamics(q, u, *rest) + GAMMA * h * (by_q @ _dynamic(rate)))
     first_q = rate + GAMMA * h * kinematics(q, first_u)
     middle_q, middle_u = q + h * first_q, u + h * first_u
     right_q = kinematics(middle_q, middle_u) - 2 * first_q
     right_u = dynamics(middle_q, middle_u, *rest) - 2 * first_u
-    second_u = inverse @ (right_u + GAMMA * h * (by_q @ _dynamic(right_q)))
+    second_u = solve(right_u + GAMMA * h * (by_q @ _dynamic(right_q)))
     second_q = right_q + GAMMA * h * kinematics(q, second_u)
     return codegen.function(
         "advance",

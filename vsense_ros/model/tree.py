@@ -34,9 +34,12 @@ class Body:
 
 @dataclass(frozen=True)
 class Tree:
-    """A floating root of spatial inertia `root_inertia` (6×6) and its bodies, parents before children."""
+    """A floating root of spatial inertia `root_inertia` (6×6) and its bodies, parents before children.
 
-    root_inertia: ca.SX
+    Without an inertia the root is held: its acceleration is zero, whatever acts on it.
+    """
+
+    root_inertia: ca.SX | None
     bodies: tuple[Body, ...]
 
     def velocities(self, root_velocity: ca.SX, rates: ca.SX) -> list[ca.SX]:
@@ -62,8 +65,9 @@ class Tree:
         articulated = [b.inertia for b in self.bodies]
         bias = [cross_force(velocity[i], self.bodies[i].inertia @ velocity[i]) - forces[i] for i in range(count)]
         coriolis = [cross_motion(velocity[i], self.bodies[i].axis * rates[i]) for i in range(count)]
-        root_articulated = self.root_inertia
-        root_bias = cross_force(root_velocity, self.root_inertia @ root_velocity) - root_force
+        root_inertia = ca.SX(6, 6) if self.root_inertia is None else self.root_inertia
+        root_articulated = root_inertia
+        root_bias = cross_force(root_velocity, root_inertia @ root_velocity) - root_force
 
         column: list[ca.SX] = [ca.SX()] * count
         pivot: list[ca.SX] = [ca.SX()] * count
@@ -84,7 +88,8 @@ class Tree:
                 articulated[self.bodies[i].parent] = articulated[self.bodies[i].parent] + inertia
                 bias[self.bodies[i].parent] = bias[self.bodies[i].parent] + force
 
-        root_acceleration = solve_spd(root_articulated, -root_bias)
+        held = self.root_inertia is None
+        root_acceleration = ca.SX(6, 1) if held else solve_spd(root_articulated, -root_bias)
         acceleration: list[ca.SX] = []
         joint: list[ca.SX] = []
         for i, body in enumerate(self.bodies):
@@ -98,7 +103,7 @@ class Tree:
         """Mass matrix times accelerations, `[root 6; joints n]`, by Newton-Euler at rest (no matrix is formed)."""
         acceleration = self.velocities(root_acceleration, joint_acceleration)
         force = [b.inertia @ a for b, a in zip(self.bodies, acceleration, strict=True)]
-        root = self.root_inertia @ root_acceleration
+        root = ca.SX(6, 1) if self.root_inertia is None else self.root_inertia @ root_acceleration
         joint: list[ca.SX] = [ca.SX()] * len(self.bodies)
         for i in reversed(range(len(self.bodies))):
             body = self.bodies[i]
@@ -133,4 +138,20 @@ def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
     for i in reversed(range(n)):
         for k in range(i + 1, n):
             y[i, :] -= low[k, i] * y[k, :]
+    return y
+
+
+def solve_dominant(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Solution of a small system by elimination without pivoting, for matrices with dominant diagonals."""
+    n = matrix.shape[0]
+    a, y = ca.SX(matrix), ca.SX(right)
+    for k in range(n):
+        for i in range(k + 1, n):
+            factor = a[i, k] / a[k, k]
+            a[i, k + 1 :] -= factor * a[k, k + 1 :]
+            y[i, :] -= factor * y[k, :]
+    for i in reversed(range(n)):
+        for k in range(i + 1, n):
+            y[i, :] -= a[i, k] * y[k, :]
+        y[i, :] /= a[i, i]
     return y

@@ -113,6 +113,12 @@ def _curve(p: SimpleNamespace, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.S
     return slope, maximum, slip_max, sliding, slip_slide
 
 
+def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Largest increase of longitudinal force per longitudinal slip at a wheel load, that at zero slip [N]."""
+    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
+    return _force_at_load(p.longitudinal.nominal.initial_slope, p.longitudinal.double.initial_slope, ratio)
+
+
 def forces(
     p: SimpleNamespace, load: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, friction: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
