@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import SURROUNDINGS, WHEELS, car_of
+from vsense_ros.model.car import INPUTS, SURROUNDINGS, WHEELS, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.sensors import Bias, SensorBase
@@ -53,34 +53,39 @@ class ErrorEkf:
     """The filter of one vehicle with one set of sensors.
 
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
-    the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces.
+    the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
+    model. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
+    was, to the last bit.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         self.vehicle = vehicle
         self.sensors = tuple(sensors.values())
         self.layout = layout(sensors)
-        self.state = np.zeros(self.layout.size)
-        self.covariance = np.zeros((self.layout.size, self.layout.size))
-        self.inputs = np.zeros(5)
+        n = self.layout.size
         car = car_of(vehicle)
         functions = model_functions(car)
+        inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
+        self.memory = np.zeros(n + inputs + n * n + jacobians)
+        self.state, self.inputs, covariance, linearization = np.split(
+            self.memory, np.cumsum([n, inputs, n * n]).tolist()
+        )
+        self.covariance = covariance.reshape(n, n)
         q, u, force, around = (self.state[s] for s in (Q, U, FORCE, SURROUND))
         parameters = vehicle.parameter_vector()
         arguments = [q, u, force, around, self.inputs, parameters]
-        self._linearize = Kernel(functions["linearize"], arguments)
-        self.udot, *jacobians = self._linearize.results
-        by_q, by_u, by_surroundings, by_q_rates = jacobians
+        self._linearize = Kernel(functions["linearize"], arguments, linearization)
+        self.udot, by_q, by_u, by_surroundings, by_q_rates = self._linearize.results
         self._kinematics = Kernel(functions["kinematics"], [q, u])
-        self._kalman = kalman(
-            Jacobians(by_q, by_u, by_surroundings, by_q_rates), *self._kinematics.results, self.covariance
-        )
+        by_angles, by_velocity = self._kinematics.results
+        model = Jacobians(by_q, by_u, by_surroundings, by_q_rates)
+        self._kalman = kalman(model, by_angles, by_velocity, self.covariance)
         self._h = np.zeros(1)
         flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
         self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
         self._error = self._kalman.error
         self._force = Kernel(functions["force"], [q, self.inputs, around, parameters, self._error[FORCE]])
-        self._wheels = Kernel(functions["dynamics"], arguments)
+        self._present = Kernel(functions["dynamics"], arguments)
         sensing = sensor_functions(car, self.sensors)
         self._sense: list[Kernel | None] = [None] * len(self.sensors)
         for i, (sensor, where) in enumerate(zip(self.sensors, self.layout.biases, strict=True)):
@@ -163,7 +168,11 @@ class ErrorEkf:
             state[42:] += error[42:]
         return nis
 
-    def wheel_outputs(self) -> Array:
-        """Forces and slips of the wheels at the present state, as `Car.wheel_outputs` (7×4)."""
-        self._wheels.call()
-        return self._wheels.results[1]
+    def present(self) -> tuple[Array, Array]:
+        """Derivatives of the velocities (14,), and forces and slips of the wheels as `Car.wheel_outputs` (7×4).
+
+        They belong to the present state, corrections included, while `udot` is of the last linearisation.
+        """
+        self._present.call()
+        udot, wheels = self._present.results
+        return udot[:, 0], wheels

@@ -10,38 +10,30 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 
 import numpy as np
-import pymap3d
 from numpy.typing import NDArray
 
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import PITCH, ROLL, YAW, Z
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.car import YAW, Z
+from vsense_ros.model.sensors import SensorBase, Steering
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
+from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.kalman import SURROUND, Q, U
+from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
 
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
-_PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
-_FUTURE = 1.0  # [s] a stamp this far ahead of its arrival is a clock fault
-_LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
-
-
-@dataclass(slots=True)
-class _Event:
-    """A measurement or input that belongs to a time."""
-
-    sensor: int
-    value: Array
-    variance: Array
+_FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
+_MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
+_ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
 
 
 @dataclass(slots=True)
@@ -49,29 +41,8 @@ class _Instant:
     """The filter after all that happened at one time."""
 
     stamp: int
-    state: Array
-    covariance: Array
-    inputs: Array
-    events: list[_Event] = field(default_factory=list)
-
-
-@dataclass
-class _Health:
-    """What became of one sensor's messages."""
-
-    used: int = 0
-    refused: int = 0  # by the gate
-    refused_in_a_row: int = 0
-    late: int = 0  # re-propagated
-    too_late: int = 0
-    invalid: int = 0
-    last_stamp: int = 0
-    last_received: int = 0
-    problem: str = ""
-    problem_at: int = 0
-    innovation_ratio: float = 1.0  # smoothed NIS over its expectation
-    frozen_rows: int = 0
-    last_value: Array | None = None
+    memory: Array
+    events: list[Event] = field(default_factory=list)
 
 
 class Observer:
@@ -95,16 +66,18 @@ class Observer:
         self._by_topic: dict[str, list[int]] = {}
         for i, sensor in enumerate(self._list):
             self._by_topic.setdefault(sensor.topic, []).append(i)
-        self.health = [_Health() for _ in self._list]
-        self._variance = [sensor.deviations() ** 2 for sensor in self._list]
-        self.map_origin = map_origin
+        self.health = [Health() for _ in self._list]
+        on_map = Map(map_origin)
+        self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self._list)]
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self._history: list[_Instant] = []
-        self._ahead: list[tuple[int, list[_Event]]] = []  # what is to be done again after a late measurement
-        self._first: dict[int, _Event] = {}  # newest measurement of each sensor before the start
+        self._ahead: list[tuple[int, list[Event]]] = []  # what is to be done again after a late measurement
+        self._first: dict[int, tuple[int, Event]] = {}  # newest measurement of each sensor before the start, and when
+        self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._first_stamp = 0
         self._newest_arrival = 0
+        self._silence = 0  # before the newest message [ns]
         self._faults = 0
         self._restarts = 0
         self._started_at = 0
@@ -136,101 +109,116 @@ class Observer:
     def add(self, sample: Sample) -> None:
         """Use a message of any topic; messages of unknown topics are ignored. Never raises for bad content."""
         for index in self._by_topic.get(sample.topic, ()):
-            event = self._read(index, sample)
-            if event is not None:
+            health = self.health[index]
+            health.last_received = self._arrival(sample)
+            event = self._readers[index].read(sample)
+            if not isinstance(event, Event):
+                self._refuse(index, event)
+            elif sample.stamp <= health.last_stamp and sample.stamp in health.stamps:
+                self._refuse(index, "stamp repeated")
+            elif self._frozen(index, event):
+                self._refuse(index, "value frozen")
+            else:
                 stamp = sample.stamp - int(self._list[index].latency * 1e9)
-                if self.started:
-                    self._use(stamp, event)
-                else:
+                if not self.started:
+                    self._believe(index, sample.stamp)
                     self._gather(stamp, event)
+                elif self._timely(index, stamp, event):
+                    self._believe(index, sample.stamp)
+                    self._use(stamp, event)
 
-    # Reading
+    # Messages
 
-    def _read(self, index: int, sample: Sample) -> _Event | None:
-        sensor, health = self._list[index], self.health[index]
-        received = sample.received if sample.received is not None else sample.stamp
-        if sample.kind != sensor.message:
-            return self._refuse(index, sample.stamp, f"message type {sample.kind}, expected {sensor.message}")
-        if sensor.frame_id and sample.frame_id and sample.frame_id != sensor.frame_id:
-            return self._refuse(index, sample.stamp, f"frame_id {sample.frame_id!r}, expected {sensor.frame_id!r}")
-        if sample.stamp > received + _FUTURE * 1e9:
-            ahead = (sample.stamp - received) * 1e-9
-            return self._refuse(index, sample.stamp, f"stamp {ahead:.3g} s ahead of its arrival")
-        if health.used and sample.stamp <= health.last_stamp:
-            back = (health.last_stamp - sample.stamp) * 1e-9
-            # A stream whose clock was set back for good must not be refused for ever.
-            if health.refused_in_a_row < _PATIENCE or sample.stamp == health.last_stamp:
-                health.refused_in_a_row += 1
-                text = "stamp repeated" if back == 0 else f"stamp {back:.3g} s before the previous one"
-                return self._refuse(index, sample.stamp, text)
-        variance = self._variance[index].copy()
-        value = np.empty(len(variance))
-        values = sample.values
-        if sensor.kind == "gnss_position":
-            values = self._on_map(sample)
-        try:
-            sensor.read(sample.names, values, value, variance)
-        except (KeyError, IndexError, ValueError) as error:
-            return self._refuse(index, sample.stamp, f"unreadable: {error}")
-        with np.errstate(invalid="ignore"):
-            known = np.abs(value) < _LARGEST_VALUE
-        if not known.all():
-            value[~known] = np.nan
-            if not known.any():
-                return self._refuse(index, sample.stamp, "no usable number in the message")
-        health.last_stamp, health.last_received = sample.stamp, received
-        self._newest_arrival = max(self._newest_arrival, received)
-        if self._frozen(health, value, sensor):
-            return self._refuse(index, sample.stamp, "value frozen")
-        return _Event(index, value, variance)
+    def _arrival(self, sample: Sample) -> int:
+        """When a message arrived; where it does not tell, its stamp, as far as that goes on with the others."""
+        received, newest = sample.received, self._newest_arrival
+        if received is None:
+            received = min(sample.stamp, newest + _ARRIVAL_STEP) if newest else sample.stamp
+        self._silence = received - newest
+        self._newest_arrival = max(newest, received)
+        return received
 
-    @staticmethod
-    def _frozen(health: _Health, value: Array, sensor: SensorBase) -> bool:
-        """Noise makes two equal messages of an inertial sensor unlikely and fifty impossible."""
-        if sensor.kind != "imu":
+    def _believe(self, index: int, stamp: int) -> None:
+        health = self.health[index]
+        health.last_stamp = max(health.last_stamp, stamp)
+        health.stamps.append(stamp)
+
+    def _frozen(self, index: int, event: Event) -> bool:
+        if self._list[index].kind != "imu":
             return False
-        same = health.last_value is not None and np.array_equal(value, health.last_value, equal_nan=True)
-        health.frozen_rows = health.frozen_rows + 1 if same else 0
-        health.last_value = value
-        return health.frozen_rows > 50 and bool(np.nanmax(np.abs(value[:3]), initial=0.0) > 1e-3)
+        health, content = self.health[index], event.value.tobytes()
+        health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0
+        health.last_content = content
+        if health.same_in_a_row < _FROZEN:
+            return False
+        turning = np.nanmax(np.abs(event.value[:3]), initial=0.0) > 1e-3
+        return bool(turning or abs(self.filter.state[14]) > _MOVING)
 
-    def _refuse(self, index: int, stamp: int, why: str) -> None:
+    def _refuse(self, index: int, why: str) -> None:
         health = self.health[index]
         health.invalid += 1
-        health.problem, health.problem_at = why, stamp
+        health.complain(why)
 
-    def _on_map(self, sample: Sample):
-        values = dict(sample.values)
-        latitude, longitude, height = (float(values[k][0]) for k in ("latitude", "longitude", "altitude"))
-        if not (abs(latitude) <= 90 and abs(longitude) <= 360):
-            values["east"] = values["north"] = np.array([np.nan])
-            return values
-        height = height if np.isfinite(height) else 0.0
-        if self.map_origin is None:
-            self.map_origin = (latitude, longitude, height)
-        east, north, _ = pymap3d.geodetic2enu(latitude, longitude, self.map_origin[2], *self.map_origin)
-        values["east"], values["north"] = np.array([float(east)]), np.array([float(north)])
-        return values
+    def _timely(self, index: int, stamp: int, event: Event) -> bool:
+        """Whether a stamp belongs to the stretch of time that the filter knows, or goes on from there.
+
+        Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors tell
+        whether this clock is wrong: once all that still send are there too, the filter follows them. A clock that alone
+        went elsewhere is never followed.
+        """
+        newest = self.stamp
+        oldest = max(newest - self._reach, self._history[0].stamp)
+        if oldest <= stamp <= newest + self._reach:
+            if self._jumps:
+                self._jumps.pop(index, None)
+            return True
+        silent = abs(stamp - newest - self._silence) < self._reach
+        agreed = silent or self._others_are_there(index, stamp)
+        distance = (stamp - newest) * 1e-9
+        if agreed and abs(distance) > _LONGEST_GAP:
+            self._restart(stamp, event)
+            return False
+        if distance > 0:
+            if agreed:
+                return True
+            self._refuse(index, f"stamp {distance:.3g} s ahead of all others")
+            return False
+        health = self.health[index]
+        health.too_late += 1
+        health.complain(f"measurement {-distance:.3g} s old, history is {self._reach * 1e-9:g} s")
+        return False
+
+    def _others_are_there(self, index: int, stamp: int) -> bool:
+        """Whether every other sensor that still sends went to the same time, or none has sent lately."""
+        self._jumps[index] = stamp
+        others = (
+            i
+            for i, h in enumerate(self.health)
+            if h.last_stamp and i != index and self._newest_arrival - h.last_received < self._list[i].timeout * 1e9
+        )
+        return all(i in self._jumps and abs(self._jumps[i] - stamp) < _LONGEST_GAP * 1e9 for i in others)
 
     # Start
 
-    def _gather(self, stamp: int, event: _Event) -> None:
+    def _gather(self, stamp: int, event: Event) -> None:
         """Collect what came until it tells how the car moves, then start."""
-        if not self._first_stamp:
+        # What is far from this in time, one of them by a wrong clock, does not describe the same start.
+        self._first = {i: f for i, f in self._first.items() if abs(f[0] - stamp) < _LONGEST_GAP * 1e9}
+        if not self._first:
             self._first_stamp = stamp
-        self._first[event.sensor] = event
-        kinds = {self._list[i].kind: e for i, e in self._first.items()}
-        if "steering" in {s.kind for s in self._list} and "steering" not in kinds:
-            return
+        self._first[event.sensor] = (stamp, event)
+        kinds = {self._list[i].kind: e for i, (_, e) in self._first.items()}
         speed = _first_speed(kinds, self.vehicle)
         waited = (stamp - self._first_stamp) * 1e-9
-        if speed is None and waited < 5.0:
+        if "steering" in {s.kind for s in self._list} and "steering" not in kinds and waited < _LONGEST_GAP:
+            return
+        if speed is None and waited < _LONGEST_GAP:
             return
         if "gnss_velocity" in {s.kind for s in self._list} and "gnss_velocity" not in kinds and waited < 1.0:
             return
         self._start(stamp, speed or 0.0, kinds)
 
-    def _start(self, stamp: int, speed: float, kinds: dict[str, _Event]) -> None:
+    def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
         f.state[:] = 0.0
         f.state[Z] = self.vehicle.physics.chassis.cog_height
@@ -262,7 +250,7 @@ class Observer:
             self._align(velocity)
         self._copy(self._remember(stamp))
 
-    def _align(self, event: _Event) -> bool:
+    def _align(self, event: Event) -> bool:
         """Take the heading from the course, once it is meaningful; True if that has just been done."""
         east, north = event.value
         speed = float(np.hypot(east, north))
@@ -280,33 +268,16 @@ class Observer:
 
     # Filtering
 
-    def _use(self, stamp: int, event: _Event) -> None:
+    def _use(self, stamp: int, event: Event) -> None:
         """Put an event in its place and bring the filter up to the newest time again."""
-        health = self.health[event.sensor]
-        newest = self.stamp
-        if stamp > newest + _LONGEST_GAP * 1e9:
-            # Either everything was silent for long or this clock has jumped; the other sensors will tell.
-            if not self._all_jumped(event.sensor, stamp):
-                self._refuse(event.sensor, stamp, f"stamp {(stamp - newest) * 1e-9:.3g} s ahead of all others")
-                return
-            self._restart(stamp, event)
-            return
-        if stamp < newest - self._reach or stamp < self._history[0].stamp:
-            if stamp < newest - _LONGEST_GAP * 1e9 and self._all_jumped(event.sensor, stamp):
-                self._restart(stamp, event)
-                return
-            health.too_late += 1
-            health.problem = f"measurement {(newest - stamp) * 1e-9:.3g} s old, history is {self._reach * 1e-9:g} s"
-            health.problem_at = stamp
-            return
-        if stamp < newest - self._merge:
-            health.late += 1
+        if stamp < self.stamp - self._merge:
+            self.health[event.sensor].late += 1
             self._insert(stamp, event)
         else:
             self._catch_up()
             self._occur(stamp, [event])
 
-    def _occur(self, stamp: int, events: list[_Event], again: bool = False) -> None:
+    def _occur(self, stamp: int, events: list[Event]) -> None:
         """Let events happen at `stamp`, not before the newest instant of the history."""
         newest = self._history[-1]
         # An input holds from here on: the model need not be brought to the very time it was read.
@@ -315,19 +286,21 @@ class Observer:
             self._advance(newest.stamp, stamp)
             newest = self._remember(stamp)
         for event in events:
-            self._happen(event, again)
+            self._happen(event)
         newest.events += events
         self._copy(newest)
 
-    def _insert(self, stamp: int, event: _Event) -> None:
+    def _insert(self, stamp: int, event: Event) -> None:
         """Put a late event in its place; what follows it is done again when the newest state is next needed."""
-        position = bisect_right(self._history, stamp + self._merge, key=lambda i: i.stamp)
+        # An input holds from the instant before it on, as if it had come in time.
+        within = 0 if self._list[event.sensor].is_input else self._merge
+        position = bisect_right(self._history, stamp + within, key=lambda i: i.stamp)
         if position < len(self._history):
             undone = self._history[position:]
             self._ahead[:0] = [(instant.stamp, instant.events) for instant in undone]
             del self._history[position:]
             self._restore(self._history[-1])
-        before = bisect_right(self._ahead, stamp + self._merge, key=lambda a: a[0])
+        before = bisect_right(self._ahead, stamp + within, key=lambda a: a[0])
         if before == 0:
             self._occur(stamp, [event])
         else:
@@ -337,116 +310,108 @@ class Observer:
         """Do again what came after a late measurement."""
         ahead, self._ahead = self._ahead, []
         for stamp, events in ahead:
-            self._occur(stamp, events, again=True)
+            self._occur(stamp, events)
 
-    def _all_jumped(self, sensor: int, stamp: int) -> bool:
-        """Whether every other sensor that still sends does so on the new clock, or none has sent lately."""
-        self._jumps = getattr(self, "_jumps", {})
-        self._jumps[sensor] = stamp
-        others = [
-            i
-            for i, h in enumerate(self.health)
-            if h.used and i != sensor and self._newest_arrival - h.last_received < self._list[i].timeout * 1e9
-        ]
-        agreed = all(i in self._jumps and abs(self._jumps[i] - stamp) < _LONGEST_GAP * 1e9 for i in others)
-        if agreed:
-            self._jumps = {}
-        return agreed
-
-    def _restart(self, stamp: int, event: _Event) -> None:
+    def _restart(self, stamp: int, event: Event) -> None:
         self._restarts += 1
         self.started = False
         self._history.clear()
         self._ahead.clear()
-        self._first, self._first_stamp = {}, 0
+        self._first.clear()
+        self._jumps.clear()
+        self._newest_arrival = self.health[event.sensor].last_received
+        for health in self.health:
+            health.last_stamp = 0
+            health.stamps.clear()
+        self._believe(event.sensor, stamp)
         self._gather(stamp, event)
 
     def _advance(self, start: int, end: int) -> None:
         count = max(1, -(-(end - start) // self._step))
         h = (end - start) * 1e-9 / count
-        for i in range(count):
-            if i:
-                self.filter.linearize()
-            self.filter.predict(h)
+        try:
+            for i in range(count):
+                if i:
+                    self.filter.linearize()
+                self.filter.predict(h)
+        except (FloatingPointError, np.linalg.LinAlgError):
+            self._recover()
         self.filter.linearize()
 
-    def _happen(self, event: _Event, again: bool = False) -> None:
-        """Let an event act on the filter at its present time."""
-        f, sensor = self.filter, self._list[event.sensor]
-        value = event.value
+    def _happen(self, event: Event) -> None:
+        """Let an event act on the filter at its present time; what happens again is not counted again."""
+        f, sensor, health = self.filter, self._list[event.sensor], self.health[event.sensor]
+        value, first = event.value, not event.counted
+        event.counted = True
         if sensor.is_input:
-            part = f.inputs[_INPUTS[sensor.kind]]
-            np.copyto(part, value, where=np.isfinite(value))
-            if not again:
-                self.health[event.sensor].used += 1
+            np.copyto(f.inputs[_INPUTS[sensor.kind]], value, where=np.isfinite(value))
+            health.used += first
             return
         if not self.heading_known:
             if sensor.kind == "gnss_velocity" and self._align(event):
                 pass
             elif sensor.kind in ("gnss_velocity", "gnss_position"):
-                if sensor.kind == "gnss_position" and not again:
-                    f.state[0:2] = value
+                if sensor.kind == "gnss_position" and first:
+                    np.copyto(f.state[0:2], value, where=np.isfinite(value))
                 return
-        health = self.health[event.sensor]
         limit = sensor.gate**2 * len(value) ** 0.5
         nis = f.correct(event.sensor, value, event.variance, limit)
         if not nis <= limit:
-            if not again:
+            if first:
                 health.refused += 1
                 health.refused_in_a_row += 1
-                health.problem = f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}"
-                health.problem_at = self._history[-1].stamp if self._history else 0
-            if health.refused_in_a_row >= _PATIENCE and np.isfinite(nis):
+                health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
+            if health.refused_in_a_row >= PATIENCE and np.isfinite(nis):
                 # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
                 f.correct(event.sensor, value, event.variance, 2 * limit, scale=nis / limit)
-        elif not again:
+        elif first:
             health.refused_in_a_row = 0
             health.used += 1
             health.innovation_ratio += 0.02 * (nis / len(value) - health.innovation_ratio)
-        self._check()
+        if not self._sane():
+            self._recover()
 
-    def _check(self) -> None:
-        """Undo what must not be: a state that is no car's."""
-        f = self.filter
-        state = f.state
-        sane = (
-            abs(state[ROLL]) < 1.5
-            and abs(state[PITCH]) < 1.4
-            and abs(state[14]) < 150
-            and abs(state[15]) < 150
-            and abs(state[19]) < 20
-            and f.covariance[14, 14] > 0
-            and np.isfinite(state.sum())
+    def _sane(self) -> bool:
+        """Whether the state is a car's."""
+        state = self.filter.state
+        roll, pitch = state[3:5].tolist()
+        forward, lateral, _, _, _, yaw_rate = state[14:20].tolist()
+        return (
+            abs(roll) < 1.5
+            and abs(pitch) < 1.4
+            and abs(forward) < 150
+            and abs(lateral) < 150
+            and abs(yaw_rate) < 20
+            and self.filter.covariance[14, 14] > 0
+            and state.dot(state) < 1e30  # false for NaN
         )
-        if sane:
-            return
+
+    def _recover(self) -> None:
+        """Go on from the newest sane state before this instant, with less trust in it."""
         self._faults += 1
-        good = next((i for i in reversed(self._history) if np.isfinite(i.state.sum())), None)
-        if good is not None:
-            self._restore(good)
-            f.covariance[:] = np.diag(np.maximum(np.diag(good.covariance), 0) * 4 + 1e-12)
-            f.linearize()
+        # The newest instant of the history is the one in the making.
+        for instant in reversed(self._history[:-1] or self._history):
+            self._restore(instant)
+            if self._sane():
+                break
+        f = self.filter
+        f.covariance[:] = np.diag(np.clip(np.diag(f.covariance), 1e-12, 1e8) * 4)
 
     def _remember(self, stamp: int) -> _Instant:
         """Begin a new instant with the filter's present state; the oldest beyond reach is reused."""
-        f = self.filter
         if self._history and self._history[0].stamp < stamp - self._reach and len(self._history) > 2:
             instant = self._history.pop(0)
         else:
-            n = len(f.state)
-            instant = _Instant(0, np.empty(n), np.empty((n, n)), np.empty(5))
+            instant = _Instant(0, np.empty_like(self.filter.memory))
         instant.stamp, instant.events = stamp, []
         self._history.append(instant)
         return instant
 
     def _copy(self, instant: _Instant) -> None:
-        f = self.filter
-        instant.state[:], instant.covariance[:], instant.inputs[:] = f.state, f.covariance, f.inputs
+        instant.memory[:] = self.filter.memory
 
     def _restore(self, instant: _Instant) -> None:
-        f = self.filter
-        f.state[:], f.covariance[:], f.inputs[:] = instant.state, instant.covariance, instant.inputs
-        f.linearize()
+        self.filter.memory[:] = instant.memory
 
     # Results
 
@@ -457,7 +422,6 @@ class Observer:
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
         self._catch_up()
-        self.filter.linearize()
         return Estimate.of(self.stamp, self.filter)
 
     def parameters(self) -> dict[str, tuple[float, float]]:
@@ -474,13 +438,13 @@ class Observer:
         now = self._newest_arrival if now is None else now
         lines = [self._own_diagnostic()]
         for name, sensor, health in zip(self.names, self._list, self.health, strict=True):
-            lines.append(_sensor_diagnostic(name, sensor, health, now))
+            lines.append(health.diagnostic(name, sensor, now))
         return lines
 
     def _own_diagnostic(self) -> Diagnostic:
         values = {"faults": str(self._faults), "restarts": str(self._restarts)}
         if not self.started:
-            missing = [n for n, s, h in zip(self.names, self._list, self.health, strict=True) if not h.last_stamp]
+            missing = [n for n, h in zip(self.names, self.health, strict=True) if not h.last_stamp]
             text = "waiting for " + (", ".join(missing) if missing else "a speed")
             return Diagnostic("observer", Level.WARN, text, values)
         if not self.heading_known:
@@ -491,7 +455,7 @@ class Observer:
 
 def _completed(sensor: SensorBase, vehicle: Vehicle) -> SensorBase:
     """A sensor with what it takes over from the vehicle."""
-    if sensor.kind == "steering" and sensor.ratio is None:
+    if isinstance(sensor, Steering) and sensor.ratio is None:
         return sensor.model_copy(update={"ratio": vehicle.physics.steering.ratio})
     return sensor
 
@@ -510,31 +474,9 @@ def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:
         )
 
 
-def _first_speed(kinds: dict[str, _Event], vehicle: Vehicle) -> float | None:
+def _first_speed(kinds: dict[str, Event], vehicle: Vehicle) -> float | None:
     if (wheels := kinds.get("wheel_speeds")) is not None:
         return float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98)
     if (velocity := kinds.get("gnss_velocity")) is not None:
         return float(np.hypot(*velocity.value))
     return None
-
-
-def _sensor_diagnostic(name: str, sensor: SensorBase, health: _Health, now: int) -> Diagnostic:
-    values = {
-        "used": str(health.used),
-        "refused": str(health.refused),
-        "late": str(health.late),
-        "too_late": str(health.too_late),
-        "invalid": str(health.invalid),
-        "innovation_ratio": f"{health.innovation_ratio:.2f}",
-    }
-    if not health.last_stamp:
-        text = f"no message on {sensor.topic}" + (f": {health.problem}" if health.problem else "")
-        return Diagnostic(name, Level.STALE, text, values)
-    silent = (now - health.last_received) * 1e-9
-    if silent > sensor.timeout:
-        return Diagnostic(name, Level.STALE, f"silent for {silent:.1f} s on {sensor.topic}", values)
-    recent = health.problem and abs(health.last_stamp - health.problem_at) < 2e9
-    if recent:
-        level = Level.ERROR if health.refused_in_a_row >= _PATIENCE else Level.WARN
-        return Diagnostic(name, level, health.problem, values)
-    return Diagnostic(name, Level.OK, "in use", values)

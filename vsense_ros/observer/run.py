@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.errors import InputError
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.estimate import Estimate, estimate_samples
+from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
 from vsense_ros.observer.observer import Observer
 from vsense_ros.recording import Channel, Recording
 
@@ -88,20 +88,11 @@ def map_origin(recording: Recording) -> tuple[float, float, float] | None:
     return latitude, longitude, height
 
 
-def as_recording(estimates: list[Estimate], name: str, metadata) -> Recording:
+def as_recording(estimates: Sequence[Estimate], name: str, metadata: Mapping[str, str]) -> Recording:
     """Estimates as the output channels of a recording; arrival times are the times they are valid for."""
-    template = estimate_samples(estimates[0])
-    columns: list[dict[str, list[np.ndarray]]] = [{field: [] for field in s.values} for s in template]
     stamps = np.array([e.stamp for e in estimates])
-    for estimate in estimates:
-        for target, sample in zip(columns, estimate_samples(estimate), strict=True):
-            for field, value in sample.values.items():
-                target[field].append(value)
     channels = {
-        s.topic: Channel(
-            s.topic, s.kind, stamps, stamps, {f: np.array(v) for f, v in target.items()}, s.frame_id, s.names,
-            s.child_frame_id,
-        )
-        for s, target in zip(template, columns, strict=True)
-    }  # fmt: skip
+        s.topic: Channel(s.topic, s.kind, stamps, stamps, s.values, s.frame_id, s.names, s.child_frame_id)
+        for s in estimate_samples(stacked(estimates))
+    }
     return Recording(channels, name=name, metadata=dict(metadata))

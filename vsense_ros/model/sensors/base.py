@@ -82,12 +82,11 @@ class SensorBase(Part):
 
 def covariance_diagonal(flat: Vector | None, size: int) -> Vector | None:
     """Diagonal of a row-major covariance, or None where it is absent (-1) or unknown (zeros)."""
-    if flat is None or len(flat) == 0:
-        return None
-    if flat[0] <= 0:
+    if flat is None or len(flat) == 0 or flat[0] <= 0:
         return None
     diagonal = flat[:: int(len(flat) ** 0.5) + 1][:size]
-    return diagonal if (diagonal > 0).all() else None
+    # A comparison of Python's numbers takes a fifth of the time of one of three NumPy elements.
+    return diagonal if min(diagonal.tolist()) > 0 else None
 
 
 def by_name(names: Names, wanted: Names, values: Vector | None, out: Vector) -> None:

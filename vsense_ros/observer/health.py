@@ -1,0 +1,58 @@
+"""What became of each sensor's messages, and how that is told."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.model.sensors import SensorBase
+
+PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
+_RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
+
+
+@dataclass
+class Health:
+    """Counters of one sensor, and its latest problem."""
+
+    used: int = 0
+    refused: int = 0  # by the gate
+    refused_in_a_row: int = 0
+    late: int = 0  # re-propagated
+    too_late: int = 0
+    invalid: int = 0
+    last_stamp: int = 0  # newest that was believed [ns]
+    last_received: int = 0  # of any message, believed or not [ns]
+    problem: str = ""
+    problem_at: int = 0  # arrival of the message that had it [ns]
+    innovation_ratio: float = 1.0  # smoothed NIS over its expectation
+    same_in_a_row: int = 0  # messages with equal content
+    last_content: bytes = b""
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
+
+    def complain(self, why: str) -> None:
+        """Keep a problem of the newest message."""
+        self.problem, self.problem_at = why, self.last_received
+
+    def diagnostic(self, name: str, sensor: SensorBase, now: int) -> Diagnostic:
+        """One line; `now` [ns] on the clock of arrivals."""
+        values = {
+            "used": str(self.used),
+            "refused": str(self.refused),
+            "late": str(self.late),
+            "too_late": str(self.too_late),
+            "invalid": str(self.invalid),
+            "innovation_ratio": f"{self.innovation_ratio:.2f}",
+        }
+        if not self.last_received:
+            return Diagnostic(name, Level.STALE, f"no message on {sensor.topic}", values)
+        silent = (now - self.last_received) * 1e-9
+        if silent > sensor.timeout:
+            return Diagnostic(name, Level.STALE, f"silent for {silent:.1f} s on {sensor.topic}", values)
+        if not self.last_stamp:
+            return Diagnostic(name, Level.STALE, f"no usable message on {sensor.topic}: {self.problem}", values)
+        if self.problem and self.last_received - self.problem_at < 2e9:
+            level = Level.ERROR if self.refused_in_a_row >= PATIENCE else Level.WARN
+            return Diagnostic(name, level, self.problem, values)
+        return Diagnostic(name, Level.OK, "in use", values)
