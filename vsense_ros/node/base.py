@@ -144,11 +144,11 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._guarded(self._close, super().on_cleanup, state)
+        return self._guarded(self._finish, super().on_cleanup, state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._guarded(self.stop, super().on_deactivate, state)
-        return self._guarded(self._close, super().on_shutdown, state)
+        return self._guarded(self._finish, super().on_shutdown, state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.stop()
@@ -203,10 +203,11 @@ class SensingNode(LifecycleNode, Generic[Params]):
             self.destroy_publisher(self._diagnostics_publisher)
             self.destroy_publisher(self._progress_publisher)
             self._diagnostics_publisher = None
-        self._write_summary()
 
-    def _write_summary(self) -> None:
-        if self.parameters.summary:
+    def _finish(self) -> None:
+        was_configured = self._diagnostics_publisher is not None
+        self._close()
+        if was_configured and self.parameters.summary:
             text = json.dumps(self.summary(), indent=2) + "\n"
             Path(self.parameters.summary).write_text(text, encoding="utf-8")
 

@@ -44,6 +44,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
     _observer: Observer | None = None
+    _inputs: tuple[Any, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
@@ -63,7 +64,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self.step_times: list[float] = []
         self.latencies: list[float] = []
         self._newest_due = False
-        self._inputs = [self._subscribe(topic, kind) for topic, kind in self._observer.topics.items()]
+        self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
 
     def _subscribe(self, topic: str, kind: str) -> Any:
         def receive(data: bytes) -> None:
@@ -72,11 +73,9 @@ class ObserverNode(SensingNode[ObserverParameters]):
         return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
 
     def release(self) -> None:
-        if self._observer is None:
-            return
-        for subscription in getattr(self, "_inputs", []):
+        for subscription in self._inputs:
             self.destroy_subscription(subscription)
-        self._inputs = []
+        self._inputs = ()
 
     def _receive(self, topic: str, kind: str, data: bytes) -> None:
         observer = self._observer

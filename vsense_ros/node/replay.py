@@ -77,6 +77,10 @@ class Replay(SensingNode[ReplayParameters]):
     """See the module."""
 
     _thread: threading.Thread | None = None
+    _closers: tuple[Callable[[], None], ...] = ()
+    _clock_output: Any = None
+    _progress_reader: Any = None
+    _servers: tuple[Any, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
@@ -88,11 +92,9 @@ class Replay(SensingNode[ReplayParameters]):
         self._moved = True  # the relation of recorded and wall time is to be fixed anew
         self._progress: dict[str, int] = {}
         self._not_taken: dict[str, int] = {}
-        self._closers: list[Callable[[], None]] = []
         self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
         self.lost_in_bag = 0
         self._now = 0
-        self._clock_output: Any = None
         times, sources, items = self._load()
         if not len(times):
             raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
@@ -113,10 +115,10 @@ class Replay(SensingNode[ReplayParameters]):
         if p.clock:
             self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
         self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
-        self._servers = [
+        self._servers = (
             self.create_service(SetBool, "~/pause", self._on_pause),
             self.create_service(Trigger, "~/restart", self._on_restart),
-        ]
+        )
 
     def _load(self) -> tuple[np.ndarray, list[tuple[str, Send]], list[tuple[int, Any]]]:
         """Times [ns], senders by name, and for each time the number of its sender with what to send."""
@@ -161,7 +163,7 @@ class Replay(SensingNode[ReplayParameters]):
                 )
             entries = read_byte_log(log)
             port: Port = open_port(where)
-            self._closers.append(port.close)
+            self._closers += (port.close,)
             self._waiting_for.append((f"a reader of {where}", port.ready))
             add(name, port.write, [t for t, _ in entries], [data for _, data in entries])
         return (np.concatenate(times) if times else np.zeros(0, np.int64)), sources, items
@@ -176,11 +178,11 @@ class Replay(SensingNode[ReplayParameters]):
             if not p.can_channel:
                 raise InputError("parameter can_channel is empty: slcan_adapter needs a name for its pty")
             adapter = SlcanAdapter(p.can_channel)
-            self._closers.append(adapter.close)
+            self._closers += (adapter.close,)
             self._waiting_for.append((f"a driver to open {p.can_channel}", adapter.ready))
             return adapter.send
         bus = open_bus(p.can_interface, p.can_channel, **bus_options(p.can_interface, p.can_port))
-        self._closers.append(bus.shutdown)
+        self._closers += (bus.shutdown,)
 
         def send(frame: Any) -> int:
             bus.send(frame, timeout=1.0)
@@ -204,18 +206,16 @@ class Replay(SensingNode[ReplayParameters]):
 
     def release(self) -> None:
         self.stop()
-        for close in getattr(self, "_closers", []):
+        for close in self._closers:
             close()
-        self._closers = []
-        if getattr(self, "_clock_output", None) is not None:
-            self.destroy_publisher(self._clock_output)
-            self._clock_output = None
-        for server in getattr(self, "_servers", []):
+        for server in self._servers:
             self.destroy_service(server)
-        self._servers = []
-        if getattr(self, "_progress_reader", None) is not None:
+        if self._clock_output is not None:
+            self.destroy_publisher(self._clock_output)
+        if self._progress_reader is not None:
             self.destroy_subscription(self._progress_reader)
-            self._progress_reader = None
+        self._closers, self._servers = (), ()
+        self._clock_output = self._progress_reader = None
 
     # The thread that sends
 

@@ -1,0 +1,163 @@
+"""The whole road: bytes and frames to drivers, observer and recorder, each a process of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
+
+from vsense_ros import observer
+from vsense_ros.bag import read_bag, write_bag
+from vsense_ros.bag.gnss_bytes import gnss_byte_stream
+from vsense_ros.driver import samples
+from vsense_ros.driver.imu import encode_mtdata2
+from vsense_ros.errors import InputError
+from vsense_ros.node.processes import run_through_ros
+from vsense_ros.recording import Channel, Recording, Sample
+from vsense_ros.shared_files import vehicle_path
+from vsense_ros.vehicle_file import load_vehicle
+
+pytestmark = pytest.mark.slow
+
+START = 1_700_000_000_000_000_000
+SPEED = 20.0  # [m/s] to the east
+SECONDS = 8
+CAR = "rav4"
+DBC = """VERSION ""
+BU_: ECU
+BO_ 170 WHEELS: 8 ECU
+ SG_ FL : 7|16@0+ (0.001,0) [0|65] "m/s" X
+ SG_ FR : 23|16@0+ (0.001,0) [0|65] "m/s" X
+ SG_ RL : 39|16@0+ (0.001,0) [0|65] "m/s" X
+ SG_ RR : 55|16@0+ (0.001,0) [0|65] "m/s" X
+BO_ 37 STEERING: 2 ECU
+ SG_ ANGLE : 7|16@0- (0.1,0) [-500|500] "deg" X
+"""
+MAPPING = """name: test car
+outputs:
+  - kind: joint_state
+    topic: vehicle/wheel_speeds
+    message: WHEELS
+    field: velocity
+    joints:
+      wheel_fl: {signals: [FL], unit: m/s, rolling_radius: 0.35}
+      wheel_fr: {signals: [FR], unit: m/s, rolling_radius: 0.35}
+      wheel_rl: {signals: [RL], unit: m/s, rolling_radius: 0.35}
+      wheel_rr: {signals: [RR], unit: m/s, rolling_radius: 0.35}
+  - kind: joint_state
+    topic: vehicle/steering
+    message: STEERING
+    field: position
+    joints:
+      steering_wheel: {signals: [ANGLE], unit: deg}
+"""
+
+
+def rows(template: Sample, stamps: np.ndarray, changes: dict[str, np.ndarray] | None = None) -> Channel:
+    """A channel that says the same all the time, but for `changes`."""
+    columns = {name: np.tile(value, (len(stamps), 1)) for name, value in template.values.items()} | (changes or {})
+    return Channel(template.topic, template.kind, stamps, stamps, columns, template.frame_id, template.names)
+
+
+def straight_drive() -> Recording:
+    """A car at constant speed on a straight level road, with the sensors of the RAV4."""
+    fast = START + np.arange(100 * SECONDS) * 10_000_000
+    slow = START + 2_100_000 + np.arange(10 * SECONDS) * 100_000_000
+    generator = np.random.default_rng(7)
+    inertial = samples.imu(
+        "imu/data",
+        0,
+        "imu_link",
+        angular_velocity=np.zeros(3),
+        linear_acceleration=[0.0, 0.0, 9.81],
+        angular_velocity_covariance=samples.diagonal([1e-5] * 3),
+        linear_acceleration_covariance=samples.diagonal([1e-2] * 3),
+    )
+    noise = {
+        "angular_velocity": generator.normal(0.0, 1e-3, (len(fast), 3)),
+        "linear_acceleration": np.array([0.0, 0.0, 9.81]) + generator.normal(0.0, 1e-2, (len(fast), 3)),
+    }
+    wheels = {f"wheel_{w}": SPEED / 0.35 for w in ("fl", "fr", "rl", "rr")}
+    fix = {name: np.zeros(1) for name in ("status", "service", "latitude", "longitude", "altitude")}
+    fix |= {"position_covariance": samples.diagonal([1.0, 1.0, 2.0]), "position_covariance_type": np.ones(1)}
+    twist = {"linear": np.array([SPEED, 0.0, 0.0]), "angular": np.zeros(3), "covariance": np.zeros(36)}
+    longitude = np.degrees((slow - START)[:, None] * 1e-9 * SPEED / 6_378_137.0)
+    channels = [
+        rows(inertial, fast, noise),
+        rows(samples.joint_state("vehicle/wheel_speeds", 0, "velocity", wheels), fast + 4_000_000),
+        rows(samples.joint_state("vehicle/steering", 0, "position", {"steering_wheel": 0.0}), fast + 7_000_000),
+        rows(Sample("gps/fix", "sensor_msgs/msg/NavSatFix", 0, fix, "gnss_link"), slow, {"longitude": longitude}),
+        rows(Sample("gps/velocity", "geometry_msgs/msg/TwistWithCovarianceStamped", 0, twist, "map"), slow),
+    ]
+    return Recording({channel.topic: channel for channel in channels}, "straight")
+
+
+def write_frames(path: Path) -> None:
+    """The wheel speeds and the steering of `straight_drive` as a CAN log."""
+    speed = round(SPEED * 1000).to_bytes(2, "big")
+    with can.CanutilsLogWriter(str(path)) as writer:
+        for i in range(100 * SECONDS):
+            for identifier, data in ((170, 4 * speed), (37, b"\0\0")):
+                frame = can.Message(START * 1e-9 + 0.01 * i, identifier, False, data=data, channel="can0")
+                writer.on_message_received(frame)
+
+
+def test_bytes_and_frames_through_all_six_processes_make_an_estimate_and_lose_nothing(tmp_path: Path) -> None:
+    drive = straight_drive()
+    write_frames(tmp_path / "drive.log")
+    (tmp_path / "car.dbc").write_text(DBC)
+    (tmp_path / "car.yaml").write_text(MAPPING)
+    inertial = drive["imu/data"]
+    done: list[float] = []
+    run = run_through_ros(
+        None,
+        CAR,
+        can_log=tmp_path / "drive.log",
+        can_database=tmp_path / "car.dbc",
+        can_mapping=tmp_path / "car.yaml",
+        gnss_bytes=gnss_byte_stream(drive),
+        imu_bytes=[(int(inertial.received[i]), encode_mtdata2(inertial.sample(i), i)) for i in range(len(inertial))],
+        out_bag=tmp_path / "out",
+        progress=done.append,
+    )
+    assert run.messages_lost == 0
+    for topic, channel in drive.channels.items():
+        assert len(run.recording[topic]) == len(channel), topic
+    assert done[-1] == 1.0
+    assert run.realtime_factor == pytest.approx(1.0, abs=0.3)
+    assert set(run.latency_ms) == {"p50", "p90", "p99", "p99.9"}
+    odometry = run.output["vsense/odometry"]
+    assert len(odometry) > 60 * (SECONDS - 1)
+    late = odometry.stamp > START + 4_000_000_000
+    np.testing.assert_allclose(odometry.columns["linear"][late, 0], SPEED, atol=0.3)
+    assert len(read_bag(tmp_path / "out")["vsense/sideslip"]) == len(odometry)
+
+
+def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_path: Path) -> None:
+    drive = straight_drive()
+    write_bag(tmp_path / "drive", drive)
+    through = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0).output["vsense/odometry"]
+    alone = observer.run(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
+    common, here, there = np.intersect1d(through.stamp, alone.stamp, return_indices=True)
+    assert len(common) > 0.9 * len(alone)
+    for field in ("position", "linear", "angular", "orientation"):
+        np.testing.assert_allclose(through.columns[field][here], alone.columns[field][there], atol=1e-9)
+
+
+def test_a_drive_without_the_sensors_of_the_car_gives_no_estimate_but_an_end(tmp_path: Path) -> None:
+    drive = straight_drive()
+    poor = dataclasses.replace(drive, channels={"gps/fix": drive["gps/fix"]})
+    write_bag(tmp_path / "drive", poor)
+    run = run_through_ros(tmp_path / "drive", CAR)
+    assert not run.output.channels
+    assert {d.name: d.level.name for d in run.diagnostics}["imu"] != "OK"
+
+
+def test_a_can_log_without_a_database_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="database"):
+        run_through_ros(None, CAR, can_log=tmp_path / "drive.log")
