@@ -31,7 +31,8 @@ __all__ = ["MANOEUVRES", "STANDARD", "Manoeuvre", "drive", "generate"]
 
 
 def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
-    """What `vehicle` does in a manoeuvre, every millisecond. Raises `InputError` for an unknown name."""
+    """What `vehicle` does in a manoeuvre, every millisecond, in steps of `step` [s], of which a millisecond has a whole
+    number. Raises `InputError` for an unknown name."""
     manoeuvre = _find(name)
     if manoeuvre.friction is not None:
         vehicle = vehicle.with_parameters({"road.friction": manoeuvre.friction})
