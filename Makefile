@@ -23,7 +23,7 @@ help: ## this list
 
 venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
-	@.ci/venv $(VENV) "$(PYTHON)" -r requirements/core.txt -r requirements/ros.txt -r requirements/dev.txt
+	@.ci/venv $(VENV) "$(PYTHON)" $(addprefix -r requirements/,core.txt ros.txt test.txt dev.txt)
 
 test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
 	@.ci/test
