@@ -80,7 +80,7 @@ class Imu(SensorBase):
 
 
 @cache
-def _joined(rates: Triple, forces: Triple):
+def _joined(rates: Triple, forces: Triple) -> Vector:
     """Both triples as one array, kept because every message needs it."""
     return np.array([*rates, *forces])
 
