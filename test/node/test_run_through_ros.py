@@ -149,13 +149,12 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
         np.testing.assert_allclose(through.columns[field][here], alone.columns[field][there], atol=1e-9)
 
 
-def test_a_drive_without_the_sensors_of_the_car_gives_no_estimate_but_an_end(tmp_path: Path) -> None:
-    drive = straight_drive()
-    poor = dataclasses.replace(drive, channels={"gps/fix": drive["gps/fix"]})
-    write_bag(tmp_path / "drive", poor)
-    run = run_through_ros(tmp_path / "drive", CAR)
-    assert not run.output.channels
-    assert {d.name: d.level.name for d in run.diagnostics}["imu"] != "OK"
+def test_a_drive_with_none_of_the_cars_sensors_ends_with_what_was_missing(tmp_path: Path) -> None:
+    fix = straight_drive()["gps/fix"]
+    foreign = dataclasses.replace(fix, topic="another/fix")
+    write_bag(tmp_path / "drive", Recording({foreign.topic: foreign}))
+    with pytest.raises(InputError, match=r"drive: the observer never started .*imu: "):
+        run_through_ros(tmp_path / "drive", CAR)
 
 
 def test_a_can_log_without_a_database_is_refused_before_anything_starts(tmp_path: Path) -> None:

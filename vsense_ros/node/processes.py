@@ -204,7 +204,7 @@ def run_through_ros(
     by default 1 with a bus or a serial line, else 0: as fast as observer and recorder can. `out_bag` keeps what was
     recorded. `progress` is called with the share done, 0 to 1.
 
-    Raises `InputError` with the last words of a node that ended too early.
+    Raises `InputError` with the last words of a node that ended too early, or if the observer never started.
     """
     if can_log is not None and (can_database is None or can_mapping is None):
         raise InputError("a CAN log needs a database (DBC) and a mapping")
@@ -268,6 +268,9 @@ def run_through_ros(
         recording = read_bag(bag)
     mine = {topic: channel for topic, channel in recording.channels.items() if topic.startswith("vsense/")}
     observed = summaries["observer"]
+    if not mine:
+        text = "; ".join(f"{d['name']}: {d['message']}" for d in observed["diagnostics"])
+        raise InputError(f"{recording_bag or can_log or 'recording'}: the observer never started ({text})")
     return RosRun(
         output=replace(recording, channels=mine),
         step_us_median=observed["step_us_median"] or float("nan"),
