@@ -92,17 +92,39 @@ class Physics(Part):
                 f"hubs and wheels together have {unsprung:g} kg of the car's {self.chassis.mass:g} kg; "
                 "chassis.mass is the mass of the whole car"
             )
-        arms = (self.chassis.cog_to_front_axle, self.chassis.cog_to_rear_axle)
-        yaw = roll = 0.0
+        chassis = self.chassis
+        arms = (chassis.cog_to_front_axle, chassis.cog_to_rear_axle)
+        wheelbase = sum(arms)
+        roll = pitch = yaw = 0.0
         for axle, arm in zip((self.front, self.rear), arms, strict=True):
             mass = 2 * (axle.hub_mass + axle.wheel_mass)
-            yaw += mass * (arm**2 + axle.track**2 / 4)
-            roll += mass * axle.track**2 / 4
-        for name, value, least in (("yaw", self.chassis.yaw_inertia, yaw), ("roll", self.chassis.roll_inertia, roll)):
+            below = chassis.cog_height - axle.unloaded_radius
+            roll += mass * (axle.track**2 / 4 + below**2) + 2 * axle.wheel_diametral_inertia
+            pitch += mass * (arm**2 + below**2) + 2 * axle.wheel_spin_inertia
+            yaw += mass * (arm**2 + axle.track**2 / 4) + 2 * axle.wheel_diametral_inertia
+        width = max(self.front.track, self.rear.track)
+        for name, value, least, length in (
+            ("roll_inertia", chassis.roll_inertia, roll, width),
+            ("pitch_inertia", chassis.pitch_inertia, pitch, wheelbase),
+            ("yaw_inertia", chassis.yaw_inertia, yaw, wheelbase),
+        ):
+            most = chassis.mass * length**2
             if value <= least:
                 raise ValueError(
-                    f"chassis.{name}_inertia is {value:g} kg m², but hubs and wheels alone have {least:.4g} kg m²; "
+                    f"chassis.{name} is {value:g} kg m², but hubs and wheels alone have {least:.4g} kg m²; "
                     "the inertia of the whole car is expected"
+                )
+            if value >= most:
+                raise ValueError(
+                    f"chassis.{name} is {value:g} kg m², but with all mass {length:g} m away from cog it would be "
+                    f"{most:.4g} kg m²; is the unit kg m²?"
+                )
+        for place, axle, arm in (("front", self.front, arms[1]), ("rear", self.rear, arms[0])):
+            load = chassis.mass * 9.80665 * arm / wheelbase / 2
+            if axle.suspension_stiffness < load:  # such a spring would be compressed by more than a metre at rest
+                raise ValueError(
+                    f"{place}.suspension_stiffness is {axle.suspension_stiffness:g} N/m under a wheel load of "
+                    f"{load:.0f} N; is the unit N/m?"
                 )
         return self
 

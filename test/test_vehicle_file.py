@@ -1,0 +1,193 @@
+"""Vehicle files as people write them, and what they are told when something is wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vsense_ros.errors import InputError
+from vsense_ros.vehicle_file import load_vehicle, save_vehicle
+from vsense_ros.vehicle_schema import page, parameter_rows
+
+ROOT = Path(__file__).parents[1]
+VEHICLES = sorted((ROOT / "config/vehicles").glob("*.yaml"))
+
+
+@pytest.fixture
+def changed(tmp_path: Path) -> Callable[[str, str], Path]:
+    """Writes a vehicle file with one piece of its text replaced."""
+
+    def write(old: str, new: str) -> Path:
+        text = (ROOT / "test/data/car.yaml").read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "car.yaml"
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        return path
+
+    return write
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        load_vehicle(path)
+    return str(error.value)
+
+
+def line_of(path: Path, text: str) -> int:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return next(i for i, line in enumerate(lines, 1) if text in line)
+
+
+@pytest.mark.parametrize("path", VEHICLES, ids=lambda path: path.stem)
+def test_a_vehicle_survives_being_written_and_read(path, tmp_path):
+    vehicle = load_vehicle(path)
+    save_vehicle(tmp_path / "copy.yaml", vehicle)
+    assert load_vehicle(tmp_path / "copy.yaml") == vehicle
+
+
+def test_a_negative_mass_is_refused_with_file_line_key_and_range(changed):
+    path = changed("mass: 1700.0", "mass: -1700.0")
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line_of(path, 'mass: -1700')}: physics.chassis.mass: ")
+    assert "found -1700.0" in message
+    assert "a number in kg, > 0, < 100000" in message
+
+
+def test_a_missing_key_is_named_with_what_belongs_there(changed):
+    path = changed("    wheel_spin_inertia: 1.2\n", "")
+    message = complaint(path)
+    assert message.startswith(
+        f"{path}:{line_of(path, '  front:')}: physics.front.wheel_spin_inertia: missing; expected "
+    )
+    assert "moment of inertia of one wheel about its axle (a number in kg m², > 0)" in message
+
+
+@pytest.mark.parametrize("written", ['"1700 kg"', "1700 kg", '"1700"', "true", "null", "[1700.0]", "{value: 1700.0}"])
+def test_a_mass_that_is_no_number_is_refused_with_what_was_found(changed, written):
+    message = complaint(changed("mass: 1700.0", f"mass: {written}"))
+    assert "physics.chassis.mass: " in message
+    assert "a number in kg" in message
+    assert message.count("\n") == 0
+
+
+@pytest.mark.parametrize("written", [".nan", ".inf", "-.inf"])
+def test_numbers_that_are_not_finite_are_refused(changed, written):
+    assert "physics.aerodynamics.drag_area: " in complaint(changed("drag_area: 0.80", f"drag_area: {written}"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("yaw_inertia: 2900.0", "yaw_inertia: 2.9e+12", "physics.chassis.yaw_inertia"),  # g mm²
+        ("yaw_inertia: 2900.0", "yaw_inertia: 29.0", "physics.chassis.yaw_inertia"),
+        ("pitch_inertia: 2700.0", "pitch_inertia: 27.0", "physics.chassis.pitch_inertia"),
+        ("roll_inertia: 720.0", "roll_inertia: 72000.0", "physics.chassis.roll_inertia"),
+        ("mass: 1700.0", "mass: 1700000.0", "physics.chassis.mass"),  # g
+        ("mass: 1700.0", "mass: 1.7", "physics"),  # t
+        ("cog_height: 0.64", "cog_height: 640.0", "physics.chassis.cog_height"),  # mm
+        ("suspension_stiffness: 28000.0", "suspension_stiffness: 28.0", "physics.front.suspension_stiffness"),  # N/mm
+        ("tyre_stiffness: 220000.0", "tyre_stiffness: 220.0", "physics.front.tyre_stiffness"),  # N/mm
+        ("unloaded_radius: 0.352", "unloaded_radius: 352.0", "physics.front.unloaded_radius"),  # mm
+        ("attitude: [0.012, 0.073, 0.0]", "attitude: [0.7, 90.0, 0.0]", "sensors.imu.attitude.1"),  # deg
+        ("position: [0.6, 0.0, 0.6]", "position: [600.0, 0.0, 600.0]", "sensors.imu.position.0"),  # mm
+    ],
+)
+def test_values_in_a_wrong_unit_are_refused_at_their_line(changed, old, new, key):
+    path = changed(old, new)
+    first = complaint(path).splitlines()[0]
+    assert first.startswith(f"{path}:")
+    assert f": {key}: " in first
+    if key != "physics":
+        assert f"{path}:{line_of(path, new.split(', ')[0])}: " in first
+
+
+def test_an_unknown_key_is_named_with_those_that_are_known(changed):
+    path = changed("mass: 1700.0", "weight: 1700.0")
+    missing, unknown = complaint(path).splitlines()
+    assert "physics.chassis.mass: missing" in missing
+    assert unknown.startswith(f"{path}:{line_of(path, 'weight')}: physics.chassis.weight: unknown key, found 1700.0")
+    assert "mass, roll_inertia, pitch_inertia" in unknown
+
+
+def test_an_unknown_key_of_a_sensor_is_named_with_those_that_are_known(changed):
+    message = complaint(changed("{kind: wheel_speeds, noise: 0.17}", "{kind: wheel_speeds, sigma: 0.17}"))
+    assert "sensors.wheel_speeds.sigma: unknown key, found 0.17; known here: kind, topic, " in message
+
+
+def test_a_sensor_of_unknown_kind_is_told_which_kinds_there_are(changed):
+    message = complaint(changed("kind: wheel_speeds", "kind: lidar"))
+    assert ": sensors.wheel_speeds: " in message
+    assert "lidar" in message
+    assert "'gnss_velocity'" in message
+
+
+def test_noise_of_zero_is_refused_because_no_sensor_is_perfect(changed):
+    message = complaint(changed("rate_noise: [0.03, 0.03, 0.015]", "rate_noise: [0.03, 0.0, 0.015]"))
+    assert "sensors.imu.rate_noise.1: " in message
+    assert "a number in rad/s, 3 numbers, > 0" in message
+
+
+def test_all_faults_of_a_file_are_told_at_once(changed):
+    path = changed("mass: 1700.0, roll_inertia: 720.0", "mass: -1.0, roll_inertia: heavy")
+    message = complaint(path)
+    assert len(message.splitlines()) == 2
+    assert "found 'heavy'" in message
+
+
+def test_a_tyre_curve_without_maximum_is_refused_at_its_line(changed):
+    path = changed("initial_slope: 75000.0", "initial_slope: 750.0")
+    assert complaint(path).startswith(
+        f"{path}:{line_of(path, 'initial_slope: 750.0')}: physics.front.tyre.lateral.nominal"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("name: [unclosed\nphysics: {}\n", r"car\.yaml:\d+: not valid YAML"),
+        ("name: a\nname: b\n", r"car\.yaml:\d+: not valid YAML"),
+        ("\tname: a\n", r"car\.yaml:1: not valid YAML"),
+        ("", "expected a mapping with the keys name, source, physics"),
+        ("- a\n- b\n", "expected a mapping with the keys name, source, physics"),
+        ("just words\n", "expected a mapping"),
+        ("name: a\n---\nname: b\n", "not valid YAML"),
+    ],
+)
+def test_a_file_that_is_no_vehicle_file_is_refused(tmp_path, text, expected):
+    path = tmp_path / "car.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert re.search(expected, complaint(path))
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path):
+    path = tmp_path / "car.yaml"
+    path.write_bytes(b"\xff\xfe\x00name")
+    assert str(path) in complaint(path)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    assert complaint(tmp_path / "nowhere.yaml") == f"{tmp_path / 'nowhere.yaml'}: no such vehicle file"
+    assert complaint(tmp_path).startswith(f"{tmp_path}: cannot be read")
+
+
+def test_whole_numbers_anchors_and_dates_are_understood(changed):
+    path = changed("source: invented for tests", "source: 2017-05-01")
+    assert load_vehicle(path).source == "2017-05-01"
+    assert load_vehicle(changed("mass: 1700.0", "mass: 1700")).physics.chassis.mass == 1700.0
+
+
+def test_an_unknown_parameter_cannot_be_changed():
+    with pytest.raises(KeyError, match=r"chassis\.weight.*is no parameter; known are chassis\.mass"):
+        load_vehicle(VEHICLES[0]).with_parameters({"chassis.weight": 1.0})
+
+
+def test_every_quantity_of_the_schema_is_described():
+    assert [row.key for row in parameter_rows() if row.unit and not row.description] == []
+
+
+def test_the_page_of_parameters_is_that_of_the_schema():
+    written = (ROOT / "docs/vehicle_parameters.md").read_text(encoding="utf-8")
+    assert written == page(), "run: python -m vsense_ros.vehicle_schema > docs/vehicle_parameters.md"
