@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.model.car import GRAVITY, SPIN, YAW, X
 from vsense_ros.model.simulate import rolling_radii
+from vsense_ros.model.tyres import CORNERING_STIFFNESSES
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -35,9 +36,7 @@ def wheelbase(vehicle: Vehicle) -> float:
 
 def cornering_stiffness(axle: Axle, load: float) -> float:
     """Of both tyres of an axle, each under `load` [N]; [N/rad]."""
-    near, far = axle.tyre.lateral.nominal.initial_slope, axle.tyre.lateral.double.initial_slope
-    ratio = load / axle.tyre.nominal_load
-    return 2 * ratio * (2 * near - 0.5 * far - (near - 0.5 * far) * ratio)
+    return 2 * float(CORNERING_STIFFNESSES[axle.tyre.model](axle.tyre, load))
 
 
 def understeer_gradient(vehicle: Vehicle) -> float:

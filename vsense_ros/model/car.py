@@ -210,8 +210,16 @@ class Car:
             effective_radius = factor * corner.radius + (1 - factor) * loaded_radius
             rolling_speed = effective_radius * self.u[10 + i]
             speed_x = ahead.T @ velocity
+            inclination = ca.asin(normal.T @ axle)
             force_x, force_y, moment, slip_x, slip_y = corner.tyre(
-                a.tyre, load, speed_x, sideways.T @ velocity, rolling_speed, v.road.friction
+                a.tyre,
+                load,
+                speed_x,
+                sideways.T @ velocity,
+                rolling_speed,
+                v.road.friction,
+                camber=inclination,
+                side=corner.side,
             )
             contacts.append(
                 SimpleNamespace(
@@ -227,7 +235,7 @@ class Car:
                     moment=moment,
                     slip_x=slip_x,
                     slip_y=slip_y,
-                    inclination=ca.asin(normal.T @ axle),
+                    inclination=inclination,
                     effective_radius=effective_radius,
                     sliding_speed=rolling_speed - speed_x,
                     transport_speed=ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),

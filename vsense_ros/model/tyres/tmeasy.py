@@ -1,8 +1,8 @@
 """TMeasy: a handling tyre model from a few parameters with physical meaning (Hirschberg, Rill & Weinfurter 2007).
 
-Steady-state combined-slip forces with degressive load influence. Each force curve is given at the nominal load and at
-twice that load by its initial slope, its maximum and the slip there, and the sliding force and the slip where it
-sets in.
+Combined-slip forces with degressive load influence. Each force curve is given at the nominal load and at twice that
+load by its initial slope, its maximum and the slip there, and the sliding force and the slip where it sets in.
+Inclination acts as additional lateral slip, the lag behind the slip comes from the elasticity of the carcass.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ import casadi as ca
 from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
 
-SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
 LARGEST_LOAD_RATIO = 2.5  # the force curves are those of this ratio to the nominal load beyond it
-SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
 
 
 class ForceCurve(Part):
@@ -88,6 +87,12 @@ class TMeasy(Part):
     lateral: LoadPair
     pneumatic_trail: float = parameter("m", "pneumatic trail at zero slip", ge=0, lt=0.2, default=0.03)
     slip_of_no_trail: float = parameter("-", "lateral slip where the trail has vanished", gt=0, lt=2, default=0.3)
+    camber_slip: float = parameter(
+        "-", "lateral slip to which inclination is equivalent, per sine of its angle: contact length over 6 radii",
+        ge=0, lt=1, default=0.0,
+    )  # fmt: skip
+    longitudinal_stiffness: float = parameter("N/m", "of the carcass: slope over it is the lag", gt=0, default=3e5)
+    lateral_stiffness: float = parameter("N/m", "of the carcass: slope over it is the lag", gt=0, default=1.5e5)
     standstill_speed: float = parameter(
         "m/s", "added to the transport velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
     )
@@ -115,24 +120,25 @@ def _curve(p: SimpleNamespace, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.S
 
 def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
     """Largest increase of longitudinal force per longitudinal slip at a wheel load, that at zero slip [N]."""
-    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
+    ratio = _load_ratio(p, load)
     return _force_at_load(p.longitudinal.nominal.initial_slope, p.longitudinal.double.initial_slope, ratio)
 
 
-def forces(
-    p: SimpleNamespace, load: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, friction: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Longitudinal force, lateral force [N], aligning moment [N m], longitudinal slip and lateral slip [-].
+def _load_ratio(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Over the nominal load; limited, because the parabola that describes load influence turns down beyond."""
+    return ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
 
-    `p` holds the symbolic parameters of `TMeasy`; `load` is the wheel load [N]; `speed_x` and `speed_y` the velocity of
-    the contact point [m/s] in the axes of the contact patch; `rolling_speed` is effective radius times spin [m/s];
-    `friction` scales the road's grip, 1 being the road the tyre was measured on.
-    """
-    # Limited, because the parabola that describes load influence turns down beyond.
-    ratio = ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
-    transport = ca.sqrt(rolling_speed**2 + p.standstill_speed**2)
-    slip_x = (rolling_speed - speed_x) / transport
-    slip_y = -speed_y / transport
+
+def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Lateral force per slip angle at zero slip [N/rad]."""
+    return _force_at_load(p.lateral.nominal.initial_slope, p.lateral.double.initial_slope, _load_ratio(p, load))
+
+
+def _forces_over_slips(
+    p: SimpleNamespace, load: ca.SX, slip_x: ca.SX, slip_y: ca.SX, friction: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Longitudinal and lateral force over the slip in the same direction [N]: positive everywhere."""
+    ratio = _load_ratio(p, load)
 
     slope_x, max_x, slip_max_x, slide_x, slip_slide_x = _curve(p.longitudinal, ratio, friction)
     slope_y, max_y, slip_max_y, slide_y, slip_slide_y = _curve(p.lateral, ratio, friction)
@@ -160,11 +166,53 @@ def forces(
     falling = (maximum - (maximum - sliding) * beyond**2 * (3 - 2 * beyond)) / slip
     force_over_slip = ca.if_else(slip < slip_max, rising, falling)
 
-    # In the air there is no force; SMALLEST_LOAD only keeps the ratios finite.
-    contact = ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)
-    force_x = contact * force_over_slip * normal_x
-    force_y = contact * force_over_slip * normal_y
+    on_road = contact(load)
+    return on_road * force_over_slip / factor_x, on_road * force_over_slip / factor_y
+
+
+def forces(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Forces and slips as `tyres.forces` describes them; `side` is without effect.
+
+    A wheel that leans rolls like a cone: its tread is deflected towards the lean in the middle of the contact patch, on
+    average as by a third of the slip at the ends (Hirschberg et al. 2007, section 2.6). That deflection is symmetric
+    and has no trail.
+    """
+    transport = transport_speed(rolling_speed, p.standstill_speed)
+    slip_x = (rolling_speed - speed_x) / transport
+    slip_y = -speed_y / transport
+    by_camber = -p.camber_slip * ca.sin(camber) * (rolling_speed / transport) ** 2
+    over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
     fading = ca.fmax(1 - (slip_y / p.slip_of_no_trail) ** 2, 0)
     # The trail points against the direction of rolling.
-    moment = -p.pneumatic_trail * (rolling_speed / transport) * fading * force_y
-    return force_x, force_y, moment, slip_x, slip_y
+    moment = -p.pneumatic_trail * (rolling_speed / transport) * fading * over_y * slip_y
+    return over_x * slip_x, over_y * (slip_y + by_camber), moment, slip_x, slip_y
+
+
+def relaxation_lengths(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX]:
+    """Distance over which the longitudinal and the lateral force build up [m].
+
+    Force over slip over the stiffness of the carcass, so shorter the more the tyre slides (Hirschberg et al. 2007,
+    section 3, with the carcass's damping left out).
+    """
+    transport = transport_speed(rolling_speed, p.standstill_speed)
+    slip_y = -speed_y / transport - p.camber_slip * ca.sin(camber) * (rolling_speed / transport) ** 2
+    over_x, over_y = _forces_over_slips(p, load, (rolling_speed - speed_x) / transport, slip_y, friction)
+    return over_x / p.longitudinal_stiffness, over_y / p.lateral_stiffness

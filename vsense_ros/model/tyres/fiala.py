@@ -1,0 +1,91 @@
+"""Fiala's tyre: a brush of tread elements that stick at the front of the contact patch and slide behind.
+
+Leung 2010, section 3.3.3, names the model and its want of combined slip. Here the slips of both directions, each
+weighted by its stiffness, act as one vector (Pacejka 2012, section 3.2.3), so that the resultant respects the friction
+circle; with slip in one direction alone this is Fiala's formula, and his aligning moment.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Literal
+
+import casadi as ca
+from pydantic import model_validator
+
+from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
+
+
+class Fiala(Part):
+    """Parameters of a Fiala tyre."""
+
+    model: Literal["fiala"]
+    slip_stiffness: float = parameter("N", "longitudinal force per longitudinal slip, at zero slip", gt=0)
+    cornering_stiffness: float = parameter("N/rad", "lateral force per slip angle, at zero slip", gt=0)
+    static_friction: float = parameter("-", "friction coefficient at zero slip", gt=0, le=3)
+    sliding_friction: float = parameter("-", "friction coefficient at slip 1 and beyond", gt=0, le=3)
+    pneumatic_trail: float = parameter("m", "pneumatic trail at zero slip", ge=0, lt=0.2, default=0.03)
+    relaxation_length: float = parameter("m", "distance rolled until 63 % of a force have built up", ge=0, default=0.0)
+    standstill_speed: float = parameter(
+        "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
+    )
+
+    @model_validator(mode="after")
+    def _friction_falls(self) -> Fiala:
+        if self.sliding_friction > self.static_friction:
+            raise ValueError(
+                f"sliding_friction {self.sliding_friction:g} exceeds static_friction {self.static_friction:g}"
+            )
+        return self
+
+
+def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
+    return p.slip_stiffness
+
+
+def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Lateral force per slip angle at zero slip [N/rad]."""
+    return p.cornering_stiffness
+
+
+def forces(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Forces and slips as `tyres.forces` describes them; `camber` and `side` are without effect."""
+    travel = transport_speed(speed_x, p.standstill_speed)
+    slip_x = (rolling_speed - speed_x) / travel
+    slip_y = -speed_y / travel
+    size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SMALLEST_SLIP**2), 1)
+    coefficient = friction * (p.static_friction - (p.static_friction - p.sliding_friction) * size)
+    limit = coefficient * ca.fmax(load, SMALLEST_LOAD)
+    # What the force would be if all of the contact patch stuck to the road.
+    elastic_x, elastic_y = p.slip_stiffness * slip_x, p.cornering_stiffness * slip_y
+    elastic = ca.sqrt(elastic_x**2 + elastic_y**2 + (SMALLEST_SLIP * p.cornering_stiffness) ** 2)
+    sticking = ca.fmax(1 - elastic / (3 * limit), 0)  # share of the contact patch
+    share = contact(load) * limit * (1 - sticking**3) / elastic
+    trail = 3 * p.pneumatic_trail * (1 - sticking) * sticking**3 / (1 - sticking**3)
+    force_y = share * elastic_y
+    return share * elastic_x, force_y, -trail * (speed_x / travel) * force_y, slip_x, slip_y
+
+
+def relaxation_lengths(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX]:
+    """Distance over which the longitudinal and the lateral force build up [m]."""
+    return p.relaxation_length, p.relaxation_length

@@ -1,0 +1,503 @@
+"""The Magic Formula with combined slip: MF 5.2, and of MF 6.1 what `.tir` files in use carry.
+
+Equations by their numbers in Pacejka 2012, section 4.3.2, without turn slip (all ζ are 1, all terms in φ vanish). Where
+the programs that write `.tir` files differ from the book, they are followed (Besselink, Schmeitz & Pacejka 2010, eqs.
+A54 to A60): Q_Bz4 and Q_Dz3 act on the signed inclination, Q_Bz6 does not exist, A_μ is 1. Coefficients keep the names
+they have in the file.
+
+Axes are those of the file, ISO: the slip angle is positive where the wheel moves to its left, so that PKY1 is negative.
+`adapted_sae_to_iso` converts coefficients of the book's other axes, once and for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any, Literal
+
+import casadi as ca
+from pydantic import model_validator
+
+from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.tyres.slip import SMALLEST_SLIP, transport_speed
+
+# Coefficients without which a tyre would be the same on the left and on the right of the car.
+ASYMMETRIC = (
+    "rhx1", "pey3", "phy1", "phy2", "pvy1", "pvy2", "rby3", "rvy1", "rvy2",
+    "qbz4", "qdz3", "qdz6", "qdz7", "qez4", "qhz1", "qhz2", "ssz1",
+)  # fmt: skip
+# Coefficients whose sign depends on whether y points to the left (ISO) or to the right (adapted SAE).
+AXIS_DEPENDENT = (
+    "pdy1", "pdy2", "pky1", "pky6", "pky7", "pvy1", "pvy2", "pvy3", "pvy4",
+    "qdz6", "qdz7", "qdz8", "qdz9", "qdz10", "qdz11", "ssz1", "ssz3", "ssz4",
+)  # fmt: skip
+
+
+def _coefficient(description: str, default: float = 0.0, unit: str = "-", **limits: float) -> Any:
+    return parameter(unit, description, default=default, **limits)
+
+
+class Longitudinal(Part):
+    """Longitudinal force, as the section LONGITUDINAL_COEFFICIENTS."""
+
+    pcx1: float = parameter("-", "shape factor of the force", ge=1, le=2)
+    pdx1: float = parameter("-", "friction at the nominal load")
+    pdx2: float = _coefficient("friction, change with load")
+    pdx3: float = _coefficient("friction, change with inclination²")
+    pex1: float = _coefficient("curvature at the nominal load")
+    pex2: float = _coefficient("curvature, change with load")
+    pex3: float = _coefficient("curvature, change with load²")
+    pex4: float = _coefficient("curvature, difference between driving and braking")
+    pkx1: float = parameter("-", "slip stiffness over load, at the nominal load")
+    pkx2: float = _coefficient("slip stiffness, change with load")
+    pkx3: float = _coefficient("slip stiffness, exponent of the load")
+    phx1: float = _coefficient("horizontal shift")
+    phx2: float = _coefficient("horizontal shift, change with load")
+    pvx1: float = _coefficient("vertical shift over load")
+    pvx2: float = _coefficient("vertical shift over load, change with load")
+    ppx1: float = _coefficient("slip stiffness, change with pressure")
+    ppx2: float = _coefficient("slip stiffness, change with pressure²")
+    ppx3: float = _coefficient("friction, change with pressure")
+    ppx4: float = _coefficient("friction, change with pressure²")
+    rbx1: float = _coefficient("combined slip, slope factor", ge=0)
+    rbx2: float = _coefficient("combined slip, change of the slope with longitudinal slip")
+    rbx3: float = _coefficient("combined slip, change of the slope with inclination²")
+    rcx1: float = _coefficient("combined slip, shape factor", default=1.0)
+    rex1: float = _coefficient("combined slip, curvature")
+    rex2: float = _coefficient("combined slip, curvature, change with load")
+    rhx1: float = _coefficient("combined slip, shift")
+    ptx1: float = _coefficient("relaxation length over radius and load ratio (MF 5.2)")
+    ptx2: float = _coefficient("relaxation length, change with load (MF 5.2)")
+    ptx3: float = _coefficient("relaxation length, exponent of the load (MF 5.2)")
+    pcfx1: float = _coefficient("tyre stiffness, change with load")
+    pcfx2: float = _coefficient("tyre stiffness, change with load²")
+    pcfx3: float = _coefficient("tyre stiffness, change with pressure")
+
+
+class Lateral(Part):
+    """Lateral force, as the section LATERAL_COEFFICIENTS."""
+
+    pcy1: float = parameter("-", "shape factor of the force", ge=1, le=2)
+    pdy1: float = parameter("-", "friction at the nominal load; may have either sign")
+    pdy2: float = _coefficient("friction, change with load")
+    pdy3: float = _coefficient("friction, change with inclination²")
+    pey1: float = _coefficient("curvature at the nominal load")
+    pey2: float = _coefficient("curvature, change with load")
+    pey3: float = _coefficient("curvature, difference between left and right")
+    pey4: float = _coefficient("curvature, that difference, change with inclination")
+    pey5: float = _coefficient("curvature, change with inclination²")
+    pky1: float = parameter("-", "largest cornering stiffness over nominal load; negative in ISO axes", lt=0)
+    pky2: float = parameter("-", "load over nominal load at the largest cornering stiffness", gt=0)
+    pky3: float = _coefficient("cornering stiffness, change with inclination")
+    pky4: float = _coefficient("cornering stiffness, curvature over the load", default=2.0, gt=0, le=2.05)
+    pky5: float = _coefficient("load of the largest cornering stiffness, change with inclination²")
+    pky6: float = _coefficient("camber stiffness over load")
+    pky7: float = _coefficient("camber stiffness over load, change with load")
+    phy1: float = _coefficient("horizontal shift")
+    phy2: float = _coefficient("horizontal shift, change with load")
+    phy3: float = _coefficient("horizontal shift, change with inclination (MF 5.2)")
+    pvy1: float = _coefficient("vertical shift over load")
+    pvy2: float = _coefficient("vertical shift over load, change with load")
+    pvy3: float = _coefficient("vertical shift over load, change with inclination")
+    pvy4: float = _coefficient("that change, change with load")
+    ppy1: float = _coefficient("cornering stiffness, change with pressure")
+    ppy2: float = _coefficient("load of the largest cornering stiffness, change with pressure")
+    ppy3: float = _coefficient("friction, change with pressure")
+    ppy4: float = _coefficient("friction, change with pressure²")
+    ppy5: float = _coefficient("camber stiffness, change with pressure")
+    rby1: float = _coefficient("combined slip, slope factor", ge=0)
+    rby2: float = _coefficient("combined slip, change of the slope with the slip angle")
+    rby3: float = _coefficient("combined slip, slip angle of the largest slope")
+    rby4: float = _coefficient("combined slip, change of the slope with inclination²")
+    rcy1: float = _coefficient("combined slip, shape factor", default=1.0)
+    rey1: float = _coefficient("combined slip, curvature")
+    rey2: float = _coefficient("combined slip, curvature, change with load")
+    rhy1: float = _coefficient("combined slip, shift")
+    rhy2: float = _coefficient("combined slip, shift, change with load")
+    rvy1: float = _coefficient("side force from longitudinal slip, over friction times load")
+    rvy2: float = _coefficient("that force, change with load")
+    rvy3: float = _coefficient("that force, change with inclination")
+    rvy4: float = _coefficient("that force, how fast it fades with the slip angle")
+    rvy5: float = _coefficient("that force, shape factor")
+    rvy6: float = _coefficient("that force, slope factor")
+    pty1: float = _coefficient("largest relaxation length over radius (MF 5.2)")
+    pty2: float = _coefficient("load over nominal load at the largest relaxation length (MF 5.2)", default=1.0, gt=0)
+    pcfy1: float = _coefficient("tyre stiffness, change with load")
+    pcfy2: float = _coefficient("tyre stiffness, change with load²")
+    pcfy3: float = _coefficient("tyre stiffness, change with pressure")
+
+
+class Aligning(Part):
+    """Aligning moment, as the section ALIGNING_COEFFICIENTS."""
+
+    qbz1: float = _coefficient("trail, slope factor")
+    qbz2: float = _coefficient("trail, slope factor, change with load")
+    qbz3: float = _coefficient("trail, slope factor, change with load²")
+    qbz4: float = _coefficient("trail, slope factor, change with inclination")
+    qbz5: float = _coefficient("trail, slope factor, change with inclination to either side")
+    qbz9: float = _coefficient("residual moment, slope factor")
+    qbz10: float = _coefficient("residual moment, slope factor that goes with the lateral force")
+    qcz1: float = _coefficient("trail, shape factor", default=1.0)
+    qdz1: float = _coefficient("trail over radius at the nominal load")
+    qdz2: float = _coefficient("trail, change with load")
+    qdz3: float = _coefficient("trail, change with inclination")
+    qdz4: float = _coefficient("trail, change with inclination²")
+    qdz6: float = _coefficient("residual moment over radius and load")
+    qdz7: float = _coefficient("residual moment, change with load")
+    qdz8: float = _coefficient("residual moment, change with inclination")
+    qdz9: float = _coefficient("that change, change with load")
+    qdz10: float = _coefficient("residual moment, change with inclination²")
+    qdz11: float = _coefficient("that change, change with load")
+    qez1: float = _coefficient("trail, curvature at the nominal load")
+    qez2: float = _coefficient("trail, curvature, change with load")
+    qez3: float = _coefficient("trail, curvature, change with load²")
+    qez4: float = _coefficient("trail, curvature, difference between left and right")
+    qez5: float = _coefficient("that difference, change with inclination")
+    qhz1: float = _coefficient("trail, shift")
+    qhz2: float = _coefficient("trail, shift, change with load")
+    qhz3: float = _coefficient("trail, shift, change with inclination")
+    qhz4: float = _coefficient("that change, change with load")
+    ppz1: float = _coefficient("trail, change with pressure")
+    ppz2: float = _coefficient("residual moment, change with pressure")
+    ssz1: float = _coefficient("arm of the longitudinal force over radius")
+    ssz2: float = _coefficient("that arm, change with the lateral force")
+    ssz3: float = _coefficient("that arm, change with inclination")
+    ssz4: float = _coefficient("that change, change with load")
+
+
+class Scaling(Part):
+    """Factors on properties of the measured tyre, as the section SCALING_COEFFICIENTS."""
+
+    lfzo: float = _coefficient("nominal load", default=1.0, gt=0)
+    lcx: float = _coefficient("shape of the longitudinal force", default=1.0, gt=0)
+    lmux: float = _coefficient("longitudinal friction", default=1.0, gt=0)
+    lex: float = _coefficient("curvature of the longitudinal force", default=1.0)
+    lkx: float = _coefficient("slip stiffness", default=1.0, gt=0)
+    lhx: float = _coefficient("horizontal shift of the longitudinal force", default=1.0)
+    lvx: float = _coefficient("vertical shift of the longitudinal force", default=1.0)
+    lgax: float = _coefficient("inclination in the longitudinal force (MF 5.2)", default=1.0)
+    lcy: float = _coefficient("shape of the lateral force", default=1.0, gt=0)
+    lmuy: float = _coefficient("lateral friction", default=1.0, gt=0)
+    ley: float = _coefficient("curvature of the lateral force", default=1.0)
+    lky: float = _coefficient("cornering stiffness", default=1.0, gt=0)
+    lhy: float = _coefficient("horizontal shift of the lateral force", default=1.0)
+    lvy: float = _coefficient("vertical shift of the lateral force", default=1.0)
+    lgay: float = _coefficient("inclination in the lateral force (MF 5.2)", default=1.0)
+    lkyc: float = _coefficient("camber stiffness", default=1.0)
+    lkzc: float = _coefficient("moment from inclination", default=1.0)
+    ltr: float = _coefficient("trail", default=1.0)
+    lres: float = _coefficient("residual moment", default=1.0)
+    lgaz: float = _coefficient("inclination in the aligning moment (MF 5.2)", default=1.0)
+    lxal: float = _coefficient("slip angle in the longitudinal force", default=1.0)
+    lyka: float = _coefficient("longitudinal slip in the lateral force", default=1.0)
+    lvyka: float = _coefficient("side force from longitudinal slip", default=1.0)
+    ls: float = _coefficient("arm of the longitudinal force", default=1.0)
+    lsgkp: float = _coefficient("longitudinal relaxation length (MF 5.2)", default=1.0)
+    lsgal: float = _coefficient("lateral relaxation length (MF 5.2)", default=1.0)
+    lmuv: float = _coefficient("loss of friction with sliding speed", ge=0)
+
+
+class MagicFormula(Part):
+    """Parameters of a Magic Formula tyre: given here, or in a vehicle file as `tir: FILE`."""
+
+    model: Literal["magic_formula"]
+    version: float = parameter("-", "5.2, or 6.1 for all later files", ge=5, lt=7, default=6.1)
+    measured_side: float = parameter(
+        "-", "side of the car the tyre was measured for: 1 left, -1 right", ge=-1, le=1, default=1.0
+    )
+    nominal_load: float = parameter("N", "nominal load, FNOMIN", gt=0)
+    unloaded_radius: float = parameter("m", "radius to which trails refer, UNLOADED_RADIUS", gt=0.05, lt=2)
+    smallest_load: float = parameter("N", "forces are proportional to the load below it, FZMIN", gt=0)
+    largest_load: float = parameter("N", "forces stay as they are beyond it, FZMAX", gt=0)
+    largest_camber: float = parameter("rad", "inclinations count up to it, CAMMAX", gt=0, lt=1.5, default=0.26)
+    nominal_pressure: float = parameter("Pa", "NOMPRES", gt=0, default=220000.0)
+    inflation_pressure: float = parameter("Pa", "INFLPRES", gt=0, default=220000.0)
+    reference_speed: float = parameter("m/s", "speed of the measurement, LONGVL", gt=0, default=16.7)
+    longitudinal_stiffness: float = parameter("N/m", "of the tyre at rest, LONGITUDINAL_STIFFNESS", gt=0, default=3e5)
+    lateral_stiffness: float = parameter("N/m", "of the tyre at rest, LATERAL_STIFFNESS", gt=0, default=1.5e5)
+    standstill_speed: float = parameter(
+        "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
+    )
+    longitudinal: Longitudinal
+    lateral: Lateral
+    aligning: Aligning = Aligning()
+    scaling: Scaling = Scaling()
+
+    @model_validator(mode="after")
+    def _friction_and_stiffness_keep_their_signs(self) -> MagicFormula:
+        if self.smallest_load >= self.largest_load:
+            raise ValueError(
+                f"smallest_load {self.smallest_load:g} N is not below largest_load {self.largest_load:g} N"
+            )
+        x, y = self.longitudinal, self.lateral
+        if y.pdy1 == 0:
+            raise ValueError("pdy1 is 0: no lateral friction")
+        nominal = self.scaling.lfzo * self.nominal_load
+        dpi = (self.inflation_pressure - self.nominal_pressure) / self.nominal_pressure
+        sign = math.copysign(1, y.pdy1)
+        for load in (self.smallest_load, self.largest_load):
+            dfz = (load - nominal) / nominal
+            for name, value in (
+                ("the longitudinal friction pdx1 + pdx2·dfz", x.pdx1 + x.pdx2 * dfz),
+                ("the slip stiffness pkx1 + pkx2·dfz", x.pkx1 + x.pkx2 * dfz),
+                ("the lateral friction pdy1 + pdy2·dfz", sign * (y.pdy1 + y.pdy2 * dfz)),
+            ):
+                if value <= 0:
+                    raise ValueError(
+                        f"{name} changes its sign on the way to a load of {load:g} N; "
+                        "narrow the range from smallest_load to largest_load (FZMIN, FZMAX)"
+                    )
+        steepest = self.largest_camber**2
+        for name, value in (
+            ("longitudinal friction", 1 - x.pdx3 * steepest),
+            ("lateral friction", 1 - y.pdy3 * steepest),
+            ("cornering stiffness", 1 - y.pky3 * self.largest_camber),
+        ):
+            if value <= 0:
+                raise ValueError(
+                    f"the {name} vanishes before the inclination reaches {self.largest_camber:g} rad; "
+                    "lower largest_camber (CAMMAX)"
+                )
+        for name, value in (
+            ("longitudinal friction", 1 + x.ppx3 * dpi + x.ppx4 * dpi**2),
+            ("slip stiffness", 1 + x.ppx1 * dpi + x.ppx2 * dpi**2),
+            ("lateral friction", 1 + y.ppy3 * dpi + y.ppy4 * dpi**2),
+            ("cornering stiffness", min(1 + y.ppy1 * dpi, 1 + y.ppy2 * dpi)),
+        ):
+            if value <= 0:
+                raise ValueError(
+                    f"the {name} vanishes at an inflation_pressure of {self.inflation_pressure:g} Pa; "
+                    f"the tyre was measured at {self.nominal_pressure:g} Pa"
+                )
+        return self
+
+
+def adapted_sae_to_iso(coefficients: Mapping[str, float]) -> dict[str, float]:
+    """Coefficients by name, for y to the left and z up, from those for y to the right and z down.
+
+    Lateral force and aligning moment change their signs. Slip angle and inclination keep them: in both systems the slip
+    angle is positive where the wheel moves to its left, the inclination where its top leans to the right; adapted SAE
+    axes have that slip angle make a positive force (Pacejka 2012, section 2.2).
+    """
+    return {name: -value if name in AXIS_DEPENDENT else value for name, value in coefficients.items()}
+
+
+def _conditions(p: SimpleNamespace, load: ca.SX, friction: ca.SX | float) -> SimpleNamespace:
+    """Load and pressure against their nominal values, and the friction of road and tyre."""
+    within = ca.fmin(ca.fmax(load, p.smallest_load), p.largest_load)
+    nominal = p.scaling.lfzo * p.nominal_load  # 4.E1
+    return SimpleNamespace(
+        load=within,
+        contact=ca.fmin(ca.fmax(load, 0) / p.smallest_load, 1),
+        nominal=nominal,
+        dfz=(within - nominal) / nominal,  # 4.E2a
+        dpi=(p.inflation_pressure - p.nominal_pressure) / p.nominal_pressure,  # 4.E2b
+        grip_x=p.scaling.lmux * friction,
+        grip_y=p.scaling.lmuy * friction,
+    )
+
+
+def _slip_stiffness(p: SimpleNamespace, at: SimpleNamespace) -> ca.SX:
+    """4.E15 [N]"""
+    c = p.longitudinal
+    by_load = at.load * (c.pkx1 + c.pkx2 * at.dfz) * ca.exp(c.pkx3 * at.dfz)
+    return by_load * (1 + c.ppx1 * at.dpi + c.ppx2 * at.dpi**2) * p.scaling.lkx
+
+
+def _cornering_stiffness(p: SimpleNamespace, at: SimpleNamespace, camber: ca.SX | float) -> ca.SX:
+    """4.E25, negative [N/rad]"""
+    c = p.lateral
+    summit = (c.pky2 + c.pky5 * camber**2) * (1 + c.ppy2 * at.dpi)
+    by_load = ca.sin(c.pky4 * ca.atan(at.load / at.nominal / summit))
+    return c.pky1 * at.nominal * (1 + c.ppy1 * at.dpi) * (1 - c.pky3 * ca.fabs(camber)) * by_load * p.scaling.lky
+
+
+def _bent(slope: ca.SX, curvature: ca.SX, slip: ca.SX) -> ca.SX:
+    """B x − E (B x − arctan B x), what sine and cosine of the Magic Formula take."""
+    scaled = slope * slip
+    return scaled - ca.fmin(curvature, 1) * (scaled - ca.atan(scaled))
+
+
+def _sine(slope: ca.SX, shape: ca.SX, curvature: ca.SX, slip: ca.SX) -> ca.SX:
+    return ca.sin(shape * ca.atan(_bent(slope, curvature, slip)))
+
+
+def _cosine(slope: ca.SX, shape: ca.SX, curvature: ca.SX, slip: ca.SX) -> ca.SX:
+    return ca.cos(shape * ca.atan(_bent(slope, curvature, slip)))
+
+
+def _weight(slope: ca.SX, shape: ca.SX, curvature: ca.SX, slip: ca.SX, shift: ca.SX) -> ca.SX:
+    """Share of a force that slip across it leaves. Fitted shapes above 1 would make it negative far out."""
+    return ca.fmax(_cosine(slope, shape, curvature, slip + shift) / _cosine(slope, shape, curvature, shift), 0)
+
+
+def _pure_longitudinal(
+    p: SimpleNamespace, at: SimpleNamespace, slip: ca.SX, camber: ca.SX | float, shifted: ca.SX
+) -> ca.SX:
+    """4.E9 to 4.E18 [N]; `shifted` fades the shifts."""
+    c, scale = p.longitudinal, p.scaling
+    friction = (c.pdx1 + c.pdx2 * at.dfz) * (1 + c.ppx3 * at.dpi + c.ppx4 * at.dpi**2) * (1 - c.pdx3 * camber**2)
+    peak = friction * at.grip_x * at.load
+    shape = c.pcx1 * scale.lcx
+    slope = _slip_stiffness(p, at) / (shape * peak)
+    slip = slip + shifted * (c.phx1 + c.phx2 * at.dfz) * scale.lhx
+    curvature = (c.pex1 + c.pex2 * at.dfz + c.pex3 * at.dfz**2) * (1 - c.pex4 * ca.sign(slip)) * scale.lex
+    lift = shifted * at.load * (c.pvx1 + c.pvx2 * at.dfz) * scale.lvx * at.grip_x
+    return peak * _sine(slope, shape, curvature, slip) + lift
+
+
+def _pure_lateral(
+    p: SimpleNamespace, at: SimpleNamespace, slip: ca.SX, camber: ca.SX | float, shifted: ca.SX
+) -> SimpleNamespace:
+    """4.E19 to 4.E30: force [N], and what the aligning moment takes from it; `shifted` fades the shifts."""
+    c, scale = p.lateral, p.scaling
+    stiffness = _cornering_stiffness(p, at, camber)
+    friction = (c.pdy1 + c.pdy2 * at.dfz) * (1 + c.ppy3 * at.dpi + c.ppy4 * at.dpi**2) * (1 - c.pdy3 * camber**2)
+    friction = friction * at.grip_y
+    peak = friction * at.load
+    shape = c.pcy1 * scale.lcy
+    slope = stiffness / (shape * peak)
+    lift_by_camber = at.load * (c.pvy3 + c.pvy4 * at.dfz) * camber * scale.lkyc * at.grip_y
+    camber_stiffness = at.load * (c.pky6 + c.pky7 * at.dfz) * (1 + c.ppy5 * at.dpi) * scale.lkyc
+    shift_by_camber = ca.if_else(
+        p.version < 6, c.phy3 * camber * scale.lkyc, (camber_stiffness * camber - lift_by_camber) / stiffness
+    )
+    shift = shifted * ((c.phy1 + c.phy2 * at.dfz) * scale.lhy + shift_by_camber)
+    lift = shifted * (at.load * (c.pvy1 + c.pvy2 * at.dfz) * scale.lvy * at.grip_y + lift_by_camber)
+    slip = slip + shift
+    asymmetry = (c.pey3 + c.pey4 * camber) * ca.sign(slip)
+    curvature = (c.pey1 + c.pey2 * at.dfz) * (1 + c.pey5 * camber**2 - asymmetry) * scale.ley
+    return SimpleNamespace(
+        force=peak * _sine(slope, shape, curvature, slip) + lift,
+        friction=friction,
+        stiffness=stiffness,
+        initial=slope * shape,
+        shift=shift + lift / stiffness,  # 4.E38
+    )
+
+
+def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Largest increase of longitudinal force per longitudinal slip at a wheel load, that at zero slip [N]."""
+    return _slip_stiffness(p, _conditions(p, load, 1.0))
+
+
+def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Lateral force per slip angle at zero slip [N/rad], positive."""
+    return -_cornering_stiffness(p, _conditions(p, load, 1.0), 0.0)
+
+
+def forces(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Forces and slips as `tyres.forces` describes them.
+
+    At standstill, where slip says nothing about rolling, the shifts of the curves fade away; so does what they come
+    from, the asymmetry of a rolling tyre.
+    """
+    travel = transport_speed(speed_x, p.standstill_speed)
+    slip_x = (rolling_speed - speed_x) / travel
+    slip_y = -speed_y / travel
+    mirrored = side * p.measured_side
+    later = p.version > 6
+    across = mirrored * speed_y / travel
+    across = ca.if_else(later, across, ca.atan(across))  # 4.E3
+    lean = mirrored * ca.fmin(ca.fmax(camber, -p.largest_camber), p.largest_camber)
+    lean = ca.if_else(later, ca.sin(lean), lean)  # 4.E4
+    lean_y, lean_z = lean * p.scaling.lgay, lean * p.scaling.lgaz
+    rolling = speed_x / travel
+    shifted = rolling**2
+
+    at = _conditions(p, load, friction)
+    sliding = ca.sqrt((rolling_speed - speed_x) ** 2 + speed_y**2 + SMALLEST_SLIP**2)
+    loss = 1 + p.scaling.lmuv * sliding / p.reference_speed  # 4.E7
+    at.grip_x, at.grip_y = at.grip_x / loss, at.grip_y / loss
+    cx, cy = p.longitudinal, p.lateral
+
+    # Slip across each force takes from it: 4.E50 to 4.E57 and 4.E58 to 4.E67.
+    slope = (cx.rbx1 + cx.rbx3 * lean**2) / ca.sqrt(1 + (cx.rbx2 * slip_x) ** 2) * p.scaling.lxal
+    weight = _weight(slope, cx.rcx1, cx.rex1 + cx.rex2 * at.dfz, across, cx.rhx1)
+    force_x = weight * _pure_longitudinal(p, at, slip_x, lean * p.scaling.lgax, shifted)
+
+    pure = _pure_lateral(p, at, across, lean_y, shifted)
+    slope = (cy.rby1 + cy.rby4 * lean_y**2) / ca.sqrt(1 + (cy.rby2 * (across - cy.rby3)) ** 2) * p.scaling.lyka
+    weight = _weight(slope, cy.rcy1, cy.rey1 + cy.rey2 * at.dfz, slip_x, cy.rhy1 + cy.rhy2 * at.dfz)
+    from_slip_x = pure.friction * at.load * (cy.rvy1 + cy.rvy2 * at.dfz + cy.rvy3 * lean_y)
+    from_slip_x = from_slip_x / ca.sqrt(1 + (cy.rvy4 * across) ** 2) * ca.sin(cy.rvy5 * ca.atan(cy.rvy6 * slip_x))
+    from_slip_x = shifted * p.scaling.lvyka * from_slip_x
+    force_y = weight * pure.force + from_slip_x
+
+    # The moment comes from the lateral force behind the centre, without what inclination adds to it: 4.E71 to 4.E78.
+    upright = _pure_lateral(p, at, across, 0.0, shifted)
+    trailing = ca.if_else(later, weight * upright.force, force_y - from_slip_x)
+    conditions = SimpleNamespace(at=at, pure=pure, camber=lean_z, shifted=shifted)
+    heading = speed_x / ca.sqrt(travel**2 + speed_y**2)  # cos α', 4.E6
+    stretched = _slip_stiffness(p, at) / pure.stiffness * slip_x
+    trail = heading * _trail(p, conditions, across, stretched)
+    residual = heading * _residual_moment(p, conditions, across, stretched)
+    c = p.aligning
+    arm = c.ssz1 + c.ssz2 * force_y / p.nominal_load + (c.ssz3 + c.ssz4 * at.dfz) * lean_z
+    moment = residual - trail * trailing + p.unloaded_radius * arm * p.scaling.ls * force_x
+
+    return at.contact * force_x, mirrored * at.contact * force_y, mirrored * at.contact * moment, slip_x, slip_y
+
+
+def _trail(p: SimpleNamespace, under: SimpleNamespace, slip: ca.SX, stretched: ca.SX) -> ca.SX:
+    """Pneumatic trail, 4.E33 to 4.E44 [m]."""
+    c, at, camber = p.aligning, under.at, under.camber
+    slip = slip + under.shifted * (c.qhz1 + c.qhz2 * at.dfz + (c.qhz3 + c.qhz4 * at.dfz) * camber)
+    slope = (c.qbz1 + c.qbz2 * at.dfz + c.qbz3 * at.dfz**2) * (1 + c.qbz4 * camber + c.qbz5 * ca.fabs(camber))
+    slope = slope * p.scaling.lky / at.grip_y
+    longest = at.load / p.nominal_load * (c.qdz1 + c.qdz2 * at.dfz) * (1 - c.ppz1 * at.dpi)
+    longest = p.unloaded_radius * longest * (1 + c.qdz3 * camber + c.qdz4 * camber**2) * p.scaling.ltr
+    asymmetry = (c.qez4 + c.qez5 * camber) * (2 / math.pi) * ca.atan(slope * c.qcz1 * slip)
+    curvature = (c.qez1 + c.qez2 * at.dfz + c.qez3 * at.dfz**2) * (1 + asymmetry)
+    # The cosine is even, so the equivalent slip needs no sign.
+    equivalent = ca.sqrt(slip**2 + stretched**2 + SMALLEST_SLIP**2)
+    return longest * _cosine(slope, c.qcz1, curvature, equivalent)
+
+
+def _residual_moment(p: SimpleNamespace, under: SimpleNamespace, slip: ca.SX, stretched: ca.SX) -> ca.SX:
+    """Moment that is left where the trail has vanished, 4.E36 to 4.E47 [N m]."""
+    c, at, camber = p.aligning, under.at, under.camber
+    by_camber = (c.qdz8 + c.qdz9 * at.dfz) * (1 + c.ppz2 * at.dpi) + (c.qdz10 + c.qdz11 * at.dfz) * ca.fabs(camber)
+    largest = (c.qdz6 + c.qdz7 * at.dfz) * p.scaling.lres + by_camber * camber * p.scaling.lkzc
+    slope = c.qbz9 * p.scaling.lky / at.grip_y + c.qbz10 * under.pure.initial
+    equivalent = (slip + under.pure.shift) ** 2 + stretched**2
+    return at.load * p.unloaded_radius * largest * at.grip_y / ca.sqrt(1 + slope**2 * equivalent)
+
+
+def relaxation_lengths(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX]:
+    """Distance over which the longitudinal and the lateral force build up [m].
+
+    By coefficients of their own in MF 5.2, from stiffnesses in MF 6.1 (Besselink et al. 2010, eqs. 17 to 19).
+    """
+    at = _conditions(p, load, friction)
+    x, y, scale = p.longitudinal, p.lateral, p.scaling
+    camber = ca.fmin(ca.fabs(camber), p.largest_camber) * scale.lgay
+    earlier_x = (x.ptx1 + x.ptx2 * at.dfz) * ca.exp(-x.ptx3 * at.dfz) * at.load / p.nominal_load * scale.lsgkp
+    earlier_y = y.pty1 * ca.sin(2 * ca.atan(at.load / (y.pty2 * at.nominal))) * (1 - y.pky3 * camber)
+    earlier_y = earlier_y * scale.lfzo * scale.lsgal
+    stiffness_x = p.longitudinal_stiffness * (1 + x.pcfx1 * at.dfz + x.pcfx2 * at.dfz**2) * (1 + x.pcfx3 * at.dpi)
+    stiffness_y = p.lateral_stiffness * (1 + y.pcfy1 * at.dfz + y.pcfy2 * at.dfz**2) * (1 + y.pcfy3 * at.dpi)
+    later = p.version > 6
+    return (
+        ca.if_else(later, ca.fabs(_slip_stiffness(p, at) / stiffness_x), p.unloaded_radius * earlier_x),
+        ca.if_else(later, ca.fabs(_cornering_stiffness(p, at, camber) / stiffness_y), p.unloaded_radius * earlier_y),
+    )

@@ -1,0 +1,81 @@
+"""One force curve for all loads, frictions and directions of slip (Best & Bogdanski 2016, eqs. 21 to 27).
+
+Slip is normalised by the friction force, so that stiffness, shape, peak and curvature describe the tyre under every
+load and friction: few numbers, which an identification can tell apart. Axes are ISO 8855, the paper's are SAE: lateral
+slip and lateral force both change their signs, the curve between them stays.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Literal
+
+import casadi as ca
+
+from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
+
+
+class Similarity(Part):
+    """Parameters of a tyre in similarity form, named as in the paper's table 1."""
+
+    model: Literal["similarity"]
+    stiffness: float = parameter("N/rad", "C_α: lateral stiffness; the slope at zero slip is peak times this", gt=0)
+    longitudinal_ratio: float = parameter("-", "K_x: longitudinal over lateral stiffness", gt=0, lt=20)
+    shape: float = parameter("-", "C: how far the curve falls beyond its maximum", ge=1, le=2.5)
+    peak: float = parameter("-", "D: largest force over friction times load", gt=0, le=3)
+    curvature: float = parameter("-", "E: where the maximum lies", gt=-20, lt=1)
+    relaxation_time: float = parameter("s", "τ: lag of the forces, whatever the speed", ge=0, le=1, default=0.0)
+    standstill_speed: float = parameter(
+        "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
+    )
+
+
+def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
+    return p.peak * p.stiffness * p.longitudinal_ratio
+
+
+def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
+    """Lateral force per slip angle at zero slip [N/rad]."""
+    return p.peak * p.stiffness
+
+
+def forces(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Forces and slips as `tyres.forces` describes them; no aligning moment; `camber` and `side` are without effect."""
+    travel = transport_speed(speed_x, p.standstill_speed)
+    slip_x = (rolling_speed - speed_x) / travel
+    slip_y = -speed_y / travel
+    limit = friction * ca.fmax(load, SMALLEST_LOAD)
+    k_x = p.stiffness / limit * p.longitudinal_ratio * slip_x
+    k_y = p.stiffness / limit * slip_y
+    k = ca.sqrt(k_x**2 + k_y**2 + SMALLEST_SLIP**2)
+    scaled = k / p.shape
+    # An identified shape above 2 would let the curve cross zero far out, and the tyre push the sliding car.
+    curve = ca.fmax(p.peak * ca.sin(p.shape * ca.atan(scaled - p.curvature * (scaled - ca.atan(scaled)))), 0)
+    share = contact(load) * curve * limit / k
+    return share * k_x, share * k_y, ca.SX(0), slip_x, slip_y
+
+
+def relaxation_lengths(
+    p: SimpleNamespace,
+    load: ca.SX,
+    speed_x: ca.SX,
+    speed_y: ca.SX,
+    rolling_speed: ca.SX,
+    friction: ca.SX,
+    camber: ca.SX | float = 0.0,
+    side: float = 1.0,
+) -> tuple[ca.SX, ca.SX]:
+    """Distance over which the forces build up [m]: that rolled in the paper's constant time."""
+    length = p.relaxation_time * transport_speed(rolling_speed, p.standstill_speed)
+    return length, length
