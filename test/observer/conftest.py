@@ -4,8 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from drives import feed, messages
 from vsense_ros.manoeuvre import generate
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -27,3 +30,9 @@ def vehicle(plant: Vehicle) -> Vehicle:
 def lane_change(plant: Vehicle) -> Recording:
     """12 s: IMU at 250 Hz, wheel speeds and steering at 100 Hz, GNSS at 10 Hz 0.1 s late; with the truth."""
     return generate("double_lane_change", plant, seed=1)
+
+
+@pytest.fixture(scope="session")
+def clean(lane_change: Recording, vehicle: Vehicle) -> Observer:
+    """The observer after the undisturbed drive."""
+    return feed(Observer(vehicle, map_origin(lane_change)), messages(lane_change))

@@ -11,7 +11,7 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from vsense_ros.model import codegen
-from vsense_ros.observer.kalman import DYNAMIC, FORCE, SURROUND, CompiledKalman, Jacobians, Kalman, Q, U, kalman
+from vsense_ros.observer.kalman import DYNAMIC, FORCE, SURROUND, CompiledKalman, Kalman, Linearization, Q, U, kalman
 
 Array = NDArray[np.float64]
 N = 52
@@ -24,7 +24,7 @@ needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C c
 class Problem:
     """A random linear model of the car's structure, and a covariance."""
 
-    model: Jacobians
+    model: Linearization
     by_angles: Array
     by_velocity: Array
     covariance: Array
@@ -46,16 +46,20 @@ class Problem:
             parts[3][:] = 0
         return parts
 
+    def through(self) -> Array:
+        """Dense (14, n) Jacobian of the accelerations by the state."""
+        through = np.zeros((14, N))
+        through[:, DYNAMIC], through[:, U] = self.model.by_q, self.model.by_u
+        through[:, FORCE], through[:, SURROUND] = np.eye(14), self.model.by_surroundings
+        return through
+
     def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
         """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
         _, by_q, by_u, by_udot, by_surroundings = sensed
         h = np.zeros((len(by_q), N))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
         if accelerations:
-            through = np.zeros((14, N))
-            through[:, DYNAMIC], through[:, U] = self.model.by_q, self.model.by_u
-            through[:, FORCE], through[:, SURROUND] = np.eye(14), self.model.by_surroundings
-            h += by_udot @ through
+            h += by_udot @ self.through()
         if biased:
             h[:, BIASES] += np.eye(len(by_q))
         return h
@@ -63,7 +67,7 @@ class Problem:
 
 def problem(seed: int) -> Problem:
     random = np.random.default_rng(seed)
-    model = Jacobians(*(np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (7, 14, 4, 14)))
+    model = Linearization(*(np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (1, 7, 14, 4, 14)))
     root = random.normal(size=(N, N)) * 10 ** random.uniform(-2, 1, N)[:, None]
     covariance = root @ root.T + 1e-4 * np.eye(N)
     covariance = 0.5 * (covariance + covariance.T)
@@ -143,6 +147,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     value[4] = np.nan
     variance = p.random.uniform(0.1, 1, 6)
     where = BIASES if biased else slice(46, 46)
+    before = p.model.udot[:, 0].copy()
     nis = k.correct(sensed, accelerations, where, value, variance, 1.0, np.inf)
     present = np.isfinite(value)
     oracle = KalmanFilter(dim_x=N, dim_z=5)
@@ -152,6 +157,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     oracle.update((value - sensed[0][:, 0])[present])
     assert_close(k.error, oracle.x[:, 0], 1e-8)
     assert_close(k.covariance, oracle.P, 1e-9)
+    assert_close(p.model.udot[:, 0], before + p.through() @ oracle.x[:, 0], 1e-8)
     assert nis == pytest.approx(float(oracle.mahalanobis) ** 2, rel=1e-8)
     assert np.array_equal(k.covariance, k.covariance.T)
 

@@ -22,7 +22,7 @@ from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.sensors import Bias, SensorBase
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.kalman import FORCE, SURROUND, Jacobians, Q, U, kalman
+from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kalman
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class ErrorEkf:
         self.udot, by_q, by_u, by_surroundings, by_q_rates = self._linearize.results
         self._kinematics = Kernel(functions["kinematics"], [q, u])
         by_angles, by_velocity = self._kinematics.results
-        model = Jacobians(by_q, by_u, by_surroundings, by_q_rates)
+        model = Linearization(self.udot, by_q, by_u, by_surroundings, by_q_rates)
         self._kalman = kalman(model, by_angles, by_velocity, self.covariance)
         self._h = np.zeros(1)
         flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
@@ -171,7 +171,7 @@ class ErrorEkf:
     def present(self) -> tuple[Array, Array]:
         """Derivatives of the velocities (14,), and forces and slips of the wheels as `Car.wheel_outputs` (7×4).
 
-        They belong to the present state, corrections included, while `udot` is of the last linearisation.
+        They are computed at the present state, while corrections carry `udot` on from the last linearisation.
         """
         self._present.call()
         udot, wheels = self._present.results

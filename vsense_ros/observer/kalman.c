@@ -24,6 +24,7 @@ struct model {
     double *inverse;                                          /* 14 x 14, column-major */
     double *gain;                                             /* 14 x GAIN, row-major */
     double *covariance, *error;
+    double *udot; /* 14 */
 };
 
 /* A measurement of `components` and what was expected of it. */
@@ -225,7 +226,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
 }
 
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
- * the correction is made, and error filled, only where that is at most limit. */
+ * the correction is made, and carried into error and accelerations, only where that is at most limit. */
 double vsense_correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
     double rows[COMPONENTS][STATES], projected[COMPONENTS][STATES], total[COMPONENTS][COMPONENTS];
     double innovation[COMPONENTS], weights[COMPONENTS], factors[STATES], *p = model->covariance;
@@ -285,6 +286,14 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
     for (int i = 0; i < n; i++) {
         for (int a = 0; a < used; a++) factors[a] = -projected[a][i];
         combine(n, p + i * n, used, factors, from);
+    }
+    for (int i = 0; i < MODEL; i++) {
+        double sum = model->error[2 * MODEL + i];
+        for (int j = 0; j < DYNAMIC; j++) sum += model->by_q[j * MODEL + i] * model->error[dynamic_coordinates[j]];
+        for (int j = 0; j < MODEL; j++) sum += model->by_u[j * MODEL + i] * model->error[MODEL + j];
+        for (int j = 0; j < SURROUND; j++)
+            sum += model->by_surroundings[j * MODEL + i] * model->error[3 * MODEL + j];
+        model->udot[i] += sum;
     }
     return nis;
 }

@@ -28,10 +28,11 @@ GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
 _COMPONENTS = 16  # of a measurement, at most, in kalman.c
 
 
-class Jacobians:
-    """Of the model at one state, column-major as the model's functions write them."""
+class Linearization:
+    """Accelerations at one state and their Jacobians, column-major as the model's functions write them."""
 
-    def __init__(self, by_q: Array, by_u: Array, by_surroundings: Array, by_q_rates: Array) -> None:
+    def __init__(self, udot: Array, by_q: Array, by_u: Array, by_surroundings: Array, by_q_rates: Array) -> None:
+        self.udot = udot  # (14, 1)
         self.by_q = by_q  # (14, 7) accelerations by the dynamic coordinates
         self.by_u = by_u  # (14, 14) … by the velocities
         self.by_surroundings = by_surroundings  # (14, 4)
@@ -41,7 +42,7 @@ class Jacobians:
 class Kalman:
     """The algebra in NumPy."""
 
-    def __init__(self, model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> None:
+    def __init__(self, model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> None:
         self.model = model
         self.by_angles, self.by_velocity = by_angles, by_velocity  # (6, 3), (6, 6) rates of position and attitude
         self.covariance = covariance
@@ -94,7 +95,7 @@ class Kalman:
         limit: float,
     ) -> float:
         """Correct by a measurement `value` (m,), of which NaN are left out, if its normalized innovation squared is at
-        most `limit`; fills `error`.
+        most `limit`; fills `error`, and carries it on into the accelerations that the next sensor is compared with.
 
         `sensed` are the results of the sensor's function; `scale` multiplies the covariance of the innovation. Returns
         the normalized innovation squared, negative if nothing was measured.
@@ -123,7 +124,10 @@ class Kalman:
         p = self.covariance
         p -= gain @ projected
         p[:] = 0.5 * (p + p.T)
-        self.error[:] = gain @ innovation
+        self.error[:] = e = gain @ innovation
+        model = self.model
+        by_state = model.by_q @ e[DYNAMIC] + model.by_u @ e[U] + model.by_surroundings @ e[SURROUND]
+        model.udot[:, 0] += by_state + e[FORCE]
         return nis
 
 
@@ -134,7 +138,7 @@ class _Model(ctypes.Structure):
         (name, ctypes.c_void_p)
         for name in (
             *("by_q", "by_u", "by_surroundings", "by_q_rates", "by_angles", "by_velocity"),
-            *("inverse", "gain", "covariance", "error"),
+            *("inverse", "gain", "covariance", "error", "udot"),
         )
     ]
 
@@ -153,7 +157,7 @@ class CompiledKalman(Kalman):
     """The same in C. The arrays it is given must stay where they are."""
 
     def __init__(
-        self, library: ctypes.CDLL, model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array
+        self, library: ctypes.CDLL, model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array
     ) -> None:
         super().__init__(model, by_angles, by_velocity, covariance)
         number, address = ctypes.c_double, ctypes.c_void_p
@@ -167,6 +171,7 @@ class CompiledKalman(Kalman):
         self._structure = _Model(
             *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
             *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
+            model.udot.ctypes.data,
         )
         self._model = ctypes.byref(self._structure)
         # Copying into these is quicker than asking an array for its address.
@@ -208,7 +213,7 @@ class CompiledKalman(Kalman):
         return self._correct(self._model, known[0], scale, limit)
 
 
-def kalman(model: Jacobians, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
+def kalman(model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
     """The compiled algebra where there is a compiler, else NumPy's."""
     source = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
     library = codegen.library("kalman", f"#define STATES {len(covariance)}\n{source}")

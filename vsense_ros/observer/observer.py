@@ -6,7 +6,7 @@ filter goes back there and works its way forward again. It refuses what cannot b
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import insort
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,6 +41,7 @@ class _Instant:
     """The filter after all that happened at one time."""
 
     stamp: int
+    latest: int  # stamp of its events, of which inputs may be newer than the instant
     memory: Array
     events: list[Event] = field(default_factory=list)
 
@@ -72,10 +73,11 @@ class Observer:
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self._history: list[_Instant] = []
-        self._ahead: list[tuple[int, list[Event]]] = []  # what is to be done again after a late measurement
-        self._first: dict[int, tuple[int, Event]] = {}  # newest measurement of each sensor before the start, and when
+        self._ahead: list[Event] = []  # what is to be done again after a late measurement
+        self._first: dict[int, Event] = {}  # newest measurement of each sensor before the start
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._first_stamp = 0
+        self._newest = 0  # time of the state when all that is ahead has been done again [ns]
         self._newest_arrival = 0
         self._silence = 0  # before the newest message [ns]
         self._faults = 0
@@ -94,9 +96,7 @@ class Observer:
     @property
     def stamp(self) -> int:
         """Time of the newest state [ns]; 0 before the start."""
-        if self._ahead:
-            return self._ahead[-1][0]
-        return self._history[-1].stamp if self._history else 0
+        return self._newest
 
     @property
     def converged(self) -> bool:
@@ -119,13 +119,12 @@ class Observer:
             elif self._frozen(index, event):
                 self._refuse(index, "value frozen")
             else:
-                stamp = sample.stamp - int(self._list[index].latency * 1e9)
                 if not self.started:
                     self._believe(index, sample.stamp)
-                    self._gather(stamp, event)
-                elif self._timely(index, stamp, event):
+                    self._gather(event)
+                elif self._timely(event):
                     self._believe(index, sample.stamp)
-                    self._use(stamp, event)
+                    self._use(event)
 
     # Messages
 
@@ -159,14 +158,14 @@ class Observer:
         health.invalid += 1
         health.complain(why)
 
-    def _timely(self, index: int, stamp: int, event: Event) -> bool:
+    def _timely(self, event: Event) -> bool:
         """Whether a stamp belongs to the stretch of time that the filter knows, or goes on from there.
 
         Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors tell
         whether this clock is wrong: once all that still send are there too, the filter follows them. A clock that alone
         went elsewhere is never followed.
         """
-        newest = self.stamp
+        index, stamp, newest = event.sensor, event.stamp, self.stamp
         oldest = max(newest - self._reach, self._history[0].stamp)
         if oldest <= stamp <= newest + self._reach:
             if self._jumps:
@@ -176,7 +175,7 @@ class Observer:
         agreed = silent or self._others_are_there(index, stamp)
         distance = (stamp - newest) * 1e-9
         if agreed and abs(distance) > _LONGEST_GAP:
-            self._restart(stamp, event)
+            self._restart(event)
             return False
         if distance > 0:
             if agreed:
@@ -200,14 +199,15 @@ class Observer:
 
     # Start
 
-    def _gather(self, stamp: int, event: Event) -> None:
+    def _gather(self, event: Event) -> None:
         """Collect what came until it tells how the car moves, then start."""
+        stamp = event.stamp
         # What is far from this in time, one of them by a wrong clock, does not describe the same start.
-        self._first = {i: f for i, f in self._first.items() if abs(f[0] - stamp) < _LONGEST_GAP * 1e9}
+        self._first = {i: e for i, e in self._first.items() if abs(e.stamp - stamp) < _LONGEST_GAP * 1e9}
         if not self._first:
             self._first_stamp = stamp
-        self._first[event.sensor] = (stamp, event)
-        kinds = {self._list[i].kind: e for i, (_, e) in self._first.items()}
+        self._first[event.sensor] = event
+        kinds = {self._list[i].kind: e for i, e in self._first.items()}
         speed = _first_speed(kinds, self.vehicle)
         waited = (stamp - self._first_stamp) * 1e-9
         if "steering" in {s.kind for s in self._list} and "steering" not in kinds and waited < _LONGEST_GAP:
@@ -240,7 +240,7 @@ class Observer:
         if "gnss_velocity" not in {s.kind for s in self._list}:
             f.covariance[[0, 1, 5], [0, 1, 5]] = 1e-12
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
-        self.started, self._started_at = True, stamp
+        self.started, self._started_at, self._newest = True, stamp, stamp
         self._history.clear()
         self._ahead.clear()
         f.linearize()
@@ -268,51 +268,48 @@ class Observer:
 
     # Filtering
 
-    def _use(self, stamp: int, event: Event) -> None:
+    def _use(self, event: Event) -> None:
         """Put an event in its place and bring the filter up to the newest time again."""
-        if stamp < self.stamp - self._merge:
+        latest = self._ahead[-1].stamp if self._ahead else self._history[-1].latest
+        if event.stamp < latest - self._merge:
             self.health[event.sensor].late += 1
-            self._insert(stamp, event)
+            self._insert(event)
         else:
             self._catch_up()
-            self._occur(stamp, [event])
+            self._occur(event)
 
-    def _occur(self, stamp: int, events: list[Event]) -> None:
-        """Let events happen at `stamp`, not before the newest instant of the history."""
-        newest = self._history[-1]
+    def _occur(self, event: Event) -> None:
+        """Let an event happen, not before those of the newest instant of the history."""
+        instant = self._history[-1]
         # An input holds from here on: the model need not be brought to the very time it was read.
-        moves = any(not self._list[e.sensor].is_input for e in events)
-        if moves and stamp > newest.stamp + self._merge:
-            self._advance(newest.stamp, stamp)
-            newest = self._remember(stamp)
-        for event in events:
-            self._happen(event)
-        newest.events += events
-        self._copy(newest)
+        if not self._list[event.sensor].is_input and event.stamp > instant.stamp + self._merge:
+            self._advance(instant.stamp, event.stamp)
+            instant = self._remember(event.stamp)
+        self._happen(event)
+        instant.events.append(event)
+        instant.latest = max(instant.latest, event.stamp)
+        self._copy(instant)
 
-    def _insert(self, stamp: int, event: Event) -> None:
+    def _insert(self, event: Event) -> None:
         """Put a late event in its place; what follows it is done again when the newest state is next needed."""
-        # An input holds from the instant before it on, as if it had come in time.
-        within = 0 if self._list[event.sensor].is_input else self._merge
-        position = bisect_right(self._history, stamp + within, key=lambda i: i.stamp)
-        if position < len(self._history):
-            undone = self._history[position:]
-            self._ahead[:0] = [(instant.stamp, instant.events) for instant in undone]
-            del self._history[position:]
+        kept = len(self._history)
+        while kept > 1 and self._history[kept - 1].latest > event.stamp:
+            kept -= 1
+        if kept < len(self._history):
+            undone = [e for instant in self._history[kept:] for e in instant.events]
+            self._ahead[:0] = sorted(undone, key=lambda e: e.stamp)
+            del self._history[kept:]
             self._restore(self._history[-1])
-        before = bisect_right(self._ahead, stamp + within, key=lambda a: a[0])
-        if before == 0:
-            self._occur(stamp, [event])
-        else:
-            self._ahead.insert(before, (stamp, [event]))
+        insort(self._ahead, event, key=lambda e: e.stamp)
 
     def _catch_up(self) -> None:
         """Do again what came after a late measurement."""
-        ahead, self._ahead = self._ahead, []
-        for stamp, events in ahead:
-            self._occur(stamp, events)
+        if self._ahead:
+            ahead, self._ahead = self._ahead, []
+            for event in ahead:
+                self._occur(event)
 
-    def _restart(self, stamp: int, event: Event) -> None:
+    def _restart(self, event: Event) -> None:
         self._restarts += 1
         self.started = False
         self._history.clear()
@@ -323,8 +320,7 @@ class Observer:
         for health in self.health:
             health.last_stamp = 0
             health.stamps.clear()
-        self._believe(event.sensor, stamp)
-        self._gather(stamp, event)
+        self._gather(event)
 
     def _advance(self, start: int, end: int) -> None:
         count = max(1, -(-(end - start) // self._step))
@@ -402,8 +398,10 @@ class Observer:
         if self._history and self._history[0].stamp < stamp - self._reach and len(self._history) > 2:
             instant = self._history.pop(0)
         else:
-            instant = _Instant(0, np.empty_like(self.filter.memory))
-        instant.stamp, instant.events = stamp, []
+            instant = _Instant(0, 0, np.empty_like(self.filter.memory))
+        instant.stamp = instant.latest = stamp
+        instant.events = []
+        self._newest = max(self._newest, stamp)
         self._history.append(instant)
         return instant
 

@@ -23,6 +23,7 @@ class Event:
     """A measurement or input that belongs to a time."""
 
     sensor: int
+    stamp: int  # of the measurement, latency taken off [ns]
     value: Array  # (m,), NaN where absent
     variance: Array  # (m,)
     counted: bool = False  # in the sensor's health
@@ -52,6 +53,7 @@ class Reader:
         self._index, self._sensor, self._map = index, sensor, on_map
         self._variance = sensor.deviations() ** 2
         self._least = self._variance * _SMALLEST_VARIANCE
+        self._latency = int(sensor.latency * 1e9)
 
     def read(self, sample: Sample) -> Event | str:
         """The measurement in a message, or why there is none."""
@@ -75,4 +77,4 @@ class Reader:
             if not known.any():
                 return "no usable number in the message"
         np.maximum(variance, self._least, out=variance)
-        return Event(self._index, value, variance)
+        return Event(self._index, sample.stamp - self._latency, value, variance)

@@ -1,0 +1,286 @@
+"""What cannot be true is refused and named, and costs nothing that was good."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drives import (
+    FIX,
+    IMU,
+    SECOND,
+    SENSORS,
+    STEERING,
+    VELOCITY,
+    WHEELS,
+    Course,
+    altered,
+    changed,
+    distance,
+    feed,
+    follow,
+    messages,
+    seconds,
+)
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.run import map_origin
+from vsense_ros.recording import Recording, Sample
+
+NAMES = {topic: name for name, topic in SENSORS.items()}
+NAN, INFINITE, HUGE = np.nan, np.inf, 1e300
+
+
+@pytest.fixture
+def observer(vehicle: Vehicle, lane_change: Recording) -> Observer:
+    return Observer(vehicle, map_origin(lane_change))
+
+
+@pytest.fixture
+def between(lane_change: Recording) -> Callable[..., Callable[[Sample], bool]]:
+    """Makes a condition: messages of a topic in a stretch of time [s]."""
+
+    def condition(topic: str, begin: float, end: float) -> Callable[[Sample], bool]:
+        return lambda s: s.topic == topic and begin <= seconds(lane_change, s) < end
+
+    return condition
+
+
+def filled(sample: Sample, value: float) -> Sample:
+    """The message with one value in all its fields that are not empty."""
+    return changed(sample, **{f: np.full_like(v, value) for f, v in sample.values.items() if v.size})
+
+
+def assert_good(course: Course, after: float = 8.0) -> None:
+    speed, lateral, yaw_rate = course.largest(after)
+    assert speed < 0.3
+    assert lateral < 0.4
+    assert yaw_rate < 0.06
+
+
+@pytest.mark.parametrize("value", [NAN, INFINITE, -INFINITE, HUGE])
+@pytest.mark.parametrize("topic", SENSORS.values())
+def test_numbers_that_are_none_are_refused_and_the_sensor_named(
+    topic: str, value: float, observer: Observer, clean: Observer, lane_change: Recording, between
+) -> None:
+    bad = altered(messages(lane_change), between(topic, 5, 5.2), lambda s: filled(s, value))
+    course = follow(observer, bad, lane_change)
+    assert course.levels(NAMES[topic], 5.15, 5.3) <= {"WARN"}
+    assert "no usable number" in course.words(NAMES[topic])
+    assert course.levels(NAMES[topic], 9, 12) == {"OK"}
+    health, untouched = (o.health[o.names.index(NAMES[topic])] for o in (observer, clean))
+    assert health.used + health.invalid == untouched.used + untouched.invalid
+    assert_good(course)
+
+
+def test_one_gyro_axis_that_is_not_a_number_leaves_the_other_five(
+    observer: Observer, lane_change: Recording, between
+) -> None:
+    def without_pitch_rate(s: Sample) -> Sample:
+        return changed(s, angular_velocity=s.values["angular_velocity"] * [1, NAN, 1])
+
+    course = follow(observer, altered(messages(lane_change), between(IMU, 4, 8), without_pitch_rate), lane_change)
+    assert observer.health[0].invalid == 0
+    assert_good(course, 2.0)
+
+
+@pytest.mark.parametrize("value", [NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30])
+def test_a_covariance_that_cannot_be_true_does_no_harm(
+    value: float, observer: Observer, lane_change: Recording, between
+) -> None:
+    def with_covariance(s: Sample) -> Sample:
+        return changed(s, **{f: np.full_like(v, value) for f, v in s.values.items() if f.endswith("covariance")})
+
+    stream = altered(messages(lane_change), between(VELOCITY, 4, 6), with_covariance)
+    stream = altered(stream, between(IMU, 4, 6), with_covariance)
+    assert_good(follow(observer, stream, lane_change))
+
+
+def test_a_jump_of_the_position_by_20_m_is_refused(observer: Observer, lane_change: Recording, between) -> None:
+    def moved(s: Sample) -> Sample:
+        return changed(s, latitude=s.values["latitude"] + 20 / 111_200)
+
+    course = follow(observer, altered(messages(lane_change), between(FIX, 5, 7), moved), lane_change)
+    assert "WARN" in course.levels("position", 5, 8)
+    assert "standard deviations" in course.words("position")
+    assert observer.health[observer.names.index("position")].refused == 20
+    assert course.position[course.t > 3].max() < 2
+    assert_good(course)
+
+
+def test_a_frozen_imu_is_named(observer: Observer, lane_change: Recording, between) -> None:
+    last = next(s for s in messages(lane_change) if s.topic == IMU and seconds(lane_change, s) >= 4.0)
+    frozen = altered(messages(lane_change), between(IMU, 4, 7), lambda s: replace(s, values=last.values))
+    course = follow(observer, frozen, lane_change)
+    assert course.levels("imu", 4.5, 6.9) == {"WARN"}
+    assert "value frozen" in course.words("imu")
+    assert course.levels("imu", 9.5, 12) == {"OK"}
+    assert_good(course, 9.0)
+
+
+# Clocks
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -10.0, -1.0, 1.0, 10.0, 3600.0])
+@pytest.mark.parametrize("topic", SENSORS.values())
+def test_one_stray_stamp_is_refused_and_nothing_else(
+    topic: str, jump: float, observer: Observer, clean: Observer, lane_change: Recording
+) -> None:
+    stream = messages(lane_change)
+    index = next(i for i, s in enumerate(stream) if s.topic == topic and seconds(lane_change, s) > 5)
+    stream[index] = replace(stream[index], stamp=stream[index].stamp + int(jump * SECOND))
+    course = follow(observer, stream, lane_change)
+    # A second ago there was a message with this very stamp: it cannot be told from one that is repeated.
+    expected = ("ahead of all others",) if jump > 0 else ("history is", "stamp repeated")
+    assert any(words in course.words(NAMES[topic]) for words in expected)
+    for name, health, untouched in zip(observer.names, observer.health, clean.health, strict=True):
+        lost = untouched.used + untouched.refused - health.used - health.refused
+        assert lost == (name == NAMES[topic]), name
+    assert observer.diagnostics()[0].values == {"faults": "0", "restarts": "0"}
+    assert_good(course)
+
+
+@pytest.mark.parametrize("jump", [-3600.0, 3600.0])
+@pytest.mark.parametrize("topic", SENSORS.values())
+def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
+    topic: str, jump: float, observer: Observer, lane_change: Recording, between
+) -> None:
+    astray = between(topic, 5, 100)
+    stream = altered(messages(lane_change), astray, lambda s: replace(s, stamp=s.stamp + int(jump * SECOND)))
+    course = follow(observer, stream, lane_change)
+    assert course.levels(NAMES[topic], 6, 12) == {"WARN"}
+    assert observer.diagnostics()[0].values["restarts"] == "0"
+    assert all(np.isfinite(course.largest(5.0)))
+
+
+@pytest.mark.parametrize("jump", [-3600.0, 3600.0])
+def test_when_all_clocks_jump_the_observer_follows(
+    jump: float, observer: Observer, clean: Observer, lane_change: Recording
+) -> None:
+    stream = messages(lane_change)
+    moved = altered(
+        stream,
+        lambda s: (s.received or 0) >= lane_change.start + 4 * SECOND,
+        lambda s: replace(s, stamp=s.stamp + int(jump * SECOND)),
+    )
+    feed(observer, moved)
+    assert observer.diagnostics()[0].values["restarts"] == "1"
+    assert observer.converged
+    velocity, rates, _, _ = distance(observer, clean)
+    assert velocity < 0.2
+    assert rates < 0.05
+
+
+def test_repeated_messages_count_once(observer: Observer, clean: Observer, lane_change: Recording) -> None:
+    feed(observer, (s for s in messages(lane_change) for _ in range(2)))
+    assert "repeated" in observer.health[0].problem
+    assert [h.used for h in observer.health] == [h.used for h in clean.health]
+    assert max(distance(observer, clean)) < 1e-12
+
+
+def test_messages_that_do_not_say_when_they_arrived_are_used(
+    observer: Observer, clean: Observer, lane_change: Recording
+) -> None:
+    stream = [replace(s, received=None) for s in messages(lane_change)]
+    stray = next(i for i, s in enumerate(stream) if s.topic == IMU and seconds(lane_change, s) > 5)
+    stream[stray] = replace(stream[stray], stamp=stream[stray].stamp + 3600 * SECOND)
+    feed(observer, stream)
+    assert observer.diagnostics()[0].values["restarts"] == "0"
+    assert max(distance(observer, clean)) < 1e-3
+
+
+# Form
+
+
+def test_a_wrong_frame_is_named(observer: Observer, lane_change: Recording) -> None:
+    stream = altered(messages(lane_change), lambda s: s.topic == IMU, lambda s: replace(s, frame_id="base_link"))
+    follow(observer, stream, lane_change)
+    imu = next(d for d in observer.diagnostics() if d.name == "imu")
+    assert imu.level.name == "STALE"
+    assert "frame_id 'base_link', expected 'imu_link'" in imu.message
+
+
+def test_a_wrong_message_type_is_named(observer: Observer, lane_change: Recording) -> None:
+    feed(
+        observer,
+        altered(messages(lane_change), lambda s: s.topic == WHEELS, lambda s: replace(s, kind="std_msgs/msg/Bool")),
+    )
+    wheels = next(d for d in observer.diagnostics() if d.name == "wheel_speeds")
+    assert "message type std_msgs/msg/Bool, expected sensor_msgs/msg/JointState" in wheels.message
+
+
+def test_a_message_without_its_fields_is_refused(observer: Observer, lane_change: Recording, between) -> None:
+    stream = messages(lane_change)
+    for topic in SENSORS.values():
+        stream = altered(stream, between(topic, 5, 5.2), lambda s: replace(s, values={}))
+    follow(observer, stream, lane_change)
+    assert all(health.invalid > 0 for health in observer.health)
+    assert all(d.level.name == "OK" for d in observer.diagnostics())
+
+
+def test_joints_of_other_names_are_refused(observer: Observer, lane_change: Recording, between) -> None:
+    stream = messages(lane_change)
+    for topic in (WHEELS, STEERING):
+        stream = altered(stream, between(topic, 5, 5.2), lambda s: replace(s, names=("door",) * len(s.names)))
+    course = follow(observer, stream, lane_change)
+    for name in ("wheel_speeds", "steering"):
+        assert "no usable number" in course.words(name)
+    assert_good(course)
+
+
+# All of it at once
+
+CORRUPTION = st.one_of(
+    st.tuples(st.just("value"), st.sampled_from([NAN, INFINITE, -INFINITE, HUGE, -HUGE, 1e12])),
+    st.tuples(st.just("stamp"), st.floats(-1e5, -0.6) | st.floats(0.6, 1e5)),
+    st.tuples(st.just("frame"), st.just(0.0)),
+    st.tuples(st.just("empty"), st.just(0.0)),
+    st.tuples(st.just("kind"), st.just(0.0)),
+)
+
+
+def corrupted(sample: Sample, how: str, amount: float) -> Sample:
+    match how:
+        case "value":
+            return filled(sample, amount)
+        case "stamp":
+            return replace(sample, stamp=sample.stamp + int(amount * SECOND))
+        case "frame":
+            return replace(sample, frame_id="elsewhere")
+        case "empty":
+            return replace(sample, values={})
+        case _:
+            return replace(sample, kind="std_msgs/msg/String")
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    mixed_in=st.lists(st.tuples(st.integers(0, 1800), CORRUPTION), max_size=120),
+)
+def test_rubbish_between_good_messages_changes_next_to_nothing(
+    mixed_in: list[tuple[int, tuple[str, float]]], vehicle: Vehicle, lane_change: Recording
+) -> None:
+    """Frames are no rubbish where a sensor accepts any: then the message is a repeated one."""
+    good = messages(lane_change, 4.0)
+    stream = []
+    by_index: dict[int, list[tuple[str, float]]] = {}
+    for index, corruption in mixed_in:
+        by_index.setdefault(index, []).append(corruption)
+    for i, sample in enumerate(good):
+        stream.append(sample)
+        stream += [corrupted(sample, *c) for c in by_index.get(i, ())]
+    undisturbed, observer = (Observer(vehicle, map_origin(lane_change)) for _ in range(2))
+    feed(undisturbed, good)
+    feed(observer, stream)
+    assert observer.diagnostics()[0].values["faults"] == "0"
+    assert [h.used for h in observer.health] == pytest.approx([h.used for h in undisturbed.health], abs=60)
+    velocity, rates, attitude, position = distance(undisturbed, observer)
+    assert velocity < 0.05
+    assert rates < 0.01
+    assert attitude < 0.005
+    assert position < 0.3

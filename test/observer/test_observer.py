@@ -1,0 +1,287 @@
+"""What the observer does with messages that are good, whenever they come and whichever there are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drives import FIX, IMU, SECOND, SENSORS, STEERING, VELOCITY, WHEELS, distance, feed, follow, messages, seconds
+from vsense_ros.errors import InputError
+from vsense_ros.manoeuvre import generate
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.model.simulate import simulate
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer, run
+from vsense_ros.observer.run import map_origin
+from vsense_ros.recording import Recording, Sample
+
+
+def settings(vehicle: Vehicle, **changes: float) -> Vehicle:
+    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update=changes)})
+
+
+def observer_of(vehicle: Vehicle, recording: Recording) -> Observer:
+    return Observer(vehicle, map_origin(recording))
+
+
+# Order of arrival
+
+
+def without_ties(samples: Iterable[Sample]) -> list[Sample]:
+    """Messages that arrive when they are stamped, steering between the measurements.
+
+    An input that has the stamp of a measurement holds from there on if it comes after it, and for the step that leads
+    there if it comes before.
+    """
+    shift = {STEERING: 300_000, VELOCITY: 500_000, FIX: 600_000}
+    moved = (replace(s, stamp=s.stamp + shift.get(s.topic, 0)) for s in samples)
+    return sorted((replace(s, received=s.stamp) for s in moved), key=lambda s: s.stamp)
+
+
+def shuffled(samples: list[Sample], seed: int, longest: float, start: float = 1.0) -> list[Sample]:
+    """Every message delayed by up to `longest` [s], but none in the first seconds, so that both start alike."""
+    random = np.random.default_rng(seed)
+    first = samples[0].received or 0
+
+    def arrival(s: Sample) -> int:
+        assert s.received is not None
+        late = s.received > first + start * SECOND
+        return s.received + int(late * random.uniform(0, longest) * SECOND)
+
+    return sorted((replace(s, received=arrival(s)) for s in samples), key=lambda s: s.received or 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_messages_in_any_order_give_the_same_state(seed: int, vehicle: Vehicle, lane_change: Recording) -> None:
+    """Without a merge window the filter passes through the same instants whatever the order, so nothing differs."""
+    exact = settings(vehicle, merge_window=0.0)
+    stream = without_ties(messages(lane_change, 6.0))
+    ordered = feed(observer_of(exact, lane_change), stream)
+    other = feed(observer_of(exact, lane_change), shuffled(stream, seed, 0.3))
+    differences = distance(ordered, other)
+    assert other.stamp == ordered.stamp
+    assert sum(h.late for h in other.health) > 1000
+    assert sum(h.too_late + h.invalid for h in other.health) == 0
+    assert [h.used for h in other.health] == [h.used for h in ordered.health]
+    assert max(differences) < 1e-9
+    np.testing.assert_allclose(other.filter.covariance, ordered.filter.covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_merged_measurements_in_any_order_give_nearly_the_same_state(vehicle: Vehicle, lane_change: Recording) -> None:
+    """Which measurements share an instant depends on their order: a car that brakes or turns hard changes its speed by
+    0.02 m/s, its yaw rate by 0.01 rad/s within the window of 2 ms."""
+    stream = messages(lane_change, 6.0)
+    ordered = feed(observer_of(vehicle, lane_change), stream)
+    other = feed(observer_of(vehicle, lane_change), shuffled(stream, 0, 0.3))
+    velocity, rates, attitude, position = distance(ordered, other)
+    assert velocity < 0.02
+    assert rates < 0.01
+    assert attitude < 0.002
+    assert position < 0.02
+
+
+def test_gnss_that_comes_200_ms_late_gives_the_same_state(vehicle: Vehicle, lane_change: Recording) -> None:
+    stream = messages(lane_change, 6.0)
+    in_time = without_ties(stream)
+    begin = in_time[0].stamp + SECOND  # both start alike
+    late = [
+        replace(s, received=s.stamp + SECOND // 5 * (s.topic in (FIX, VELOCITY) and s.stamp > begin)) for s in in_time
+    ]
+    late.sort(key=lambda s: s.received or 0)
+    exact = settings(vehicle, merge_window=0.0)
+    ordered = feed(observer_of(exact, lane_change), in_time)
+    other = feed(observer_of(exact, lane_change), late)
+    assert other.health[other.names.index("velocity")].late > 40
+    assert max(distance(ordered, other)) < 1e-9
+
+
+def test_looking_at_the_estimate_does_not_change_it(vehicle: Vehicle, lane_change: Recording) -> None:
+    stream = messages(lane_change, 4.0)
+    unseen = feed(observer_of(vehicle, lane_change), stream)
+    seen = observer_of(vehicle, lane_change)
+    for sample in stream:
+        seen.add(sample)
+        seen.snapshot()
+        seen.diagnostics()
+    assert max(distance(unseen, seen)) < 1e-9
+
+
+@pytest.mark.slow
+def test_the_covariance_stays_symmetric_and_positive_for_ten_minutes(vehicle: Vehicle, lane_change: Recording) -> None:
+    """The same drive over and over, without GNSS after the first, as through a long tunnel."""
+    observer = observer_of(vehicle, lane_change)
+    stream = messages(lane_change, 12.0)
+    inner = [s for s in stream if s.topic in (IMU, WHEELS, STEERING)]
+    feed(observer, stream)
+    for lap in range(1, 51):
+        shift = lap * 12 * SECOND
+        feed(observer, (replace(s, stamp=s.stamp + shift, received=(s.received or 0) + shift) for s in inner))
+        p = observer.filter.covariance
+        assert np.array_equal(p, p.T)
+        deviation = np.sqrt(np.diag(p))
+        correlation = p / deviation / deviation[:, None]
+        assert np.linalg.eigvalsh(correlation).min() > -1e-9
+        assert np.isfinite(observer.filter.state).all()
+
+
+# Start, standstill, convergence
+
+
+@pytest.fixture(scope="module")
+def standing(plant: Vehicle) -> Recording:
+    return record(simulate(plant, lambda t, q, u: np.zeros(5), 60.0), plant, seed=3, name="standing")
+
+
+def test_standing_still_for_a_minute_nothing_drifts(vehicle: Vehicle, standing: Recording) -> None:
+    observer = observer_of(vehicle, standing)
+    course = follow(observer, messages(standing), standing)
+    speed, lateral, yaw_rate = course.largest(5.0)
+    assert speed < 0.05
+    assert lateral < 0.05
+    assert yaw_rate < 0.01
+    assert abs(observer.snapshot().attitude[2]) < 0.05
+    assert observer.diagnostics()[0].message == "heading unknown until the car moves"
+    assert not observer.converged
+
+
+def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Vehicle, vehicle: Vehicle) -> None:
+    def driver(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        torque = 150.0 if t > 2 else 0.0
+        return np.array([0.02 * (t > 6), 0.0, 0.0, torque, torque])
+
+    recording = record(simulate(plant, driver, 12.0), plant, seed=4, name="from rest")
+    observer = observer_of(vehicle, recording)
+    course = follow(observer, messages(recording), recording)
+    assert observer.heading_known
+    assert observer.converged
+    speed, lateral, yaw_rate = course.largest(8.0)
+    assert speed < 0.3
+    assert lateral < 0.3
+    assert yaw_rate < 0.05
+
+
+def test_it_starts_in_motion_and_says_when_it_has_converged(vehicle: Vehicle, lane_change: Recording) -> None:
+    observer = observer_of(vehicle, lane_change)
+    course = follow(observer, messages(lane_change, 4.0), lane_change)
+    texts = [d["observer"].message for _, d in course.said]
+    assert texts[0].startswith("waiting for")
+    assert "converging" in texts
+    assert texts[-1] == "converged"
+    first = next(t for t, d in course.said if d["observer"].message == "converged")
+    assert 1.0 < first < 3.0
+    speed, lateral, yaw_rate = course.largest(first)
+    assert (speed, lateral, yaw_rate) < (0.2, 0.3, 0.05)
+
+
+# Loss
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_a_sensor_that_falls_silent_is_named_and_survived(name: str, vehicle: Vehicle, plant: Vehicle) -> None:
+    recording = generate("steady_state_circle", plant, seed=2)
+    gone = (4.0, 8.0)
+    observer = observer_of(vehicle, recording)
+    stream = messages(recording, 13.0)
+    lost = [s for s in stream if not (s.topic == SENSORS[name] and gone[0] <= seconds(recording, s) < gone[1])]
+    course = follow(observer, lost, recording)
+    whole = follow(observer_of(vehicle, recording), stream, recording)
+    timeout = observer.sensors[name].timeout
+    assert course.levels(name, gone[0] + timeout + 0.3, gone[1]) == {"STALE"}
+    assert "STALE" not in course.levels(name, gone[1] + 0.3, 13.0)
+    for other in set(SENSORS) - {name}:
+        assert "STALE" not in course.levels(other, 2.0, 13.0)
+    speed, lateral, yaw_rate = course.largest(3.0)
+    assert speed < 1.0
+    assert lateral < 1.0
+    assert yaw_rate < 0.2
+    for with_loss, without in zip(course.largest(11.0), whole.largest(11.0), strict=True):
+        assert with_loss < without + 0.1
+    assert course.position[-1] < whole.position[-1] + 2.0
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_it_works_without_any_one_sensor_from_the_start(name: str, vehicle: Vehicle, lane_change: Recording) -> None:
+    observer = observer_of(vehicle, lane_change)
+    course = follow(observer, (s for s in messages(lane_change) if s.topic != SENSORS[name]), lane_change)
+    said = {d.name: d for d in observer.diagnostics()}
+    assert said[name].level.name == "STALE"
+    assert SENSORS[name] in said[name].message
+    limits = {"velocity": (1.0, 2.0, 0.2), "steering": (1.0, 2.0, 0.2)}.get(name, (0.5, 0.7, 0.1))
+    assert all(error < limit for error, limit in zip(course.largest(6.0), limits, strict=True)), course.largest(6.0)
+
+
+def test_ten_seconds_without_gnss_are_bridged(vehicle: Vehicle, plant: Vehicle) -> None:
+    recording = generate("steady_state_circle", plant, seed=5)
+    stream = messages(recording, 18.0)
+    outage = [s for s in stream if not (s.topic in (FIX, VELOCITY) and 5 <= seconds(recording, s) < 15)]
+    observer = observer_of(vehicle, recording)
+    course = follow(observer, outage, recording)
+    speed, lateral, yaw_rate = course.largest(4.0)
+    assert speed < 0.5
+    assert lateral < 0.5
+    assert yaw_rate < 0.05
+    assert {d["position"].level.name for t, d in course.said if 8 < t < 15} == {"STALE"}
+    assert observer.converged
+    assert course.position[-1] < 3
+
+
+def test_a_pause_of_the_whole_recording_costs_no_more_than_the_pause(vehicle: Vehicle, lane_change: Recording) -> None:
+    stream = [s for s in messages(lane_change) if not 4.0 <= seconds(lane_change, s) < 5.2]
+    observer = observer_of(vehicle, lane_change)
+    course = follow(observer, stream, lane_change)
+    assert sum(h.invalid for h in observer.health) == 0
+    assert observer.diagnostics()[0].values["restarts"] == "0"
+    assert course.largest(8.0) < (0.3, 0.4, 0.05)
+
+
+def test_after_a_long_pause_it_starts_anew(vehicle: Vehicle, lane_change: Recording) -> None:
+    stream = messages(lane_change)
+    later = [replace(s, stamp=s.stamp + 60 * SECOND, received=(s.received or 0) + 60 * SECOND) for s in stream]
+    observer = feed(observer_of(vehicle, lane_change), stream)
+    feed(observer, later)
+    assert observer.diagnostics()[0].values["restarts"] == "1"
+    assert observer.converged
+    assert distance(observer, feed(observer_of(vehicle, lane_change), stream))[0] < 0.05
+
+
+# Vehicles and recordings that tell too little
+
+
+@pytest.mark.parametrize(
+    ("kept", "missing"), [(("imu", "steering", "position"), "speed"), (("wheel_speeds", "position"), "turns")]
+)
+def test_a_vehicle_that_tells_too_little_is_refused(kept: tuple[str, ...], missing: str, vehicle: Vehicle) -> None:
+    poor = vehicle.model_copy(update={"sensors": {n: vehicle.sensors[n] for n in kept}})
+    with pytest.raises(InputError, match=missing):
+        Observer(poor)
+
+
+def test_an_empty_recording_is_refused_with_what_was_expected(vehicle: Vehicle) -> None:
+    with pytest.raises(InputError, match="expected imu/data"):
+        run(Recording({}, name="empty"), vehicle)
+
+
+def test_a_recording_without_any_speed_is_refused(vehicle: Vehicle, lane_change: Recording) -> None:
+    channels = {topic: lane_change[topic].select(slice(0, 100)) for topic in (IMU, STEERING)}
+    with pytest.raises(InputError, match="never started"):
+        run(Recording(channels, name="blind"), vehicle)
+
+
+def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_change: Recording) -> None:
+    done: list[float] = []
+    result = run(lane_change, vehicle, progress=done.append)
+    assert done[-1] == 1.0
+    assert done == sorted(done)
+    assert result.realtime_factor > 0
+    assert result.step_us_median > 0
+    expected = {"odometry", "acceleration", "sideslip", "parameters"}
+    expected |= {f"wheel_{what}/{wheel}" for what in ("force", "slip") for wheel in ("fl", "fr", "rl", "rr")}
+    assert set(result.output.channels) == {f"vsense/{name}" for name in expected}
+    rows = {len(channel) for channel in result.output.channels.values()}
+    assert rows == {len(result.output["vsense/odometry"])}
+    for channel in result.output.channels.values():
+        assert np.all(np.diff(channel.stamp) > 0)
+        assert not any(np.isnan(column).any() for column in channel.columns.values())
