@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
@@ -14,6 +15,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from vsense_ros.errors import InputError
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.tir import read_tir
+from vsense_ros.vehicle_schema import allowed, models_of, tag_of, unit_of
 
 
 def load_vehicle(path: str | Path) -> Vehicle:
@@ -39,7 +41,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     if not isinstance(tree, CommentedMap):
         raise InputError(f"{path}: expected a mapping with the keys {', '.join(Vehicle.model_fields)}")
     try:
-        return Vehicle.model_validate(_resolved(path, tree))
+        # As JSON, where strict means that a number is a number but a list may stand for a tuple.
+        return Vehicle.model_validate_json(json.dumps(_resolved(path, tree), default=str), strict=True)
     except ValidationError as error:
         raise InputError("\n".join(_fault(path, tree, fault) for fault in error.errors())) from None
 
@@ -96,45 +99,77 @@ def _fault(path: Path, tree: CommentedMap, fault: Any) -> str:
     line = tree.lc.line + 1
     keys: list[str] = []
     for step in fault["loc"]:
-        if isinstance(node, CommentedMap) and step in node:
-            line = node.lc.key(step)[0] + 1
-            node = node[step]
+        names = {str(key): key for key in node} if isinstance(node, CommentedMap) else {}
+        if step in names:
+            line = _line(node.lc.data, names[step], line)
+            node = node[names[step]]
         elif isinstance(node, CommentedSeq) and isinstance(step, int) and step < len(node):
-            line = node.lc.item(step)[0] + 1
+            line = _line(node.lc.data, step, line)
             node = node[step]
         elif fault["type"] != "missing" or step != fault["loc"][-1]:
             continue
         keys.append(str(step))
+    if fault["type"] == "value_error":  # of several values; the message begins with the key of the wrong one
+        for step in fault["msg"].removeprefix("Value error, ").split()[0].split("."):
+            if not isinstance(node, CommentedMap) or step not in node:
+                break
+            line = _line(node.lc.data, step, line)
+            node = node[step]
+            keys.append(step)
     where = f"{path}:{line}: {'.'.join(keys) or 'file'}"
+    model, field = _field(fault["loc"])
+    found = _shown(fault["input"])
     if fault["type"] == "missing":
-        return f"{where}: missing; expected {_expectation(fault['loc'])}"
+        wanted = field.description if field and field.description else "a value"
+        return f"{where}: missing; expected {wanted}{_range(field)}"
     if fault["type"] == "extra_forbidden":
-        return f"{where}: unknown key; remove it or correct its spelling"
-    found = fault["input"]
-    shown = f", found {found!r}" if isinstance(found, str | int | float | bool) or found is None else ""
+        known = f"; known here: {', '.join(model.model_fields)}" if model else ""
+        return f"{where}: unknown key, found {found}{known}"
     message = fault["msg"].removeprefix("Value error, ")
-    return f"{where}: {message[:1].lower() + message[1:]}{shown}{_unit(fault['loc'])}"
+    inside = "" if isinstance(fault["input"], dict) else f", found {found}"
+    return f"{where}: {message[:1].lower() + message[1:]}{inside}{_range(field)}"
 
 
-def _field(location: tuple[Any, ...]) -> FieldInfo | None:
-    """The schema's field at a location, or None."""
-    model: Any = Vehicle
-    field = None
+def _line(places: Any, key: Any, default: int) -> int:
+    """Line of a key or an item; `default` where it has none of its own, as after a YAML merge."""
+    return places[key][0] + 1 if places and key in places else default
+
+
+def _shown(found: Any) -> str:
+    if isinstance(found, dict | list):
+        return "a mapping" if isinstance(found, dict) else f"a list of {len(found)}"
+    return "nothing" if found is None else repr(found)
+
+
+def _field(location: tuple[Any, ...]) -> tuple[type[BaseModel] | None, FieldInfo | None]:
+    """The schema's field at a location, or None, and the model that has it or should have it."""
+    annotation: Any = Vehicle
+    model: type[BaseModel] | None = None
+    field: FieldInfo | None = None
     for step in location:
-        fields = getattr(model, "model_fields", {})
-        if step not in fields:
-            return None
-        field = fields[step]
-        model = field.annotation
-    return field
+        if get_origin(annotation) is dict:
+            annotation, field = get_args(annotation)[1], None
+            continue
+        choices = list(models_of(annotation))
+        tagged = [choice for choice in choices if len(choices) > 1 and tag_of(choice) == step]
+        if tagged:
+            annotation = tagged[0]
+            continue
+        if not choices:  # a component of a tuple
+            continue
+        model = choices[0]
+        field = model.model_fields.get(step)
+        if field is None:
+            break
+        annotation = field.annotation
+    return model, field
 
 
-def _unit(location: tuple[Any, ...]) -> str:
-    field = _field(location)
-    extra = field.json_schema_extra if field else None
-    return f" (a number in {extra['unit']})" if isinstance(extra, dict) and "unit" in extra else ""
-
-
-def _expectation(location: tuple[Any, ...]) -> str:
-    field = _field(location)
-    return f"{field.description}{_unit(location)}" if field and field.description else "a value"
+def _range(field: FieldInfo | None) -> str:
+    """What a field may be, in brackets."""
+    if field is None:
+        return ""
+    unit, limits = unit_of(field), allowed(field)
+    words = [f"a number in {unit}" if unit else "", limits]
+    text = ", ".join(word for word in words if word)
+    return f" ({text})" if text else ""
