@@ -26,6 +26,8 @@ from platformdirs import user_cache_path
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 log = logging.getLogger(__name__)
 
+_broken: set[str] = set()  # compilers that failed in this process: reported once, not tried again
+
 
 def compiler() -> str | None:
     """The C compiler to use, or None: `$CC`, else cc, gcc or clang on the path; none with `VSENSE_COMPILE=0`."""
@@ -50,7 +52,7 @@ def library(name: str, source: str) -> Path | None:
     `name` is for humans: it begins the library's file name.
     """
     cc = compiler()
-    if cc is None:
+    if cc is None or cc in _broken:
         return None
     key = hashlib.sha256("\n".join((cc, *FLAGS, _processor(), source)).encode()).hexdigest()
     target = cache_folder() / f"{name}-{key[:20]}.so"
@@ -67,8 +69,16 @@ def library(name: str, source: str) -> Path | None:
                     os.replace(Path(folder) / "library.so", target)
         return target
     except (OSError, subprocess.SubprocessError) as error:
-        log.warning("compiling %s failed, continuing without: %s", name, error)
+        _broken.add(cc)
+        log.warning("compiling %s failed, continuing without compiled code: %s%s", name, error, _said(error))
         return None
+
+
+def _said(error: Exception) -> str:
+    """What the compiler had to say, the first line of it."""
+    output = getattr(error, "stderr", None) or b""
+    lines = output.decode(errors="replace").strip().splitlines()
+    return f" ({lines[0]})" if lines else ""
 
 
 def _processor() -> str:
@@ -90,7 +100,11 @@ def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
     built = library(name, generator.dump())
     if built is None:
         return list(functions)
-    return [ca.external(function.name(), str(built)) for function in functions]
+    try:
+        return [ca.external(function.name(), str(built)) for function in functions]
+    except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
+        log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
+        return list(functions)
 
 
 class Kernel:

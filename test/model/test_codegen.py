@@ -1,0 +1,141 @@
+"""Compiled functions: a cache that may always be missing, shared or broken, and never matters for the result."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vsense_ros.model import codegen
+
+PROGRAM = """
+import logging, sys
+import casadi as ca
+from vsense_ros.model import codegen
+logging.basicConfig(level=logging.WARNING)
+x = ca.SX.sym("x", 3)
+function, = codegen.compiled("probe", [codegen.function("probe", [x], [ca.sin(x) * x], ["x"])])
+print(function.is_a("External", False), *(f"{y:.12f}" for y in function([1, 2, 3]).full().ravel()))
+"""
+
+
+def probe(scale: float = 1.0) -> ca.Function:
+    x = ca.SX.sym("x", 3)
+    return codegen.function("probe", [x], [scale * ca.sin(x) * x], ["x"])
+
+
+def value(function: ca.Function) -> np.ndarray:
+    return np.asarray(function([1.0, 2.0, 3.0]))[:, 0]
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("VSENSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("VSENSE_COMPILE", "1")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(codegen, "_broken", set())
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def compiler(cache: Path) -> str:
+    found = codegen.compiler()
+    if found is None:
+        pytest.skip("needs a C compiler: none of cc, gcc, clang is on the path")
+    return found
+
+
+@pytest.mark.usefixtures("compiler")
+def test_a_function_is_compiled_once_and_found_again(cache, monkeypatch):
+    (first,) = codegen.compiled("probe", [probe()])
+    assert first.is_a("External", False)
+    (library,) = cache.glob("probe-*.so")
+    made = library.stat().st_mtime_ns
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("compiled again"))
+    (second,) = codegen.compiled("probe", [probe()])
+    assert library.stat().st_mtime_ns == made
+    assert_allclose(value(first), value(probe()), rtol=1e-14)
+    assert_allclose(value(second), value(probe()), rtol=1e-14)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_other_expressions_are_other_libraries(cache):
+    (one,), (two,) = codegen.compiled("probe", [probe()]), codegen.compiled("probe", [probe(2.0)])
+    assert len(list(cache.glob("probe-*.so"))) == 2
+    assert_allclose(value(two), 2 * value(one))
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+def test_processes_that_build_at_once_all_succeed():
+    processes = [
+        subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    answers = [process.communicate(timeout=120) for process in processes]
+    expected = " ".join(["True", *(f"{y:.12f}" for y in value(probe()))])
+    assert [(out.strip(), err) for out, err in answers] == [(expected, "")] * 3
+
+
+@pytest.mark.usefixtures("cache")
+def test_a_broken_compiler_is_reported_once_and_the_virtual_machine_takes_over(monkeypatch, caplog):
+    monkeypatch.setenv("CC", "/bin/false")
+    with caplog.at_level(logging.WARNING):
+        functions = [codegen.compiled("probe", [probe(scale)])[0] for scale in (1.0, 2.0, 3.0)]
+    assert not any(function.is_a("External", False) for function in functions)
+    assert_allclose(value(functions[2]), 3 * value(probe()))
+    (record,) = caplog.records
+    assert "compiling probe failed, continuing without compiled code" in record.message
+
+
+def test_compilation_can_be_switched_off(cache, monkeypatch):
+    monkeypatch.setenv("VSENSE_COMPILE", "0")
+    (function,) = codegen.compiled("probe", [probe()])
+    assert not function.is_a("External", False)
+    assert not cache.exists()
+    assert_allclose(value(function), value(probe()))
+
+
+@pytest.mark.usefixtures("compiler")
+def test_a_damaged_library_is_reported_and_done_without(cache, caplog):
+    codegen.compiled("probe", [probe(4.0)])
+    (library,) = cache.glob("probe-*.so")
+    library.write_bytes(b"not a library")
+    with caplog.at_level(logging.WARNING):
+        (function,) = codegen.compiled("probe", [probe(4.0)])
+    assert_allclose(value(function), 4 * value(probe()))
+    assert "cannot be loaded" in caplog.text
+
+
+@pytest.mark.usefixtures("compiler")
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, caplog):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("VSENSE_CACHE", str(tmp_path / "file" / "cache"))
+    (function,) = codegen.compiled("probe", [probe()])
+    assert not function.is_a("External", False)
+    assert_allclose(value(function), value(probe()))
+    assert "continuing without compiled code" in caplog.text
+
+
+def test_a_kernel_reads_its_arguments_and_writes_its_results_in_place():
+    x = ca.SX.sym("x", 2)
+    function = codegen.function("f", [x], [ca.vertcat(x[0], 0, x[1]), x @ x.T], ["x"])
+    argument = np.array([2.0, 3.0])
+    memory = np.zeros(7)
+    kernel = codegen.Kernel(function, [argument], memory)
+    kernel.call()
+    assert_allclose(kernel.results[0][:, 0], [2, 0, 3])
+    assert_allclose(kernel.results[1], [[4, 6], [6, 9]])
+    argument[:] = 1.0, 5.0
+    kernel.call()
+    assert_allclose(memory, [1, 0, 5, 1, 5, 5, 25])
+
+
+def test_a_kernel_refuses_arguments_of_a_wrong_size():
+    with pytest.raises(ValueError, match=r"probe: argument 0 \(x\) needs 3 elements, got 2"):
+        codegen.Kernel(probe(), [np.zeros(2)])
