@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from vsense_ros.model.linkage import Linkages
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
 from vsense_ros.model.sensors import Sensor
@@ -142,6 +143,7 @@ class Vehicle(Part):
     name: str = Field(description="name of the vehicle", min_length=1)
     source: str = Field(description="where the parameters come from", default="")
     physics: Physics
+    linkage: Linkages | None = Field(description="suspension linkages, for the car with all its bodies", default=None)
     sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()

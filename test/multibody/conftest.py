@@ -1,0 +1,16 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.vehicle_file import load_vehicle
+
+VEHICLES = Path(__file__).parents[2] / "config/vehicles"
+
+
+@pytest.fixture(scope="session")
+def vehicle() -> Vehicle:
+    """The prototype, with its linkages."""
+    return load_vehicle(VEHICLES / "prototype_real.yaml")

@@ -1,0 +1,58 @@
+"""Contact of a wheel with a plane road: where it touches, how it slides there, and what the tyre then does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import casadi as ca
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Vectors (3×1) in the axes of the car, point from its origin; scalars in SI units."""
+
+    point: ca.SX
+    ahead: ca.SX
+    sideways: ca.SX
+    normal: ca.SX
+    load: ca.SX
+    speed_x: ca.SX
+    speed_y: ca.SX
+    inclination: ca.SX  # positive where the top leans to the right (ISO 8855) [rad]
+    effective_radius: ca.SX
+
+
+def contact(
+    axle: SimpleNamespace,
+    centre: ca.SX,
+    direction: ca.SX,
+    normal: ca.SX,
+    height: ca.SX,
+    velocity_at: Callable[[ca.SX], ca.SX],
+) -> Contact:
+    """`axle` holds the symbols of an `Axle`; the wheel turns about `direction` (to the left) through `centre`; the road
+    has the `normal`, and the origin of the axes is `height` above it; `velocity_at` gives the velocity (3×1) of a point
+    that does not spin with the wheel."""
+    ahead = ca.cross(direction, normal)
+    ahead = ahead / ca.norm_2(ahead)
+    upward = ca.cross(ahead, direction)
+    loaded_radius = (height + normal.T @ centre) / (normal.T @ upward)
+    point = centre - loaded_radius * upward
+    sideways = ca.cross(normal, ahead)
+    velocity = velocity_at(point)
+    deflection = axle.unloaded_radius - loaded_radius
+    load = axle.tyre_stiffness * deflection - axle.tyre_damping * (normal.T @ velocity)
+    factor = axle.dynamic_radius_factor
+    return Contact(
+        point=point,
+        ahead=ahead,
+        sideways=sideways,
+        normal=normal,
+        load=ca.if_else(deflection > 0, ca.fmax(load, 0), 0),
+        speed_x=ahead.T @ velocity,
+        speed_y=sideways.T @ velocity,
+        inclination=ca.asin(normal.T @ direction),
+        effective_radius=factor * axle.unloaded_radius + (1 - factor) * loaded_radius,
+    )

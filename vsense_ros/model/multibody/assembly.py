@@ -1,0 +1,98 @@
+"""Putting a linkage together: coordinates that close its loops, and whether its constraints make sense.
+
+A linkage that cannot be closed, a constraint that says what others say already, and one that contradicts them are told
+apart here, and refused with a sentence.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.model.multibody.mechanism import Linkage
+from vsense_ros.model.multibody.semi_recursive import Motion
+
+Array = NDArray[np.float64]
+ITERATIONS = 60
+CLOSED = 1e-11  # [m] what counts as closed
+LARGEST_TURN = 0.3  # largest change of a coordinate in one iteration
+RELATIVE_RANK = 1e-7  # singular values below this share of the largest are zero
+
+
+def closure_function(linkage: Linkage) -> ca.Function:
+    """(z, guides, parameters) → Φ (m), Φ_z (m×n); `guides` are positions (g)."""
+    n, g = len(linkage.coordinate_names), len(linkage.guides)
+    z, guides = ca.SX.sym("z", n), ca.SX.sym("guides", g)
+    motion = Motion(linkage, z, ca.SX(n, 1), ca.SX(n, 1), ca.horzcat(guides, ca.SX(g, 2)))
+    return ca.Function(
+        f"closure_{linkage.name}",
+        [z, guides, linkage.parameters],
+        [ca.densify(motion.constraint), ca.densify(motion.constraint_jacobian)],
+    )
+
+
+def assemble(
+    linkage: Linkage,
+    parameters: Array,
+    start: Array | None = None,
+    guides: Array | None = None,
+    held: dict[int, float] | None = None,
+) -> Array:
+    """Coordinates (n) that close the linkage, the nearest to `start`; those in `held` keep their values.
+
+    Raises `InputError` where there are none, naming the closures that stay open and by how much.
+    """
+    function = closure_function(linkage)
+    positions = np.zeros(len(linkage.guides)) if guides is None else guides
+    z = np.zeros(len(linkage.coordinate_names)) if start is None else np.array(start, dtype=float)
+    held = held or {}
+    free = [i for i in range(len(z)) if i not in held]
+    for index, value in held.items():
+        z[index] = value
+    for _ in range(ITERATIONS):
+        gap, jacobian = (np.asarray(r) for r in function(z, positions, parameters))
+        gap = gap.reshape(-1)
+        if gap.size == 0 or np.abs(gap).max() < CLOSED:
+            return z
+        change = np.linalg.lstsq(jacobian[:, free], -gap, rcond=RELATIVE_RANK)[0]
+        z[free] += change * min(1.0, LARGEST_TURN / max(np.abs(change).max(), 1e-300))
+    open_by: dict[str, float] = {}
+    for name, value in zip(linkage.equation_names, gap, strict=True):
+        open_by[name] = max(open_by.get(name, 0.0), abs(value))
+    worst = ", ".join(f"{name} by {1e3 * value:.3g} mm" for name, value in open_by.items() if value > CLOSED)
+    raise InputError(
+        f"linkage {linkage.name!r} does not close: the nearest position leaves open {worst}. Check the hard points and "
+        "lengths, and whether the travel or the guide asks for more than the linkage can do"
+    )
+
+
+def check(linkage: Linkage, parameters: Array, z: Array, guides: Array | None = None) -> int:
+    """Degrees of freedom of an assembled linkage, by the rank of its constraints.
+
+    Raises `InputError` for constraints that others imply already, and for those that contradict them.
+    """
+    function = closure_function(linkage)
+    positions = np.zeros(len(linkage.guides)) if guides is None else guides
+    jacobian = np.asarray(function(z, positions, parameters)[1])
+    count, n = jacobian.shape
+    if not count:
+        return n
+    values = np.linalg.svd(jacobian, compute_uv=False)
+    rank = int(np.sum(values > RELATIVE_RANK * values[0]))
+    if rank < count:
+        names: list[str] = []
+        kept = np.zeros((0, n))
+        for row, name in zip(jacobian, linkage.equation_names, strict=True):
+            trial = np.vstack([kept, row])
+            singular = np.linalg.svd(trial, compute_uv=False)
+            if np.sum(singular > RELATIVE_RANK * values[0]) > len(kept):
+                kept = trial
+            elif name not in names:
+                names.append(name)
+        raise InputError(
+            f"linkage {linkage.name!r} has {count} constraints of which only {rank} are independent: "
+            f"{', '.join(names)} repeats in part what the closures before it say. Remove it or give it fewer directions"
+        )
+    return n - rank

@@ -1,0 +1,446 @@
+"""Time steps of mechanisms with closed loops: index-3 augmented Lagrangian, trapezoidal rule, projections.
+
+One step solves M z̈ + Φ_zᵀ (α Φ + λ) = Q at its end by Newton-Raphson with the trapezoidal rule inserted, updates the
+multipliers λ in each iteration, and then projects velocities and accelerations on the constraints' derivatives
+orthogonally to the matrix of the iteration (Cuadrado, Dopico, González & Naya 2004; Dopico et al. 2014). The penalty is
+given as a mass, `PENALTY_MASS = α h²/4`, which keeps the conditioning the same for every step length.
+
+The system is solved by its structure: each branch is eliminated on its own and leaves a 6×6 matrix at the base, so that
+the work grows linearly with the number of branches. The matrix of the iteration is made once a step, with the stiffness
+of springs, loads and constraint forces in it, and leaves out what the change of inertia contributes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.model import codegen, spatial
+from vsense_ros.model.multibody.joints import column
+from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
+from vsense_ros.model.multibody.semi_recursive import Forces, Motion
+from vsense_ros.model.tree import solve_dominant
+
+PENALTY_MASS = 1e6  # [kg]
+CORRECTIONS = 3  # iterations in one call
+LONGEST = 12  # calls before a step is given up
+
+Array = NDArray[np.float64]
+FREE_FALL = (0.0, 0.0, -9.80665)  # [m/s²] standard acceleration of free fall, in the axes of the ground
+
+_NAMES = ("z", "dz", "ddz", "multipliers", "parameters", "guides", "gravity", "wrench", "inputs")
+
+
+@dataclass(frozen=True)
+class _Branch:
+    """The functions of one linkage: symbols in, numbers out, shared by all branches that are equal."""
+
+    evaluate: ca.Function
+    factor: ca.Function
+    constraints: ca.Function
+    equations: ca.Function
+    exports: ca.Function
+    outputs: ca.Function
+
+
+def _branch(linkage: Linkage) -> _Branch:
+    n, m, g = len(linkage.coordinate_names), len(linkage.equation_names), len(linkage.guides)
+    z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
+    guides, multipliers = ca.SX.sym("guides", g, 3), ca.SX.sym("multipliers", m)
+    base_velocity, base_acceleration = ca.SX.sym("base_velocity", 6), ca.SX.sym("base_acceleration", 6)
+    up, height, h = ca.SX.sym("up", 3), ca.SX.sym("height"), ca.SX.sym("h")
+    motion = Motion(linkage, z, dz, ddz, guides)
+    forces = Forces(motion, base_velocity, base_acceleration, up, height)
+    weight = h**2 / 4
+    jacobian, constraint = motion.constraint_jacobian, motion.constraint
+    arguments = [
+        z, dz, ddz, guides, multipliers, base_velocity, base_acceleration, up, height,
+        linkage.parameters, linkage.inputs, h,
+    ]  # fmt: skip
+    names = (
+        "z", "dz", "ddz", "guides", "multipliers", "base_velocity", "base_acceleration", "up", "height",
+        "parameters", "inputs", "h",
+    )  # fmt: skip
+
+    def function(kind: str, results: Sequence[ca.SX]) -> ca.Function:
+        return codegen.function(f"{kind}_{linkage.name}", arguments, results, names)
+
+    residual = weight * (forces.residual + jacobian.T @ multipliers) + PENALTY_MASS * (jacobian.T @ constraint)
+    tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
+    matrix = tangent + weight * motion.constraint_curvature(multipliers) + PENALTY_MASS * (jacobian.T @ jacobian)
+    # Elimination sees plain elements and not the expressions behind them, which keeps the code short.
+    inverse = _inverse(linkage.name, n)
+    mass, mass_by_base, mass_of_base, mass_both = forces.tangent(ca.SX(0), ca.SX(0))
+    shape = codegen.function(f"tangent_{linkage.name}", arguments, [matrix, by_base, of_base, both, jacobian], names)
+    symbols = [ca.MX.sym(name, *a.shape) for name, a in zip(names, arguments, strict=True)]
+    matrix_x, by_base_x, of_base_x, both_x, jacobian_x = shape(*symbols)
+    inverse_x = inverse(matrix_x)
+    right = inverse_x @ by_base_x
+    factor = ca.Function(
+        f"factor_{linkage.name}",
+        symbols,
+        [inverse_x, right, of_base_x @ inverse_x, both_x - of_base_x @ right, jacobian_x],
+        list(names),
+        ["inverse", "right", "left", "schur", "jacobian"],
+    )
+    exports = [motion.measure(measure).value for measure in linkage.exports]
+    return _Branch(
+        evaluate=function("evaluate", [residual, weight * forces.base, constraint]),
+        factor=factor,
+        constraints=function(
+            "constraints", [constraint, motion.constraint_rate, motion.constraint_acceleration, jacobian]
+        ),
+        equations=function("equations", [mass, mass_by_base, mass_of_base, mass_both, forces.residual, forces.base]),
+        exports=ca.Function(
+            f"exports_{linkage.name}",
+            [z, guides, linkage.parameters],
+            [ca.densify(ca.vertcat(ca.SX(0, 1), *exports))],
+            ["z", "guides", "parameters"],
+            ["exports"],
+        ),
+        outputs=function("outputs", [ca.vertcat(ca.SX(0, 1), *forces.load_outputs)]),
+    )
+
+
+def _inverse(name: str, n: int) -> ca.Function:
+    """Inverse of an n×n matrix with a dominant diagonal, as a function of its elements."""
+    a = ca.SX.sym("a", n, n)
+    return codegen.function(f"inverse_{name}", [a], [solve_dominant(a, ca.SX.eye(n))], ["a"])
+
+
+def _base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
+    """(q, dq, ddq, gravity, wrench, parameters, h) → velocity, acceleration less free fall, up, height, missing force
+    by weight, inertia; and (q) → rates of the coordinates by the spatial velocity (6×6)."""
+    base = mechanism.base
+    gravity, wrench, h = ca.SX.sym("gravity", 3), ca.SX.sym("wrench", 6), ca.SX.sym("h")
+    if base is None:
+        nothing = ca.SX.sym("q", 0)
+        return (
+            codegen.function(
+                "base_state",
+                [nothing, nothing, nothing, gravity, wrench, ca.SX.sym("p", 0), h],
+                [ca.SX(6, 1), ca.vertcat(ca.SX(3, 1), -gravity), ca.SX([0, 0, 1]), ca.SX(0), ca.SX(6, 1), ca.SX(6, 6)],
+                ("q", "dq", "ddq", "gravity", "wrench", "parameters", "h"),
+            ),
+            codegen.function("base_rates", [nothing], [ca.SX(0, 6)], ("q",)),
+        )
+    q, dq, ddq = (ca.SX.sym(name, 6) for name in ("q", "dq", "ddq"))
+    attitude = spatial.rotation_rpy(q[3], q[4], q[5])
+    s, c = ca.sin(q[3]), ca.cos(q[3])
+    # Body rates from the rates of roll, pitch and yaw, and back.
+    turning = ca.vertcat(
+        ca.horzcat(1, 0, -ca.sin(q[4])),
+        ca.horzcat(0, c, s * ca.cos(q[4])),
+        ca.horzcat(0, -s, c * ca.cos(q[4])),
+    )
+    back = ca.vertcat(
+        ca.horzcat(1, s * ca.tan(q[4]), c * ca.tan(q[4])),
+        ca.horzcat(0, c, -s),
+        ca.horzcat(0, s / ca.cos(q[4]), c / ca.cos(q[4])),
+    )
+    velocity = ca.vertcat(turning @ dq[3:6], attitude.T @ dq[0:3])
+    acceleration = ca.jtimes(velocity, ca.vertcat(q, dq), ca.vertcat(dq, ddq))
+    felt = ca.vertcat(acceleration[:3], acceleration[3:] - attitude.T @ gravity)
+    inertia = spatial.rigid_inertia(ca.SX(base.mass), column(base.centre), base.inertia)
+    load = wrench if base.load is None else wrench + base.load(velocity)
+    missing = inertia @ felt + spatial.cross_force(velocity, inertia @ velocity) - load
+    state = codegen.function(
+        "base_state",
+        [q, dq, ddq, gravity, wrench, base.parameters, h],
+        [velocity, felt, attitude[2, :].T, q[2], h**2 / 4 * missing, inertia],
+        ("q", "dq", "ddq", "gravity", "wrench", "parameters", "h"),
+    )
+    rates = ca.vertcat(ca.horzcat(ca.SX(3, 3), attitude), ca.horzcat(back, ca.SX(3, 3)))
+    return state, codegen.function("base_rates", [q], [rates], ("q",))
+
+
+class Equations:
+    """The functions of a mechanism, CasADi expressions throughout.
+
+    Common arguments, in this order: coordinates, rates, accelerations (N), multipliers (m), parameters (those of the
+    base, then those of each branch), guides (g×3: position, speed, acceleration), acceleration of free fall in ground
+    axes (3), a force vector `[n; f]` on the base in its axes (6), inputs (those of each branch) and the step h [s].
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self._shared = {linkage: _branch(linkage) for linkage in mechanism.linkages}
+        self._base_state, self._base_rates = _base_functions(mechanism)
+        base_parameters = mechanism.base.parameters.numel() if mechanism.base else 0
+        self._parameter_ends = np.cumsum([base_parameters, *(b.parameters.numel() for b in mechanism.branches)])
+        self._input_ends = np.cumsum([0, *(b.inputs.numel() for b in mechanism.branches)])
+        sizes = (
+            *[(mechanism.coordinates, 1)] * 3, (mechanism.constraints, 1), (int(self._parameter_ends[-1]), 1),
+            (len(mechanism.guides), 3), (3, 1), (6, 1), (int(self._input_ends[-1]), 1),
+        )  # fmt: skip
+        self.symbols = [ca.MX.sym(name, *size) for name, size in zip(_NAMES, sizes, strict=True)]
+        self.h = ca.MX.sym("h")
+
+    def _function(self, name: str, results: Sequence[ca.MX], with_step: bool = True) -> ca.Function:
+        arguments = [*self.symbols, self.h] if with_step else self.symbols
+        names = [*_NAMES, "h"] if with_step else list(_NAMES)
+        return ca.Function(
+            name, arguments, [ca.densify(r) for r in results], names, [f"r{i}" for i in range(len(results))]
+        )
+
+    def _base(self, z: ca.MX, dz: ca.MX, ddz: ca.MX) -> tuple[ca.MX, ...]:
+        k = self.mechanism.base_size
+        _, _, _, _, parameters, _, gravity, wrench, _ = self.symbols
+        own = parameters[: int(self._parameter_ends[0])]
+        return tuple(self._base_state.call([z[:k], dz[:k], ddz[:k], gravity, wrench, own, self.h]))
+
+    def _branches(
+        self, name: str, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, base: tuple[ca.MX, ...]
+    ) -> list[tuple[ca.MX, ...]]:
+        """Results of the function `name` of every branch."""
+        mechanism = self.mechanism
+        _, _, _, _, parameters, guides, _, _, inputs = self.symbols
+        exports: dict[int, ca.MX] = {}
+
+        def part(i: int) -> tuple[ca.MX, ca.MX, ca.MX]:
+            linkage = mechanism.branches[i]
+            rows = [mechanism.guides.index(guide) for guide in linkage.guides]
+            return (
+                z[mechanism.offsets[i] : mechanism.offsets[i + 1]],
+                guides[rows, :] if rows else ca.MX(0, 3),
+                parameters[int(self._parameter_ends[i]) : int(self._parameter_ends[i + 1])],
+            )
+
+        for link in mechanism.links:
+            if link.source not in exports:
+                shared = self._shared[mechanism.branches[link.source]]
+                exports[link.source] = shared.exports(*part(link.source))
+        results = []
+        for i, linkage in enumerate(mechanism.branches):
+            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            rows = slice(mechanism.equation_offsets[i], mechanism.equation_offsets[i + 1])
+            own_z, own_guides, own_parameters = part(i)
+            own_inputs = ca.vertsplit(inputs[int(self._input_ends[i]) : int(self._input_ends[i + 1])])
+            for link in mechanism.links:
+                if link.to == i:
+                    own_inputs[link.entry] = exports[link.source][link.export]
+            function = getattr(self._shared[linkage], name)
+            found = function(
+                own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
+                ca.vertcat(ca.MX(0, 1), *own_inputs), self.h,
+            )  # fmt: skip
+            results.append(found if isinstance(found, tuple) else (found,))
+        return results
+
+    def _factor(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX) -> tuple[list[tuple[ca.MX, ...]], ca.MX]:
+        """Of each branch what `_Branch.factor` gives, and the inverse (6×6) at the base."""
+        base = self._base(z, dz, ddz)
+        factors = self._branches("factor", z, dz, ddz, multipliers, base)
+        if self.mechanism.base is None:
+            return factors, ca.MX(6, 6)
+        total = sum((f[3] for f in factors), base[5])
+        return factors, _inverse("base", 6)(total)
+
+    def _solve(
+        self, z: ca.MX, factors: list[tuple[ca.MX, ...]], at_base: ca.MX, residuals: list[ca.MX], missing: ca.MX
+    ) -> ca.MX:
+        """Change of the coordinates (N) that removes the residuals of branches and base to first order."""
+        twist = at_base @ (sum((f[2] @ r for f, r in zip(factors, residuals, strict=True)), ca.MX(6, 1)) - missing)
+        changes = [-(f[0] @ r + f[1] @ twist) for f, r in zip(factors, residuals, strict=True)]
+        return ca.vertcat(self._base_rates(z[: self.mechanism.base_size]) @ twist, *changes)
+
+    def _corrected(
+        self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, count: int
+    ) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
+        """After `count` iterations with one matrix: z, dz, ddz, multipliers, and the largest last change."""
+        h, mechanism = self.h, self.mechanism
+        factors, at_base = self._factor(z, dz, ddz, multipliers)
+        largest = ca.MX(0)
+        for _ in range(count):
+            base = self._base(z, dz, ddz)
+            found = self._branches("evaluate", z, dz, ddz, multipliers, base)
+            missing = sum((f[1] for f in found), base[4])
+            change = self._solve(z, factors, at_base, [f[0] for f in found], missing)
+            z, dz, ddz = z + change, dz + 2 / h * change, ddz + 4 / h**2 * change
+            violations = [
+                f[2] + factor[4] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]]
+                for i, (f, factor) in enumerate(zip(found, factors, strict=True))
+            ]
+            multipliers = multipliers + PENALTY_MASS * 4 / h**2 * ca.vertcat(ca.MX(0, 1), *violations)
+            largest = ca.norm_inf(change)
+        return z, dz, ddz, multipliers, largest
+
+    def _projected(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+        """Rates and accelerations that fulfil the constraints' derivatives, and the largest violation left in Φ."""
+        factors, at_base = self._factor(z, dz, ddz, multipliers)
+        nothing = ca.MX(6, 1)
+        base = self._base(z, dz, ddz)
+        if not self.mechanism.constraints:
+            return dz, ddz, ca.MX(0)
+        for which in (1, 2):
+            # Twice: one projection by a penalty leaves a share of the violation that is the ratio of the masses.
+            for _ in range(2):
+                found = self._branches("constraints", z, dz, ddz, multipliers, base)
+                residuals = [PENALTY_MASS * (f[3].T @ f[which]) for f in found]
+                change = self._solve(z, factors, at_base, residuals, nothing)
+                if which == 1:
+                    dz = dz + change
+                else:
+                    ddz = ddz + change
+        found = self._branches("constraints", z, dz, ddz, multipliers, base)
+        return dz, ddz, ca.norm_inf(ca.vertcat(*(f[0] for f in found)))
+
+    def _predicted(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+        z, dz, ddz, multipliers = self.symbols[:4]
+        return z + self.h * dz + self.h**2 / 2 * ddz, dz + self.h * ddz, ddz, multipliers
+
+    def step_functions(self) -> list[ca.Function]:
+        """`step` (predict, correct, project), `advance` (predict, correct), `refine` (correct) and `project`.
+
+        The first three give z, dz, ddz, multipliers and the largest change of the last iteration, `step` also the
+        largest violation of a constraint; `project` gives dz, ddz and that violation. Guides, inputs and forces are
+        those of the end of the step.
+        """
+        stepped = self._corrected(*self._predicted(), CORRECTIONS)
+        *projected, violation = self._projected(*stepped[:4])
+        z, dz, ddz, multipliers = self.symbols[:4]
+        return [
+            self._function("step", [stepped[0], *projected, stepped[3], stepped[4], violation]),
+            self._function("advance", stepped),
+            self._function("refine", self._corrected(z, dz, ddz, multipliers, CORRECTIONS)),
+            self._function("project", self._projected(z, dz, ddz, multipliers)),
+        ]
+
+    def dynamics_function(self) -> ca.Function:
+        """Mass matrix (N×N), generalized forces Q (N, with what depends on the velocities), Φ, dΦ/dt, d²Φ/dt², Φ_z."""
+        mechanism = self.mechanism
+        z, dz, ddz, multipliers = self.symbols[:4]
+        k = mechanism.base_size
+        still = ca.MX(mechanism.coordinates, 1)
+        base = self._base(z, dz, still)
+        found = self._branches("equations", z, dz, still, multipliers, base)
+        constraints = self._branches("constraints", z, dz, ddz, multipliers, base)
+        mass = ca.diagcat(*(f[0] for f in found))
+        forces = ca.vertcat(ca.MX(0, 1), *(-f[4] for f in found))
+        jacobian = ca.diagcat(*(c[3] for c in constraints))
+        if k:
+            rates = self._base_rates(z[:6])
+            map_ = ca.solve(rates, ca.MX.eye(6))  # spatial velocity by rates of the coordinates
+            by_base = ca.vertcat(*(f[1] for f in found))
+            of_base = ca.horzcat(*(f[2] for f in found))
+            both = sum((f[3] for f in found), base[5])
+            mass = ca.blockcat([[map_.T @ both @ map_, map_.T @ of_base], [by_base @ map_, mass]])
+            total = base[4] * 4 / self.h**2 + sum((f[5] for f in found), ca.MX(6, 1))
+            forces = ca.vertcat(-map_.T @ total, forces)
+            jacobian = ca.horzcat(ca.MX(mechanism.constraints, 6), jacobian)
+        parts = [ca.vertcat(ca.MX(0, 1), *(c[i] for c in constraints)) for i in range(3)]
+        return self._function("mechanism_dynamics", [mass, forces, *parts, jacobian])
+
+    def outputs_function(self) -> ca.Function:
+        """What the loads of each branch give out, one after the other."""
+        z, dz, ddz, multipliers = self.symbols[:4]
+        base = self._base(z, dz, ddz)
+        found = self._branches("outputs", z, dz, ddz, multipliers, base)
+        return self._function("mechanism_outputs", [ca.vertcat(ca.MX(0, 1), *(f[0] for f in found))])
+
+
+@dataclass
+class State:
+    """Where a mechanism is: coordinates, rates, accelerations (N) and multipliers (m)."""
+
+    z: Array
+    dz: Array
+    ddz: Array
+    multipliers: Array
+
+    def copy(self) -> State:
+        return State(self.z.copy(), self.dz.copy(), self.ddz.copy(), self.multipliers.copy())
+
+
+class Integrator:
+    """Steps of one mechanism with given parameters; nothing is allocated in a step.
+
+    Write `guides` (g×3), `wrench` (6), `inputs` and `gravity` (3) in place for the *end* of the next step, then call
+    `step()`. `state` holds the result. `tolerance` is the largest change of a coordinate [m or rad] in the last
+    iteration.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, parameters: Array, h: float, tolerance: float = 1e-9, name: str = "mechanism"
+    ) -> None:
+        self.mechanism = mechanism
+        self.h, self.tolerance = np.array([h]), tolerance
+        self.calls = 0  # of the iterating functions, for statistics
+        equations = Equations(mechanism)
+        functions = codegen.compiled(
+            name, [*equations.step_functions(), equations.dynamics_function(), equations.outputs_function()]
+        )
+        sizes = [functions[0].size_in(i) for i in range(9)]
+        self.parameters = np.array(parameters, dtype=float)
+        z, dz, ddz, multipliers = (np.zeros(size[0]) for size in sizes[:4])
+        self.state = State(z, dz, ddz, multipliers)
+        self.guides = np.zeros(sizes[5], order="F")
+        self.gravity = np.array(FREE_FALL)
+        self.wrench = np.zeros(6)
+        self.inputs = np.zeros(sizes[8][0])
+        arguments = [
+            z, dz, ddz, multipliers, self.parameters, self.guides.reshape(-1, order="F"), self.gravity, self.wrench,
+            self.inputs, self.h,
+        ]  # fmt: skip
+        self._step, self._advance, self._refine, self._project, self._dynamics, self._outputs = (
+            codegen.Kernel(function, arguments) for function in functions
+        )
+
+    def step(self) -> None:
+        """One step of length `h`. Raises `InputError` where the iteration does not converge."""
+        kernel = self._step
+        kernel.call()
+        self.calls += 1
+        if kernel.results[4].item() < self.tolerance:
+            self._take(kernel.results)
+            return
+        self._advance.call()
+        self._take(self._advance.results)
+        for _ in range(LONGEST):
+            self._refine.call()
+            self.calls += 1
+            self._take(self._refine.results)
+            if self._refine.results[4].item() < self.tolerance:
+                break
+        else:
+            raise InputError(
+                f"a step of {self.h[0]:g} s does not converge: coordinates still change by "
+                f"{self._refine.results[4].item():.2g} after {LONGEST * CORRECTIONS} iterations (allowed "
+                f"{self.tolerance:g}); use a shorter step, or check masses, stiffnesses and forces"
+            )
+        self._project.call()
+        np.copyto(self.state.dz, self._project.results[0].reshape(-1))
+        np.copyto(self.state.ddz, self._project.results[1].reshape(-1))
+
+    def _take(self, results: list[Array]) -> None:
+        state = self.state
+        for target, result in zip((state.z, state.dz, state.ddz, state.multipliers), results, strict=False):
+            np.copyto(target, result.reshape(-1))
+
+    def dynamics(self) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """At the present state: mass matrix, generalized forces, Φ, dΦ/dt, d²Φ/dt², Φ_z."""
+        self._dynamics.call()
+        mass, forces, *constraints, jacobian = self._dynamics.results
+        return (mass, forces.reshape(-1), *(c.reshape(-1) for c in constraints), jacobian)  # type: ignore[return-value]
+
+    def outputs(self) -> Array:
+        """What the loads give out at the present state."""
+        self._outputs.call()
+        return self._outputs.results[0].reshape(-1)
+
+    def settle(self) -> None:
+        """Makes rates, accelerations and multipliers fit coordinates and guides; coordinates must be assembled."""
+        state = self.state
+        state.ddz[:] = 0
+        mass, forces, _, rate, bias, jacobian = self.dynamics()
+        n, m = len(forces), len(rate)
+        matrix = np.block([[mass, jacobian.T], [jacobian, np.zeros((m, m))]])
+        state.dz += np.linalg.solve(matrix, np.concatenate([np.zeros(n), -rate]))[:n]
+        _, forces, _, _, bias, _ = self.dynamics()
+        solution = np.linalg.solve(matrix, np.concatenate([forces, -bias]))
+        state.ddz[:], state.multipliers[:] = solution[:n], solution[n:]
