@@ -12,13 +12,12 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
-VEHICLES = sorted((Path(__file__).parents[2] / "config/vehicles").glob("*.yaml"))
 
 
 @pytest.fixture(scope="session")
 def vehicle() -> Vehicle:
     """A passenger car with roll centres above the road, unlike axles and Ackermann steering."""
-    return load_vehicle(next(path for path in VEHICLES if path.stem == "genesis"))
+    return load_vehicle(Path(__file__).parents[1] / "data/saloon.yaml")
 
 
 @pytest.fixture(scope="session")
