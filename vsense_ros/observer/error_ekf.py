@@ -94,7 +94,7 @@ class ErrorEkf:
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
         self._noise(vehicle.observer)
-        self._processes: dict[float, tuple[Array, Array]] = {}
+        self._processes: dict[int, tuple[Array, Array]] = {}
 
     def _noise(self, settings: ObserverSettings) -> None:
         """Standard deviations at start, and the processes behind the forces, the surroundings and the biases."""
@@ -121,14 +121,17 @@ class ErrorEkf:
         self._density = np.where(np.isinf(time_constant), drift**2, 0.0)
 
     def _process(self, h: float) -> tuple[Array, Array]:
-        """Decay and added variance over `h` [s] of the states behind the velocities; kept for recurring steps."""
-        known = self._processes.get(h)
+        """Decay and added variance over `h` [s] of the states behind the velocities.
+
+        Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
+        """
+        length = max(round(h * 1e5), 1)
+        known = self._processes.get(length)
         if known is None:
+            h = length * 1e-5
             decay = np.exp(-h * self._rate[28:])
             noise = self.deviation[28:] ** 2 * (1 - decay**2) + self._density[28:] * h
-            if len(self._processes) > 256:
-                self._processes.clear()
-            known = self._processes[h] = (decay, noise)
+            known = self._processes[length] = (decay, noise)
         return known
 
     def linearize(self) -> None:

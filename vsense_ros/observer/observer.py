@@ -38,7 +38,10 @@ _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages 
 
 @dataclass(slots=True)
 class _Instant:
-    """The filter after all that happened at one time."""
+    """The filter after all that happened at one time.
+
+    The newest instant is the filter itself; its `memory` is written when the filter moves on.
+    """
 
     stamp: int
     latest: int  # stamp of its events, of which inputs may be newer than the instant
@@ -248,7 +251,7 @@ class Observer:
             f.state[0:2] = np.where(np.isfinite(fix.value), fix.value, 0.0)
         if (velocity := kinds.get("gnss_velocity")) is not None:
             self._align(velocity)
-        self._copy(self._remember(stamp))
+        self._remember(stamp)
 
     def _align(self, event: Event) -> bool:
         """Take the heading from the course, once it is meaningful; True if that has just been done."""
@@ -283,12 +286,12 @@ class Observer:
         instant = self._history[-1]
         # An input holds from here on: the model need not be brought to the very time it was read.
         if not self._list[event.sensor].is_input and event.stamp > instant.stamp + self._merge:
+            instant.memory[:] = self.filter.memory
             self._advance(instant.stamp, event.stamp)
             instant = self._remember(event.stamp)
         self._happen(event)
         instant.events.append(event)
         instant.latest = max(instant.latest, event.stamp)
-        self._copy(instant)
 
     def _insert(self, event: Event) -> None:
         """Put a late event in its place; what follows it is done again when the newest state is next needed."""
@@ -299,7 +302,7 @@ class Observer:
             undone = [e for instant in self._history[kept:] for e in instant.events]
             self._ahead[:0] = sorted(undone, key=lambda e: e.stamp)
             del self._history[kept:]
-            self._restore(self._history[-1])
+            self.filter.memory[:] = self._history[-1].memory
         insort(self._ahead, event, key=lambda e: e.stamp)
 
     def _catch_up(self) -> None:
@@ -370,8 +373,7 @@ class Observer:
     def _sane(self) -> bool:
         """Whether the state is a car's."""
         state = self.filter.state
-        roll, pitch = state[3:5].tolist()
-        forward, lateral, _, _, _, yaw_rate = state[14:20].tolist()
+        roll, pitch, *_, forward, lateral, _, _, _, yaw_rate = state[3:20].tolist()
         return (
             abs(roll) < 1.5
             and abs(pitch) < 1.4
@@ -385,9 +387,8 @@ class Observer:
     def _recover(self) -> None:
         """Go on from the newest sane state before this instant, with less trust in it."""
         self._faults += 1
-        # The newest instant of the history is the one in the making.
-        for instant in reversed(self._history[:-1] or self._history):
-            self._restore(instant)
+        for instant in reversed(self._history[:-1]):
+            self.filter.memory[:] = instant.memory
             if self._sane():
                 break
         f = self.filter
@@ -404,12 +405,6 @@ class Observer:
         self._newest = max(self._newest, stamp)
         self._history.append(instant)
         return instant
-
-    def _copy(self, instant: _Instant) -> None:
-        instant.memory[:] = self.filter.memory
-
-    def _restore(self, instant: _Instant) -> None:
-        self.filter.memory[:] = instant.memory
 
     # Results
 

@@ -69,8 +69,8 @@ class Reader:
             sensor.read(sample.names, values, value, variance)
         except (KeyError, IndexError, ValueError) as error:
             return f"unreadable: {type(error).__name__} {error}"
-        # One product finds anything unusual, NaN included; looking closer costs ten times as much.
-        if not value.dot(value) < _LARGEST_VALUE**2 or not variance.dot(variance) < _LARGEST_VALUE**4:
+        # A sum of Python's numbers finds anything unusual, NaN included; looking closer costs ten times as much.
+        if not sum(map(abs, value.tolist())) < _LARGEST_VALUE or not sum(variance.tolist()) < _LARGEST_VALUE**2:
             with np.errstate(invalid="ignore"):
                 known = (np.abs(value) < _LARGEST_VALUE) & (variance < _LARGEST_VALUE**2)
             value[~known], variance[~known] = np.nan, 1.0

@@ -1,0 +1,127 @@
+"""What the observer costs: a step with ten measurements, its parts, and whole recordings, with and without a compiler.
+
+A step is everything that happens for an IMU message and a wheel-speed message of one instant: both are read and
+checked, model and covariance move ahead, the model is linearised, six and four measurements correct 52 states, and the
+instant is kept for measurements that come late.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.manoeuvre import generate
+from vsense_ros.model import steps
+from vsense_ros.observer import Observer, estimate_samples, run
+from vsense_ros.observer.run import map_origin
+from vsense_ros.recording import Recording
+from vsense_ros.vehicle_file import load_vehicle
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))
+VEHICLES = ROOT / "config/vehicles"
+IMU, WHEELS = "imu/data", "vehicle/wheel_speeds"
+
+
+@pytest.fixture(scope="module")
+def lane_change() -> Recording:
+    return generate("double_lane_change", load_vehicle(VEHICLES / "prototype_real.yaml"), seed=1)
+
+
+@pytest.fixture(params=["compiled", "without compiler"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Functions that are kept from before must not be found by what follows."""
+    kept: list[Callable[[], None]] = [steps.model_functions.cache_clear, steps.sensor_functions.cache_clear]
+    if request.param == "without compiler":
+        monkeypatch.setenv("VSENSE_COMPILE", "0")
+        for forget in kept:
+            forget()
+    yield request.param
+    if request.param == "without compiler":
+        for forget in kept:
+            forget()
+
+
+@pytest.fixture
+def observer(way: str, lane_change: Recording) -> Observer:
+    """Two seconds under way."""
+    made = Observer(load_vehicle(VEHICLES / "prototype_model.yaml"), map_origin(lane_change))
+    for sample in lane_change.samples(tuple(made.topics)):
+        if sample.stamp > lane_change.start + 2_000_000_000:
+            break
+        made.add(sample)
+    return made
+
+
+@pytest.mark.benchmark(group="observer step: 52 states, 10 measurements")
+def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recording) -> None:
+    imu = [s for s in lane_change.samples((IMU,)) if s.stamp > observer.stamp + 8_000_000]
+    wheels = lane_change[WHEELS]
+    nearest = np.searchsorted(wheels.stamp, [s.stamp for s in imu]).clip(max=len(wheels) - 1)
+    pairs = iter([(a, replace(wheels.sample(int(i)), stamp=a.stamp)) for a, i in zip(imu, nearest, strict=True)])
+
+    def step(first: Any, second: Any) -> None:
+        observer.add(first)
+        observer.add(second)
+
+    benchmark.pedantic(step, setup=lambda: (next(pairs), {}), rounds=2000, warmup_rounds=100)
+    assert observer.health[0].used > 2000 or benchmark.stats is None
+
+
+@pytest.mark.benchmark(group="parts of a step")
+@pytest.mark.parametrize(
+    "part", ["linearize", "transition", "advance", "propagate", "correct by imu", "correct by wheel_speeds", "estimate"]
+)
+def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
+    ekf = observer.filter
+    decay, noise = ekf._process(0.004)
+    before = ekf.memory.copy()
+    ekf._h[0] = 0.004
+    index = observer.names.index(part.split()[-1]) if part.startswith("correct") else 0
+    kernel = ekf._sense[index]
+    assert kernel is not None
+    kernel.call()
+    value, variance = kernel.results[0][:, 0].copy(), observer._list[index].deviations() ** 2
+    work: dict[str, Callable[[], object]] = {
+        "linearize": ekf.linearize,
+        "transition": lambda: ekf._kalman.transition(0.004),
+        "advance": ekf._advance.call,
+        "propagate": lambda: ekf._kalman.propagate(0.004, decay, noise),
+        "estimate": lambda: estimate_samples(observer.snapshot()),
+    }
+    ekf._kalman.transition(0.004)
+
+    def restore() -> None:
+        ekf.memory[:] = before
+
+    target = work.get(part, lambda: ekf.correct(index, value, variance, 100.0))
+    benchmark.pedantic(target, setup=restore, rounds=1000, warmup_rounds=20)
+
+
+@pytest.mark.benchmark(group="whole recordings without ROS")
+@pytest.mark.parametrize("drive", ["double lane change, generated", "RAV4, comma2k19", "Genesis, one lap"])
+def test_recording(benchmark: Any, way: str, drive: str, lane_change: Recording) -> None:
+    if drive.startswith("double"):
+        recording, name = lane_change, "prototype_model"
+    else:
+        path, name = {
+            "RAV4, comma2k19": (DATA / "comma2k19_rav4", "rav4"),
+            "Genesis, one lap": (DATA / "genesis_oxts_can/med_lap_center_8_21.mat", "genesis"),
+        }[drive]
+        if not path.exists():
+            pytest.skip(f"no recording at {path}; VSENSE_DATA names the folder that has it")
+        recording = import_recording(path)
+    vehicle = load_vehicle(VEHICLES / f"{name}.yaml")
+    benchmark.pedantic(run, (recording, vehicle), rounds=3 if way == "compiled" else 1)
+    if benchmark.stats is not None:
+        benchmark.extra_info["realtime_factor"] = recording.duration / benchmark.stats.stats.min
+        benchmark.extra_info["messages"] = sum(
+            len(recording[s.topic]) for s in vehicle.sensors.values() if s.topic in recording
+        )
