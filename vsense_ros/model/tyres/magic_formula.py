@@ -421,16 +421,18 @@ def forces(
     at.grip_x, at.grip_y = at.grip_x / loss, at.grip_y / loss
     cx, cy = p.longitudinal, p.lateral
 
-    # Slip across each force takes from it: 4.E50 to 4.E57 and 4.E58 to 4.E67.
-    slope = (cx.rbx1 + cx.rbx3 * lean**2) / ca.sqrt(1 + (cx.rbx2 * slip_x) ** 2) * p.scaling.lxal
-    weight = _weight(slope, cx.rcx1, cx.rex1 + cx.rex2 * at.dfz, across, cx.rhx1)
+    # Slip across each force takes from it: 4.E50 to 4.E67. On a road with less grip it does so earlier,
+    # or the resultant would leave the friction circle: the similarity of section 4.3.1 applied to the weights.
+    along_w, across_w = slip_x / friction, across / friction
+    slope = (cx.rbx1 + cx.rbx3 * lean**2) / ca.sqrt(1 + (cx.rbx2 * along_w) ** 2) * p.scaling.lxal
+    weight = _weight(slope, cx.rcx1, cx.rex1 + cx.rex2 * at.dfz, across_w, cx.rhx1)
     force_x = weight * _pure_longitudinal(p, at, slip_x, lean * p.scaling.lgax, shifted)
 
     pure = _pure_lateral(p, at, across, lean_y, shifted)
-    slope = (cy.rby1 + cy.rby4 * lean_y**2) / ca.sqrt(1 + (cy.rby2 * (across - cy.rby3)) ** 2) * p.scaling.lyka
-    weight = _weight(slope, cy.rcy1, cy.rey1 + cy.rey2 * at.dfz, slip_x, cy.rhy1 + cy.rhy2 * at.dfz)
+    slope = (cy.rby1 + cy.rby4 * lean_y**2) / ca.sqrt(1 + (cy.rby2 * (across_w - cy.rby3)) ** 2) * p.scaling.lyka
+    weight = _weight(slope, cy.rcy1, cy.rey1 + cy.rey2 * at.dfz, along_w, cy.rhy1 + cy.rhy2 * at.dfz)
     from_slip_x = pure.friction * at.load * (cy.rvy1 + cy.rvy2 * at.dfz + cy.rvy3 * lean_y)
-    from_slip_x = from_slip_x / ca.sqrt(1 + (cy.rvy4 * across) ** 2) * ca.sin(cy.rvy5 * ca.atan(cy.rvy6 * slip_x))
+    from_slip_x = from_slip_x / ca.sqrt(1 + (cy.rvy4 * across_w) ** 2) * ca.sin(cy.rvy5 * ca.atan(cy.rvy6 * along_w))
     from_slip_x = shifted * p.scaling.lvyka * from_slip_x
     force_y = weight * pure.force + from_slip_x
 
