@@ -85,6 +85,13 @@ class ErrorEkf:
         self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
         self._error = self._kalman.error
         self._force = Kernel(functions["force"], [q, self.inputs, around, parameters, self._error[FORCE]])
+        error, slow = self._error, slice(FORCE.stop, None)
+        self._corrections = (
+            (self.state[: FORCE.start], error[: FORCE.start]),
+            (self.state[FORCE], self._force.results[0][:, 0]),
+            (self.state[slow], error[slow]),
+        )
+        self._uses_acceleration = tuple(sensor.uses_acceleration for sensor in self.sensors)
         self._present = Kernel(functions["dynamics"], arguments)
         sensing = sensor_functions(car, self.sensors)
         self._sense: list[Kernel | None] = [None] * len(self.sensors)
@@ -160,15 +167,12 @@ class ErrorEkf:
         kernel = self._sense[index]
         assert kernel is not None, "inputs have no innovation"
         kernel.call()
-        acceleration = self.sensors[index].uses_acceleration
         where = self.layout.biases[index]
-        nis = self._kalman.correct(kernel.results, acceleration, where, value, variance, scale, limit)
+        nis = self._kalman.correct(kernel.results, self._uses_acceleration[index], where, value, variance, scale, limit)
         if 0 <= nis <= limit:
             self._force.call()
-            state, error = self.state, self._error
-            state[:28] += error[:28]
-            state[FORCE] += self._force.results[0][:, 0]
-            state[42:] += error[42:]
+            for part, by in self._corrections:
+                part += by
         return nis
 
     def present(self) -> tuple[Array, Array]:

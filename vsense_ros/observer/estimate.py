@@ -54,7 +54,7 @@ class Estimate:
             attitude=state[[ROLL, PITCH, YAW]].copy(),
             velocity=velocity,
             rates=rates,
-            acceleration=udot[:3] + np.cross(rates, velocity),
+            acceleration=udot[:3] + _cross(rates, velocity),
             angular_acceleration=udot[3:6].copy(),
             wheels=with_lateral_error(wheels, state[FORCE], steering, ekf.vehicle.physics.chassis),
             pose_covariance=covariance[:6, :6].copy(),
@@ -79,6 +79,12 @@ class Estimate:
         rate = (gradient * body_rate).sum(axis=-1)
         angle = np.arctan2(lateral, forward)
         return np.stack([np.where(rests, 0.0, angle), deviation, np.where(rests, 0.0, rate)], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Of two vectors, in a tenth of the time that `numpy.cross` takes."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
