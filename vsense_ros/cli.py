@@ -366,6 +366,29 @@ def fetch(names: tuple[str, ...]) -> None:
 
 
 @main.command()
+@click.argument("files", nargs=-1, metavar="[FILE]...", type=_EXISTING)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/tyres"), show_default=True, help="Folder.")
+def tyres(files: tuple[Path, ...], out: Path) -> None:
+    """Draw tyres: force curves, friction ellipse, influence of load and inclination, lag.
+
+    FILE is a .tir file or YAML as in a vehicle file; without, all of config/tyres.
+
+    \b
+    Examples:
+      vsense tyres --out docs/tyres
+      vsense tyres my_tyre.tir
+    """
+    from vsense_ros.evaluate.tyre_picture import draw
+    from vsense_ros.shared_files import shared_folder
+    from vsense_ros.tyre_file import load_tyre
+
+    out.mkdir(parents=True, exist_ok=True)
+    for file in files or sorted((shared_folder("config") / "tyres").iterdir()):
+        tyre = load_tyre(file)
+        click.echo(draw(tyre, f"{file.stem} ({tyre.model.replace('_', ' ')})", out / f"{file.stem}.png"))
+
+
+@main.command()
 @click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
 def schema(as_json: bool) -> None:
     """Print the parameters of a vehicle file: keys, units, ranges, defaults.

@@ -9,7 +9,7 @@ SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the 
 SHORTEST_RELAXATION = 1e-3  # [m] keeps the rate of a tyre without relaxation finite
 
 
-def transport_speed(speed: ca.SX, standstill_speed: ca.SX) -> ca.SX:
+def transport_speed(speed: ca.SX | float, standstill_speed: ca.SX | float) -> ca.SX:
     """What sliding velocities are divided by, positive and smooth through standstill [m/s]."""
     return ca.sqrt(speed**2 + standstill_speed**2)
 
@@ -19,7 +19,9 @@ def contact(load: ca.SX) -> ca.SX:
     return ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)
 
 
-def relaxation_rate(length: ca.SX, rolling_speed: ca.SX, standstill_speed: ca.SX) -> ca.SX:
+def relaxation_rate(
+    length: ca.SX | float, rolling_speed: ca.SX | float, standstill_speed: ca.SX | float
+) -> ca.SX | float:
     """Rate [1/s] at which a force follows its steady value: d(force)/dt = rate · (steady force − force).
 
     The deflection of a tyre builds up over the distance rolled, `length` [m] (Pacejka 2012, section 7.2), so the rate

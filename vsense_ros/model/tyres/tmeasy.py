@@ -85,8 +85,9 @@ class TMeasy(Part):
     nominal_load: float = parameter("N", "nominal load", gt=0)
     longitudinal: LoadPair
     lateral: LoadPair
-    pneumatic_trail: float = parameter("m", "pneumatic trail at zero slip", ge=0, lt=0.2, default=0.03)
-    slip_of_no_trail: float = parameter("-", "lateral slip where the trail has vanished", gt=0, lt=2, default=0.3)
+    pneumatic_trail: float = parameter("m", "pneumatic trail at zero slip and nominal load", ge=0, lt=0.2, default=0.03)
+    slip_of_no_trail: float = parameter("-", "lateral slip where the trail changes its sign", gt=0, lt=2, default=0.3)
+    end_of_trail: float = parameter("-", "slip where the trail ends over slip_of_no_trail", gt=1, lt=20, default=2.0)
     camber_slip: float = parameter(
         "-", "lateral slip to which inclination is equivalent, per sine of its angle: contact length over 6 radii",
         ge=0, lt=1, default=0.0,
@@ -191,10 +192,22 @@ def forces(
     slip_y = -speed_y / transport
     by_camber = -p.camber_slip * ca.sin(camber) * (rolling_speed / transport) ** 2
     over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
-    fading = ca.fmax(1 - (slip_y / p.slip_of_no_trail) ** 2, 0)
     # The trail points against the direction of rolling.
-    moment = -p.pneumatic_trail * (rolling_speed / transport) * fading * over_y * slip_y
+    moment = -_trail(p, load, slip_y) * (rolling_speed / transport) * over_y * slip_y
     return over_x * slip_x, over_y * (slip_y + by_camber), moment, slip_x, slip_y
+
+
+def _trail(p: SimpleNamespace, load: ca.SX, slip_y: ca.SX) -> ca.SX:
+    """Pneumatic trail [m]: falls to zero, overshoots while the tyre slides more and more, and ends in full sliding.
+
+    Hirschberg et al. 2007, section 2.5. It goes with the length of the contact patch, which grows with the square root
+    of the load.
+    """
+    slip, end = ca.fabs(slip_y) / p.slip_of_no_trail, p.end_of_trail
+    share = 1 / end
+    adhering = (1 - share) * (1 - slip) + share * (1 - (3 - 2 * slip) * slip**2)
+    sliding = -(1 - share) * (slip - 1) * (ca.fmax(end - slip, 0) / (end - 1)) ** 2
+    return p.pneumatic_trail * ca.sqrt(_load_ratio(p, load)) * ca.if_else(slip < 1, adhering, sliding)
 
 
 def relaxation_lengths(
