@@ -40,8 +40,9 @@ format: venv ## let ruff mend what it can
 demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
 	$(VENV)/bin/vsense demo
 
-bench: venv ## benchmarks to out/bench.json
+bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 	$(VENV)/bin/python -m pytest test/benchmark --benchmark-enable --benchmark-json=out/bench.json
+	$(VENV)/bin/python tools/benchmarks.py out/bench.json BENCHMARKS.md
 
 genesis: venv ## identification on two Genesis laps, evaluation on the third, to out/genesis.json
 	$(VENV)/bin/vsense genesis

@@ -31,7 +31,9 @@ def extra(info: dict[str, Any]) -> str:
         "realtime_factor": "{:.0f} × real time",
         "messages": "{:,} messages",
     }
-    return ", ".join(text.format(info[key]) for key, text in words.items() if key in info)
+    told = [text.format(info[key]) for key, text in words.items() if info.get(key, 1) != 1]
+    rest = ((key, value) for key, value in info.items() if key not in words and isinstance(value, int | float))
+    return ", ".join(told + [f"{key.replace('_', ' ')} {value:.3g}" for key, value in rest])
 
 
 def machine(found: dict[str, Any]) -> str:
