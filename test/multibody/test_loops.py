@@ -246,6 +246,26 @@ def test_accelerations_are_those_of_the_equations_with_their_constraints(swingin
     assert_allclose(stepped, integrator.state.ddz, atol=2e-3 * np.abs(stepped).max())
 
 
+def test_a_long_step_takes_more_iterations_and_still_closes_the_loop(swinging: Callable[[float], Integrator]):
+    integrator = swinging(0.02)
+    for _ in range(100):
+        integrator.step()
+    assert integrator.calls > 100
+    _, _, *constraints, _ = integrator.dynamics()
+    assert max(np.abs(c).max() for c in constraints) < 1e-9
+
+
+def test_a_step_that_does_not_converge_is_refused_and_leaves_the_state(swinging: Callable[[float], Integrator]):
+    integrator = swinging(0.02)
+    integrator.step()
+    before = integrator.state.copy()
+    integrator.gravity[2] = -1e8
+    with pytest.raises(InputError, match=r"a step of 0\.02 s does not converge: .* use a shorter step"):
+        integrator.step()
+    assert_allclose(integrator.state.z, before.z, rtol=0)
+    assert_allclose(integrator.state.multipliers, before.multipliers, rtol=0)
+
+
 def test_a_spring_on_a_joint_swings_with_the_period_of_its_pendulum():
     """Without gravity: period 2π √(I/k)."""
     body = Body("bar", BASE, Revolute((0, 0, 0), Y), 2.0, (0, 0, 0.5), ca.SX.eye(3) * 0.1)

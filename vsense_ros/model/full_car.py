@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.model import spatial
+from vsense_ros.model import codegen, spatial
 from vsense_ros.model.car import AIR_DENSITY, GRAVITY, WHEELS
 from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.linkage import DoubleWishbone, Linkages, Suspension
 from vsense_ros.model.multibody.assembly import assemble, check
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
 from vsense_ros.model.multibody.joints import (
     X_AXIS,
     Y_AXIS,
@@ -445,6 +445,43 @@ class FullCar:
             z[offsets[i] : offsets[i + 1]] = assemble(linkage, numbers)
         integrator.settle()
         return integrator
+
+    def motion_function(self) -> ca.Function:
+        """(z, dz, ddz, guides, parameters) → q, u and the derivatives of u (14 each), as those of the simplified car.
+
+        Its suspension compression is here the height of the wheel centre over its design position on the chassis.
+        """
+        mechanism = self.mechanism
+        n = mechanism.coordinates
+        z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
+        guides = ca.SX.sym("guides", len(mechanism.guides), 3)
+        ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
+        parameters = ca.SX.sym("parameters", int(ends[-1]))
+        state, _ = base_functions(mechanism)
+        nothing = ca.SX(3, 1)
+        velocity, acceleration, *_ = state(z[:6], dz[:6], ddz[:6], nothing, ca.SX(6, 1), parameters[:11], 1.0)
+        travels, spins = [], []
+        for i, linkage in enumerate(mechanism.branches):
+            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            rows = [mechanism.guides.index(guide) for guide in linkage.guides]
+            own = (z[here], dz[here], ddz[here])
+            motion = Motion(linkage, *own, guides[rows, :] if rows else ca.SX(0, 3))
+            travel = motion.measure(self.corners[i // 2].travel)
+            values = ca.vertcat(travel.value, travel.rate, travel.acceleration)
+            numbers = ca.Function("travel", [*own, guides, linkage.parameters], [values])
+            travels.append(numbers(*own, guides, parameters[int(ends[i]) : int(ends[i + 1])]))
+            k = self.spin_index(WHEELS[i])
+            spins.append(ca.vertcat(z[k], dz[k], ddz[k]))
+        travel_x, spin_x = ca.horzcat(*travels), ca.horzcat(*spins)
+        results = [
+            ca.vertcat(first, travel_x[i, :].T, spin_x[i, :].T)
+            for i, first in enumerate(
+                (z[:6], ca.vertcat(velocity[3:], velocity[:3]), ca.vertcat(acceleration[3:], acceleration[:3]))
+            )
+        ]
+        return codegen.function(
+            "full_car_motion", [z, dz, ddz, guides, parameters], results, ("z", "dz", "ddz", "guides", "parameters")
+        )
 
     def input_index(self, wheel: str, name: str) -> int:
         """Where an input of a corner stands in `Integrator.inputs`; names are those of `CORNER_INPUTS`."""

@@ -113,7 +113,7 @@ def _inverse(name: str, n: int) -> ca.Function:
     return codegen.function(f"inverse_{name}", [a], [solve_dominant(a, ca.SX.eye(n))], ["a"])
 
 
-def _base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
+def base_functions(mechanism: Mechanism) -> tuple[ca.Function, ca.Function]:
     """(q, dq, ddq, gravity, wrench, parameters, h) → velocity, acceleration less free fall, up, height, missing force
     by weight, inertia; and (q) → rates of the coordinates by the spatial velocity (6×6)."""
     base = mechanism.base
@@ -170,7 +170,7 @@ class Equations:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self._shared = {linkage: _branch(linkage) for linkage in mechanism.linkages}
-        self._base_state, self._base_rates = _base_functions(mechanism)
+        self._base_state, self._base_rates = base_functions(mechanism)
         base_parameters = mechanism.base.parameters.numel() if mechanism.base else 0
         self._parameter_ends = np.cumsum([base_parameters, *(b.parameters.numel() for b in mechanism.branches)])
         self._input_ends = np.cumsum([0, *(b.inputs.numel() for b in mechanism.branches)])
@@ -353,6 +353,12 @@ class State:
     ddz: Array
     multipliers: Array
 
+    def take(self, other: State) -> None:
+        """Takes the values of another state, in place."""
+        for own, value in ((self.z, other.z), (self.dz, other.dz), (self.ddz, other.ddz)):
+            np.copyto(own, value)
+        np.copyto(self.multipliers, other.multipliers)
+
     def copy(self) -> State:
         return State(self.z.copy(), self.dz.copy(), self.ddz.copy(), self.multipliers.copy())
 
@@ -379,6 +385,7 @@ class Integrator:
         self.parameters = np.array(parameters, dtype=float)
         z, dz, ddz, multipliers = (np.zeros(size[0]) for size in sizes[:4])
         self.state = State(z, dz, ddz, multipliers)
+        self._before = self.state.copy()
         self.guides = np.zeros(sizes[5], order="F")
         self.gravity = np.array(FREE_FALL)
         self.wrench = np.zeros(6)
@@ -392,13 +399,14 @@ class Integrator:
         )
 
     def step(self) -> None:
-        """One step of length `h`. Raises `InputError` where the iteration does not converge."""
+        """One step of length `h`. Raises `InputError` where the iteration does not converge; the state stays then."""
         kernel = self._step
         kernel.call()
         self.calls += 1
         if kernel.results[4].item() < self.tolerance:
             self._take(kernel.results)
             return
+        self._before.take(self.state)
         self._advance.call()
         self._take(self._advance.results)
         for _ in range(LONGEST):
@@ -408,6 +416,7 @@ class Integrator:
             if self._refine.results[4].item() < self.tolerance:
                 break
         else:
+            self.state.take(self._before)
             raise InputError(
                 f"a step of {self.h[0]:g} s does not converge: coordinates still change by "
                 f"{self._refine.results[4].item():.2g} after {LONGEST * CORRECTIONS} iterations (allowed "

@@ -1,0 +1,87 @@
+"""The full car as a plant: the same inputs and coordinates as the simplified car, and nearly the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vsense_ros.errors import InputError
+from vsense_ros.model.full_car_simulation import FullCarPlant, simulate_full_car
+from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
+from vsense_ros.model.vehicle import Vehicle
+
+Array = np.ndarray
+
+
+def bend(t: float, q: Array, u: Array) -> Array:
+    """Straight on, then slowly into a gentle bend, with a little thrust at the rear."""
+    return np.array([0.02 * min(max(t - 0.2, 0.0) / 0.5, 1.0), 0.0, 0.0, 25.0, 25.0])
+
+
+@pytest.fixture(scope="module")
+def both(vehicle: Vehicle) -> tuple[Trajectory, Trajectory]:
+    """The bend at 14 m/s with the full and with the simplified car."""
+    q, u = rolling_straight(vehicle, 14.0)
+    full = simulate_full_car(vehicle, bend, 3.0, step=0.004, q=q, u=u)
+    simple = simulate(vehicle, bend, 3.0, step=0.001, keep_every=4, q=q, u=u)
+    return full, simple
+
+
+def test_in_a_gentle_bend_full_and_simplified_car_agree(both: tuple[Trajectory, Trajectory]):
+    full, simple = both
+    assert_allclose(full.t, simple.t)
+    assert simple.u[-1, 5] > 0.1
+    assert_allclose(full.u[-1, 0], simple.u[-1, 0], rtol=0.01)
+    assert_allclose(full.u[-1, 5], simple.u[-1, 5], rtol=0.03)
+    assert_allclose(full.acceleration[-1, 1], simple.acceleration[-1, 1], rtol=0.03)
+    assert_allclose(full.q[-1, 3], simple.q[-1, 3], rtol=0.1)
+    assert_allclose(full.wheels[-1, 2], simple.wheels[-1, 2], rtol=0.02)
+
+
+def test_velocities_and_accelerations_are_derivatives(both: tuple[Trajectory, Trajectory]):
+    full, _ = both
+    h = full.t[1]
+    smooth = slice(400, None)
+    change = (full.u[2:] - full.u[:-2]) / (2 * h)
+    assert_allclose(change[smooth], full.udot[1:-1][smooth], atol=2e-2 * np.abs(full.udot[1:-1]).max(axis=0).max())
+    coordinates = (full.q[2:, 6:] - full.q[:-2, 6:]) / (2 * h)
+    assert_allclose(coordinates[smooth], full.u[1:-1, 6:][smooth], atol=2e-3)
+
+
+def test_it_starts_in_the_state_that_it_is_given(vehicle: Vehicle):
+    q, u = rolling_straight(vehicle, 9.0)
+    q[:6] = 3.0, -2.0, 0.41, 0.02, -0.01, 0.7
+    q[6:10] = 0.01, -0.02, 0.005, 0.015
+    u[1:10] = 0.2, 0.05, 0.1, -0.2, 0.3, 0.1, -0.15, 0.2, 0.05
+    plant = FullCarPlant(vehicle, 0.004)
+    plant.place(q, u, np.zeros(5))
+    assert_allclose(plant.q, q, atol=1e-9)
+    assert_allclose(plant.u, u, atol=1e-9)
+
+
+def test_uphill_it_slows_as_gravity_says(vehicle: Vehicle):
+    q, u = rolling_straight(vehicle, 10.0)
+    grade = np.array([0.05, 0.0, 0.0, 0.0])
+    level, uphill = (
+        simulate_full_car(vehicle, lambda t, q, u: np.zeros(5), 0.8, step=0.004, q=q, u=u, surroundings=around)
+        for around in (None, grade)
+    )
+    # Wheels turn slower too: their inertia adds to the mass.
+    front, rear = vehicle.physics.front, vehicle.physics.rear
+    turning = 2 * (front.wheel_spin_inertia + rear.wheel_spin_inertia) / 0.268**2
+    share = vehicle.physics.chassis.mass / (vehicle.physics.chassis.mass + turning)
+    assert_allclose(uphill.u[-1, 0] - level.u[-1, 0], -9.80665 * np.sin(0.05) * 0.8 * share, rtol=0.02)
+
+
+def test_steering_beyond_the_rack_is_refused(vehicle: Vehicle):
+    with pytest.raises(InputError, match="more than the rack's"):
+        simulate_full_car(vehicle, lambda t, q, u: np.array([0.6 * t, 0, 0, 0, 0]), 1.0, step=0.004)
+
+
+def test_an_unsteered_car_is_refused(vehicle: Vehicle):
+    assert vehicle.linkage is not None
+    front = vehicle.linkage.front.model_copy(update={"steered": False})
+    fixed = vehicle.model_copy(update={"linkage": vehicle.linkage.model_copy(update={"front": front})})
+    with pytest.raises(InputError, match="cannot be steered: set `steered: true`"):
+        FullCarPlant(fixed, 0.004)

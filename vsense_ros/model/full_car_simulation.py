@@ -1,0 +1,165 @@
+"""The car with all its bodies on its own: as `model.simulate`, with the same drivers and the same trajectories."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, PITCH, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.codegen import Kernel, compiled
+from vsense_ros.model.full_car import OUTPUTS, FullCar
+from vsense_ros.model.kinematic_tables import Tables, WheelPosition, kinematic_tables
+from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.simulate import Driver, Trajectory, rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+class FullCarPlant:
+    """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
+
+    `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
+    model's) and `surroundings` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
+    by the kinematic table at design height.
+    """
+
+    def __init__(self, vehicle: Vehicle, step: float, car: FullCar | None = None, tables: Tables | None = None) -> None:
+        self.car = car or FullCar(vehicle)
+        if not self.car.mechanism.guides:
+            raise InputError(
+                f"vehicle {vehicle.name!r} cannot be steered: set `steered: true` in its section linkage.front"
+            )
+        self.step_length = step
+        self.tables = tables or kinematic_tables(vehicle)
+        self.integrator: Integrator = self.car.integrator(vehicle, step)
+        self._vehicle = vehicle
+        state = self.integrator.state
+        (function,) = compiled("full_car_motion", [self.car.motion_function()])
+        self._guides = self.integrator.guides.reshape(-1, order="F")
+        self._motion = Kernel(function, [state.z, state.dz, state.ddz, self._guides, self.integrator.parameters])
+        self.q, self.u, self.udot = (result.reshape(-1, order="F") for result in self._motion.results)
+        self.force = np.zeros(COORDINATES)
+        self.surroundings = np.zeros(len(SURROUNDINGS))
+        self._angle = self._rate = 0.0
+        self._motion.call()
+
+    def place(self, q: Array, u: Array, inputs: Array) -> None:
+        """Puts the car into a state of the simplified one (14 each), with the wheels held at the angle of `inputs`."""
+        integrator, mechanism = self.integrator, self.car.mechanism
+        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
+        self._guides[:] = self.tables.rack_motion(self._angle)
+        state = integrator.state
+        state.z[:6] = q[:6]
+        roll, pitch, yaw = q[3:6]
+        attitude = _rotation(roll, pitch, yaw)
+        s, c, t = np.sin(roll), np.cos(roll), np.tan(q[PITCH])
+        state.dz[:3] = attitude @ u[:3]
+        state.dz[3] = u[3] + t * (s * u[4] + c * u[5])
+        state.dz[4] = c * u[4] - s * u[5]
+        state.dz[5] = (s * u[4] + c * u[5]) / np.cos(pitch)
+        corners = self.car.corner_parameters(integrator.parameters)
+        for i, numbers in enumerate(corners):
+            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            wheel = WheelPosition(self.car.corners[i // 2], numbers)
+            state.z[here] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
+            state.dz[here] = wheel.rates(state.z[here], self._guides[0], u[TRAVEL][i])
+            k = self.car.spin_index(WHEELS[i])
+            state.z[k], state.dz[k] = q[SPIN][i], u[SPIN][i]
+        self._act(inputs)
+        integrator.settle()
+        self._motion.call()
+
+    def step(self, inputs: Array) -> None:
+        """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
+        angle = float(inputs[0] - self.surroundings[2])
+        rate = (angle - self._angle) / self.step_length
+        self._guides[:] = self.tables.rack_motion(angle, rate, (rate - self._rate) / self.step_length)
+        self._angle, self._rate = angle, rate
+        self._act(inputs)
+        self.integrator.step()
+        self._motion.call()
+
+    @property
+    def wheels(self) -> Array:
+        """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
+        return self.integrator.outputs().reshape(len(WHEELS), len(OUTPUTS)).T
+
+    def _act(self, inputs: Array) -> None:
+        integrator, force = self.integrator, self.force
+        integrator.wrench[:3], integrator.wrench[3:] = force[3:6], force[:3]
+        along, across = np.sin(self.surroundings[:2])
+        yaw = integrator.state.z[YAW]
+        down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
+        integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
+        for i, wheel in enumerate(WHEELS):
+            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[1 + i] + force[SPIN][i]
+            integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
+
+
+def simulate_full_car(
+    vehicle: Vehicle,
+    driver: Driver,
+    duration: float,
+    *,
+    step: float = 0.002,
+    keep_every: int = 1,
+    q: Array | None = None,
+    u: Array | None = None,
+    force: Array | None = None,
+    surroundings: Array | None = None,
+) -> Trajectory:
+    """As `model.simulate.simulate`, for a vehicle with a `linkage` section.
+
+    The driver is asked for the inputs at the end of each step. Raises `InputError` where a step does not converge or
+    the rack cannot follow the driver.
+    """
+    plant = FullCarPlant(vehicle, step)
+    if force is not None:
+        plant.force[:] = force
+    if surroundings is not None:
+        if surroundings[3] != 0:
+            raise InputError(
+                f"the full car has no relative error of the tyre radius, found {surroundings[3]:g}: change "
+                "unloaded_radius instead"
+            )
+        plant.surroundings[:] = surroundings
+    start_q, start_u = rolling_straight(vehicle)
+    start_q = start_q if q is None else q
+    start_u = start_u if u is None else u
+    inputs = np.array(driver(0.0, start_q.copy(), start_u.copy()), dtype=float)
+    plant.place(start_q, start_u, inputs)
+    steps = round(duration / step)
+    kept = range(0, steps + 1, keep_every)
+    n = len(kept)
+    result = Trajectory(
+        t=np.array([i * step for i in kept]),
+        q=np.empty((n, COORDINATES)),
+        u=np.empty((n, COORDINATES)),
+        udot=np.empty((n, COORDINATES)),
+        wheels=np.empty((n, len(OUTPUTS), len(WHEELS))),
+        inputs=np.empty((n, len(INPUTS))),
+    )
+    row = 0
+    for i in range(steps + 1):
+        if i:
+            inputs[:] = driver(i * step, plant.q.copy(), plant.u.copy())
+            plant.step(inputs)
+        if i % keep_every == 0:
+            result.q[row], result.u[row], result.udot[row] = plant.q, plant.u, plant.udot
+            result.wheels[row], result.inputs[row] = plant.wheels, inputs
+            row += 1
+    return result
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """Body to ground, 3×3."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
