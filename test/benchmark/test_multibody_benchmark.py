@@ -14,11 +14,13 @@ import pytest
 
 from vsense_ros.model.car import WHEELS
 from vsense_ros.model.full_car import FullCar
+from vsense_ros.model.full_car_simulation import FullCarPlant
 from vsense_ros.model.kinematic_tables import kinematic_tables
 from vsense_ros.model.multibody.assembly import assemble
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.multibody.joints import Revolute, Universal
 from vsense_ros.model.multibody.mechanism import BASE, Base, Body, Distance, Linkage, Mechanism, Point
+from vsense_ros.model.simulate import rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -84,3 +86,12 @@ def test_step_of_mechanisms_with_more_and_more_bodies(benchmark: Any, branches: 
     integrator.settle()
     benchmark.extra_info["bodies"] = mechanism.bodies
     benchmark.pedantic(integrator.step, rounds=200, iterations=5, warmup_rounds=10)
+
+
+@pytest.mark.benchmark(group="full car, 29 bodies")
+def test_correction_of_the_full_car_by_an_observer(benchmark: Any, vehicle: Vehicle) -> None:
+    plant = FullCarPlant(vehicle, 0.004)
+    q, u = rolling_straight(vehicle, 12.0)
+    plant.place(q, u, np.zeros(5))
+    q, u = plant.q + 1e-4, plant.u + 1e-3
+    benchmark.pedantic(plant.correct, args=(q, u), rounds=300, warmup_rounds=10)

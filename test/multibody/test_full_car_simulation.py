@@ -60,6 +60,37 @@ def test_it_starts_in_the_state_that_it_is_given(vehicle: Vehicle):
     assert_allclose(plant.u, u, atol=1e-9)
 
 
+def test_a_correction_moves_it_to_the_state_asked_for(vehicle: Vehicle):
+    q, u = rolling_straight(vehicle, 12.0)
+    plant = FullCarPlant(vehicle, 0.004)
+    plant.place(q, u, np.zeros(5))
+    for i in range(50):
+        plant.step(np.array([0.001 * i, 0.0, 0.0, 50.0, 50.0]))
+    random = np.random.default_rng(3)
+    wanted_q, wanted_u = plant.q + 1e-3 * random.normal(size=14), plant.u + 1e-2 * random.normal(size=14)
+    plant.correct(wanted_q, wanted_u)
+    assert_allclose(plant.q, wanted_q, atol=1e-9)
+    assert_allclose(plant.u, wanted_u, atol=1e-9)
+    _, _, *constraints, _ = plant.integrator.dynamics()
+    assert max(np.abs(c).max() for c in constraints) < 1e-8
+
+    before = plant.q.copy()
+    wanted_q[6] = 0.5
+    with pytest.raises(InputError, match=r"cannot be put to travels \[500\.0, .* mm from where it is"):
+        plant.correct(wanted_q, wanted_u)
+    plant.step(np.array([0.05, 0.0, 0.0, 50.0, 50.0]))
+    assert_allclose(plant.q[:6], before[:6], atol=0.1)
+
+
+def test_a_jump_of_the_steering_that_no_linkage_can_follow_is_refused(vehicle: Vehicle):
+    q, u = rolling_straight(vehicle, 12.0)
+    plant = FullCarPlant(vehicle, 0.004)
+    plant.place(q, u, np.array([0.3, 0, 0, 0, 0]))
+    with pytest.raises(InputError, match=r"a step of 0\.004 s does not converge"):
+        plant.step(np.array([-0.3, 0, 0, 0, 0]))
+    assert np.all(np.isfinite(plant.q))
+
+
 def test_uphill_it_slows_as_gravity_says(vehicle: Vehicle):
     q, u = rolling_straight(vehicle, 10.0)
     grade = np.array([0.05, 0.0, 0.0, 0.0])

@@ -237,13 +237,26 @@ def test_the_error_falls_with_the_square_of_the_step_length(swinging: Callable[[
     assert np.all((orders > 1.8) & (orders < 2.3)), orders
 
 
-def test_accelerations_are_those_of_the_equations_with_their_constraints(swinging: Callable[[float], Integrator]):
+def test_accelerations_and_multipliers_solve_the_equations_with_their_constraints(
+    swinging: Callable[[float], Integrator],
+):
     integrator = swinging(1e-4)
     for _ in range(200):
         integrator.step()
-    stepped = integrator.state.ddz.copy()
+    stepped = integrator.state.copy()
+    integrator.state.dz[:] *= [1.1, 1.0, 0.9]
     integrator.settle()
-    assert_allclose(stepped, integrator.state.ddz, atol=2e-3 * np.abs(stepped).max())
+    # Dense: [M Jᵀ; J 0] [z̈; λ] = [Q; -bias], where the bias is d²Φ/dt² without accelerations.
+    settled = integrator.state.copy()
+    integrator.state.ddz[:] = 0
+    mass, forces, _, rate, bias, jacobian = integrator.dynamics()
+    matrix = np.block([[mass, jacobian.T], [jacobian, np.zeros((2, 2))]])
+    expected = np.linalg.solve(matrix, np.concatenate([forces, -bias]))
+    assert np.abs(rate).max() < 1e-9
+    assert_allclose(np.concatenate([settled.ddz, settled.multipliers]), expected, rtol=1e-6)
+    integrator.state.take(stepped)
+    integrator.settle()
+    assert_allclose(integrator.state.ddz, stepped.ddz, atol=2e-3 * np.abs(stepped.ddz).max())
 
 
 def test_a_long_step_takes_more_iterations_and_still_closes_the_loop(swinging: Callable[[float], Integrator]):
@@ -259,8 +272,8 @@ def test_a_step_that_does_not_converge_is_refused_and_leaves_the_state(swinging:
     integrator = swinging(0.02)
     integrator.step()
     before = integrator.state.copy()
-    integrator.gravity[2] = -1e8
-    with pytest.raises(InputError, match=r"a step of 0\.02 s does not converge: .* use a shorter step"):
+    integrator.gravity[2] = np.nan
+    with pytest.raises(InputError, match=r"a step of 0\.02 s does not converge: .* use a shorter"):
         integrator.step()
     assert_allclose(integrator.state.z, before.z, rtol=0)
     assert_allclose(integrator.state.multipliers, before.multipliers, rtol=0)

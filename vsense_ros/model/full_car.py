@@ -64,6 +64,7 @@ Array = NDArray[np.float64]
 
 RACK = "rack"  # displacement of the rack, positive to the left [m]
 ROD_RADIUS = 0.01  # [m] gives rods an inertia about their own line
+PLACING = 4  # iterations that put a linkage to a given travel
 CORNER_INPUTS = ("torque", "travel_force", "opposite_travel")
 OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
 UPRIGHT, WHEEL = "upright", "wheel"
@@ -288,6 +289,32 @@ class Corner:
         return result
 
     @cached_property
+    def placing(self) -> ca.Function:
+        """(z, guides, parameters, travel and spin, their rates) → what is missing to them and to the constraints (n),
+        the Jacobian of these (n×n), and what is missing to their rates (n) while z stands still."""
+        linkage = self.linkage
+        n, g = len(linkage.coordinate_names), len(linkage.guides)
+        z, guides = ca.SX.sym("z", n), ca.SX.sym("guides", g, 3)
+        wanted, wanted_rates = ca.SX.sym("wanted", 2), ca.SX.sym("wanted_rates", 2)
+        motion = Motion(linkage, z, ca.SX(n, 1), ca.SX(n, 1), guides)
+        measures = [motion.measure(self.travel), motion.measure(Along(WHEEL))]
+        return codegen.function(
+            f"placing_{linkage.name}",
+            [z, guides, linkage.parameters, wanted, wanted_rates],
+            [
+                -ca.vertcat(
+                    motion.constraint, *(m.value - w for m, w in zip(measures, ca.vertsplit(wanted), strict=True))
+                ),
+                ca.vertcat(motion.constraint_jacobian, *(m.gradient for m in measures)),
+                -ca.vertcat(
+                    motion.constraint_rate,
+                    *(m.rate - w for m, w in zip(measures, ca.vertsplit(wanted_rates), strict=True)),
+                ),
+            ],
+            ("z", "guides", "parameters", "wanted", "wanted_rates"),
+        )
+
+    @cached_property
     def statics(self) -> ca.Function:
         """(z, guides, parameters) → ∂Φ/∂z, gradients of travel and strut, what gravity adds to the residual (n), and
         mass, first moment (3) and inertia about the origin (3×3) of all bodies."""
@@ -481,6 +508,40 @@ class FullCar:
         ]
         return codegen.function(
             "full_car_motion", [z, dz, ddz, guides, parameters], results, ("z", "dz", "ddz", "guides", "parameters")
+        )
+
+    def placing_function(self) -> ca.Function:
+        """(z, guides, parameters, q, u) → z, dz of the full car that has the 14 coordinates and velocities q and u of
+        the simplified one, from a z nearby; and how much was missing before the last iteration."""
+        mechanism = self.mechanism
+        ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
+        z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", 14), ca.MX.sym("u", 14)
+        guides = ca.MX.sym("guides", len(mechanism.guides), 3)
+        parameters = ca.MX.sym("parameters", int(ends[-1]))
+        equations = {corner.linkage: corner.placing for corner in self.corners}
+        _, base_rates = base_functions(mechanism)
+        places, rates = [q[:6]], [base_rates(q[:6]) @ ca.vertcat(u[3:6], u[:3])]
+        violation = ca.MX(0)
+        for i, linkage in enumerate(mechanism.branches):
+            own = z[mechanism.offsets[i] : mechanism.offsets[i + 1]]
+            rows = [mechanism.guides.index(guide) for guide in linkage.guides]
+            moved = guides[rows, :] if rows else ca.MX(0, 3)
+            numbers = parameters[int(ends[i]) : int(ends[i + 1])]
+            wanted, wanted_rates = ca.vertcat(q[6 + i], q[10 + i]), ca.vertcat(u[6 + i], u[10 + i])
+            for _ in range(PLACING):
+                gap, matrix, _ = equations[linkage](own, moved, numbers, wanted, wanted_rates)
+                own = own + ca.solve(matrix, gap, "qr")
+                missing = ca.norm_2(gap)
+            violation += missing
+            _, matrix, gap = equations[linkage](own, moved, numbers, wanted, wanted_rates)
+            places.append(own)
+            rates.append(ca.solve(matrix, gap, "qr"))
+        return ca.Function(
+            "full_car_place",
+            [z, guides, parameters, q, u],
+            [ca.vertcat(*places), ca.vertcat(*rates), violation],
+            ["z", "guides", "parameters", "q", "u"],
+            ["z_placed", "dz", "violation"],
         )
 
     def input_index(self, wheel: str, name: str) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, PITCH, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
 from vsense_ros.model.codegen import Kernel, compiled
 from vsense_ros.model.full_car import OUTPUTS, FullCar
 from vsense_ros.model.kinematic_tables import Tables, WheelPosition, kinematic_tables
@@ -15,6 +15,8 @@ from vsense_ros.model.simulate import Driver, Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+
+NEAR = 1e-6  # opening of the linkages [m] before the last iteration: after it there is none
 
 
 class FullCarPlant:
@@ -36,10 +38,14 @@ class FullCarPlant:
         self.integrator: Integrator = self.car.integrator(vehicle, step)
         self._vehicle = vehicle
         state = self.integrator.state
-        (function,) = compiled("full_car_motion", [self.car.motion_function()])
+        motion, placing = compiled("full_car_motion", [self.car.motion_function(), self.car.placing_function()])
         self._guides = self.integrator.guides.reshape(-1, order="F")
-        self._motion = Kernel(function, [state.z, state.dz, state.ddz, self._guides, self.integrator.parameters])
+        self._motion = Kernel(motion, [state.z, state.dz, state.ddz, self._guides, self.integrator.parameters])
         self.q, self.u, self.udot = (result.reshape(-1, order="F") for result in self._motion.results)
+        self._target_q, self._target_u = np.zeros(COORDINATES), np.zeros(COORDINATES)
+        self._place = Kernel(
+            placing, [state.z, self._guides, self.integrator.parameters, self._target_q, self._target_u]
+        )
         self.force = np.zeros(COORDINATES)
         self.surroundings = np.zeros(len(SURROUNDINGS))
         self._angle = self._rate = 0.0
@@ -47,28 +53,33 @@ class FullCarPlant:
 
     def place(self, q: Array, u: Array, inputs: Array) -> None:
         """Puts the car into a state of the simplified one (14 each), with the wheels held at the angle of `inputs`."""
-        integrator, mechanism = self.integrator, self.car.mechanism
+        mechanism, state = self.car.mechanism, self.integrator.state
         self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
         self._guides[:] = self.tables.rack_motion(self._angle)
-        state = integrator.state
-        state.z[:6] = q[:6]
-        roll, pitch, yaw = q[3:6]
-        attitude = _rotation(roll, pitch, yaw)
-        s, c, t = np.sin(roll), np.cos(roll), np.tan(q[PITCH])
-        state.dz[:3] = attitude @ u[:3]
-        state.dz[3] = u[3] + t * (s * u[4] + c * u[5])
-        state.dz[4] = c * u[4] - s * u[5]
-        state.dz[5] = (s * u[4] + c * u[5]) / np.cos(pitch)
-        corners = self.car.corner_parameters(integrator.parameters)
+        corners = self.car.corner_parameters(self.integrator.parameters)
         for i, numbers in enumerate(corners):
-            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             wheel = WheelPosition(self.car.corners[i // 2], numbers)
+            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             state.z[here] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
-            state.dz[here] = wheel.rates(state.z[here], self._guides[0], u[TRAVEL][i])
-            k = self.car.spin_index(WHEELS[i])
-            state.z[k], state.dz[k] = q[SPIN][i], u[SPIN][i]
         self._act(inputs)
-        integrator.settle()
+        self.correct(q, u)
+
+    def correct(self, q: Array, u: Array) -> None:
+        """Moves the car to a state nearby (14 each), as an observer does; accelerations follow from the equations.
+
+        Raises `InputError` for a travel that the linkages do not reach, and leaves the car where it was.
+        """
+        self._target_q[:], self._target_u[:] = q, u
+        self._place.call()
+        placed, rates, violation = self._place.results
+        if not violation.item() < NEAR:
+            raise InputError(
+                f"the full car cannot be put to travels {np.round(1e3 * q[TRAVEL], 1).tolist()} mm from where it is: "
+                f"its linkages stay open by {violation.item():.2g} m; give a state nearby, within the stops"
+            )
+        state = self.integrator.state
+        state.z[:], state.dz[:] = placed[:, 0], rates[:, 0]
+        self.integrator.settle()
         self._motion.call()
 
     def step(self, inputs: Array) -> None:

@@ -232,13 +232,6 @@ class WheelPosition:
             f"at {1e3 * rack:.4g} mm: it does not close there. Ask for less, or check the hard points"
         )
 
-    def rates(self, z: Array, rack: float, travel_rate: float) -> Array:
-        """Rates of the coordinates (n,) when the wheel travels at `travel_rate` [m/s] and the rack is at rest."""
-        _, jacobian = self._equations(z, self._guides(rack), self._numbers, 0.0)
-        right = np.zeros(jacobian.shape[0])
-        right[-1] = travel_rate
-        return np.asarray(np.linalg.lstsq(np.asarray(jacobian), right, rcond=1e-10)[0], dtype=np.float64)
-
     def values(self, z: Array, rack: float) -> Array:
         """`COLUMNS` (6,) at these coordinates."""
         return np.asarray(self._values(z, self._guides(rack), self._numbers)).reshape(-1)

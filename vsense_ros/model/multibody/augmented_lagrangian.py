@@ -28,6 +28,7 @@ from vsense_ros.model.tree import solve_dominant
 
 PENALTY_MASS = 1e6  # [kg]
 CORRECTIONS = 3  # iterations in one call
+SETTLING = 4  # iterations for rates and accelerations that fit given coordinates
 LONGEST = 12  # calls before a step is given up
 
 Array = NDArray[np.float64]
@@ -188,16 +189,23 @@ class Equations:
             name, arguments, [ca.densify(r) for r in results], names, [f"r{i}" for i in range(len(results))]
         )
 
-    def _base(self, z: ca.MX, dz: ca.MX, ddz: ca.MX) -> tuple[ca.MX, ...]:
+    def _base(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, h: ca.MX | None = None) -> tuple[ca.MX, ...]:
         k = self.mechanism.base_size
         _, _, _, _, parameters, _, gravity, wrench, _ = self.symbols
         own = parameters[: int(self._parameter_ends[0])]
-        return tuple(self._base_state.call([z[:k], dz[:k], ddz[:k], gravity, wrench, own, self.h]))
+        return tuple(self._base_state.call([z[:k], dz[:k], ddz[:k], gravity, wrench, own, self.h if h is None else h]))
 
     def _branches(
-        self, name: str, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, base: tuple[ca.MX, ...]
+        self,
+        name: str,
+        z: ca.MX,
+        dz: ca.MX,
+        ddz: ca.MX,
+        multipliers: ca.MX,
+        base: tuple[ca.MX, ...],
+        h: ca.MX | None = None,
     ) -> list[tuple[ca.MX, ...]]:
-        """Results of the function `name` of every branch."""
+        """Results of the function `name` of every branch; `h` stands for the length of the step."""
         mechanism = self.mechanism
         _, _, _, _, parameters, guides, _, _, inputs = self.symbols
         exports: dict[int, ca.MX] = {}
@@ -227,15 +235,17 @@ class Equations:
             function = getattr(self._shared[linkage], name)
             found = function(
                 own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
-                ca.vertcat(ca.MX(0, 1), *own_inputs), self.h,
+                ca.vertcat(ca.MX(0, 1), *own_inputs), self.h if h is None else h,
             )  # fmt: skip
             results.append(found if isinstance(found, tuple) else (found,))
         return results
 
-    def _factor(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX) -> tuple[list[tuple[ca.MX, ...]], ca.MX]:
+    def _factor(
+        self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None
+    ) -> tuple[list[tuple[ca.MX, ...]], ca.MX]:
         """Of each branch what `_Branch.factor` gives, and the inverse (6×6) at the base."""
         base = self._base(z, dz, ddz)
-        factors = self._branches("factor", z, dz, ddz, multipliers, base)
+        factors = self._branches("factor", z, dz, ddz, multipliers, base, h)
         if self.mechanism.base is None:
             return factors, ca.MX(6, 6)
         total = sum((f[3] for f in factors), base[5])
@@ -252,7 +262,7 @@ class Equations:
     def _corrected(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, count: int
     ) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
-        """After `count` iterations with one matrix: z, dz, ddz, multipliers, and the largest last change."""
+        """After `count` iterations with one matrix: z, dz, ddz, multipliers, and the norm of the last change."""
         h, mechanism = self.h, self.mechanism
         factors, at_base = self._factor(z, dz, ddz, multipliers)
         largest = ca.MX(0)
@@ -267,11 +277,11 @@ class Equations:
                 for i, (f, factor) in enumerate(zip(found, factors, strict=True))
             ]
             multipliers = multipliers + PENALTY_MASS * 4 / h**2 * ca.vertcat(ca.MX(0, 1), *violations)
-            largest = ca.norm_inf(change)
+            largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
         return z, dz, ddz, multipliers, largest
 
     def _projected(self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """Rates and accelerations that fulfil the constraints' derivatives, and the largest violation left in Φ."""
+        """Rates and accelerations that fulfil the constraints' derivatives, and the norm of the violation left in Φ."""
         factors, at_base = self._factor(z, dz, ddz, multipliers)
         nothing = ca.MX(6, 1)
         base = self._base(z, dz, ddz)
@@ -288,7 +298,40 @@ class Equations:
                 else:
                     ddz = ddz + change
         found = self._branches("constraints", z, dz, ddz, multipliers, base)
-        return dz, ddz, ca.norm_inf(ca.vertcat(*(f[0] for f in found)))
+        return dz, ddz, ca.norm_2(ca.vertcat(*(f[0] for f in found)))
+
+    def settle_function(self) -> ca.Function:
+        """Rates, accelerations and multipliers that fit the coordinates, and the last change of an acceleration.
+
+        Rates change as little as the masses allow; accelerations follow from M z̈ + Φ_zᵀ λ = Q by the augmented
+        Lagrangian at the level of accelerations. The coordinates must fulfil the constraints.
+        """
+        z, dz, _, multipliers = self.symbols[:4]
+        mechanism = self.mechanism
+        no_step, unit_weight = ca.MX(0), ca.MX(2)  # matrix without stiffness and damping; forces at full weight
+        ddz = ca.MX(mechanism.coordinates, 1)
+        factors, at_base = self._factor(z, dz, ddz, multipliers, no_step)
+
+        def constraints() -> list[tuple[ca.MX, ...]]:
+            return self._branches("constraints", z, dz, ddz, multipliers, self._base(z, dz, ddz))
+
+        for _ in range(SETTLING):
+            residuals = [PENALTY_MASS * (f[3].T @ f[1]) for f in constraints()]
+            dz = dz + self._solve(z, factors, at_base, residuals, ca.MX(6, 1))
+        largest = ca.MX(0)
+        for _ in range(SETTLING):
+            base = self._base(z, dz, ddz, unit_weight)
+            found = self._branches("evaluate", z, dz, ddz, multipliers, base, unit_weight)
+            held = constraints()
+            residuals = [f[0] + PENALTY_MASS * (c[3].T @ (c[2] - c[0])) for f, c in zip(found, held, strict=True)]
+            change = self._solve(z, factors, at_base, residuals, sum((f[1] for f in found), base[4]))
+            ddz = ddz + change
+            violations = [
+                c[2] + c[3] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]] for i, c in enumerate(held)
+            ]
+            multipliers = multipliers + PENALTY_MASS * ca.vertcat(ca.MX(0, 1), *violations)
+            largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
+        return self._function("settle", [dz, ddz, multipliers, largest])
 
     def _predicted(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
         z, dz, ddz, multipliers = self.symbols[:4]
@@ -297,8 +340,8 @@ class Equations:
     def step_functions(self) -> list[ca.Function]:
         """`step` (predict, correct, project), `advance` (predict, correct), `refine` (correct) and `project`.
 
-        The first three give z, dz, ddz, multipliers and the largest change of the last iteration, `step` also the
-        largest violation of a constraint; `project` gives dz, ddz and that violation. Guides, inputs and forces are
+        The first three give z, dz, ddz, multipliers and the norm of the last iteration's change, `step` also that
+        of the constraints' violation; `project` gives dz, ddz and that violation. Guides, inputs and forces are
         those of the end of the step.
         """
         stepped = self._corrected(*self._predicted(), CORRECTIONS)
@@ -367,8 +410,8 @@ class Integrator:
     """Steps of one mechanism with given parameters; nothing is allocated in a step.
 
     Write `guides` (g×3), `wrench` (6), `inputs` and `gravity` (3) in place for the *end* of the next step, then call
-    `step()`. `state` holds the result. `tolerance` is the largest change of a coordinate [m or rad] in the last
-    iteration.
+    `step()`. `state` holds the result. `tolerance` is the norm of the coordinates' change [m and rad] in the
+    last iteration.
     """
 
     def __init__(
@@ -379,7 +422,13 @@ class Integrator:
         self.calls = 0  # of the iterating functions, for statistics
         equations = Equations(mechanism)
         functions = codegen.compiled(
-            name, [*equations.step_functions(), equations.dynamics_function(), equations.outputs_function()]
+            name,
+            [
+                *equations.step_functions(),
+                equations.settle_function(),
+                equations.dynamics_function(),
+                equations.outputs_function(),
+            ],
         )
         sizes = [functions[0].size_in(i) for i in range(9)]
         self.parameters = np.array(parameters, dtype=float)
@@ -394,7 +443,7 @@ class Integrator:
             z, dz, ddz, multipliers, self.parameters, self.guides.reshape(-1, order="F"), self.gravity, self.wrench,
             self.inputs, self.h,
         ]  # fmt: skip
-        self._step, self._advance, self._refine, self._project, self._dynamics, self._outputs = (
+        self._step, self._advance, self._refine, self._project, self._settle, self._dynamics, self._outputs = (
             codegen.Kernel(function, arguments) for function in functions
         )
 
@@ -444,12 +493,7 @@ class Integrator:
 
     def settle(self) -> None:
         """Makes rates, accelerations and multipliers fit coordinates and guides; coordinates must be assembled."""
+        self._settle.call()
         state = self.state
-        state.ddz[:] = 0
-        mass, forces, _, rate, bias, jacobian = self.dynamics()
-        n, m = len(forces), len(rate)
-        matrix = np.block([[mass, jacobian.T], [jacobian, np.zeros((m, m))]])
-        state.dz += np.linalg.solve(matrix, np.concatenate([np.zeros(n), -rate]))[:n]
-        _, forces, _, _, bias, _ = self.dynamics()
-        solution = np.linalg.solve(matrix, np.concatenate([forces, -bias]))
-        state.ddz[:], state.multipliers[:] = solution[:n], solution[n:]
+        for target, result in zip((state.dz, state.ddz, state.multipliers), self._settle.results, strict=False):
+            np.copyto(target, result.reshape(-1))
