@@ -150,11 +150,13 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
       vsense run bags/double_lane_change --vehicle prototype_model --report
       vsense run med_lap --vehicle genesis --out out/med_lap
     """
+    from dataclasses import replace
+
     from vsense_ros import observer
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
-    from vsense_ros.evaluate.reference import at_cog
+    from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
@@ -165,7 +167,9 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     name = recording.name or bag.stem
     with progress(f"estimating {name}") as done:
         result = observer.run(recording, car, progress=done)
-    drive = Drive.of(name, f"{name}, {car.name}", at_cog(recording, car), result, way="without ROS")
+    compared = replace(result, output=at_reference(result.output, car))
+    notes = tuple(filter(None, [mounting_in_words(car)]))
+    drive = Drive.of(name, f"{name}, {car.name}", recording, compared, way="without ROS", notes=notes)
     folder = out if out is not None else Path("out") / "run" / name
     folder.mkdir(parents=True, exist_ok=True)
     write_bag(folder / "output", result.output, overwrite=True)

@@ -27,7 +27,7 @@ from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import draw
-from vsense_ros.evaluate.reference import at_cog
+from vsense_ros.evaluate.reference import at_reference, mounting_in_words
 from vsense_ros.evaluate.report import write_report
 from vsense_ros.evaluate.terminal import in_files, progress, show_drive, waiting
 from vsense_ros.node.processes import RosRun, run_through_ros
@@ -204,6 +204,7 @@ def _run(job: Job, out: Path, through_ros: bool, failures: list[str]) -> Drive:
     simpler = job.baselines(source, recording) if job.baselines else {}
     vehicle_file = vehicle_path(job.vehicle)
     vehicle = load_vehicle(vehicle_file)
+    notes = tuple(filter(None, [mounting_in_words(vehicle)]))
     if through_ros:
         try:
             result = _through_ros(job, source, recording, vehicle_file, out / job.name)
@@ -212,12 +213,14 @@ def _run(job: Job, out: Path, through_ros: bool, failures: list[str]) -> Drive:
         else:
             latency = f", latency {result.latency_ms['p99']:.1f} ms (99 %)" if "p99" in result.latency_ms else ""
             way = f"through ROS processes: {job.road}{latency}"
-            seen = at_cog(_as_seen(recording, result.recording), vehicle)
-            return Drive.of(job.name, job.title, seen, result, baselines=simpler, way=way)
+            seen = _as_seen(recording, result.recording)
+            compared = replace(result, output=at_reference(result.output, vehicle))
+            return Drive.of(job.name, job.title, seen, compared, baselines=simpler, way=way, notes=notes)
     with progress(f"{job.name}: estimating without ROS") as done:
         alone = observer.run(recording, vehicle, progress=done)
     write_bag(out / job.name, alone.output, overwrite=True)
-    return Drive.of(job.name, job.title, at_cog(recording, vehicle), alone, baselines=simpler, way="without ROS")
+    moved = replace(alone, output=at_reference(alone.output, vehicle))
+    return Drive.of(job.name, job.title, recording, moved, baselines=simpler, way="without ROS", notes=notes)
 
 
 def _through_ros(job: Job, source: Path, recording: Recording, vehicle_file: Path, out: Path) -> RosRun:

@@ -19,7 +19,7 @@ import numpy as np
 from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.metrics import SignalScore, align, compare
-from vsense_ros.evaluate.reference import at_cog
+from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
@@ -57,16 +57,20 @@ class Knob:
 
 def _cornering(axle: str, power: float) -> dict[str, float]:
     """Cornering stiffness of an axle at unchanged largest force and unchanged shape of the curve."""
-    powers = {}
+    powers: dict[str, float] = {}
     for load in ("nominal", "double"):
         curve = f"physics.{axle}.tyre.lateral.{load}"
-        powers |= {f"{curve}.initial_slope": power, f"{curve}.slip_at_maximum": -power, f"{curve}.slip_at_sliding": -power}
+        powers |= {
+            f"{curve}.initial_slope": power,
+            f"{curve}.slip_at_maximum": -power,
+            f"{curve}.slip_at_sliding": -power,
+        }
     return powers
 
 
 def _curvature(axle: str) -> dict[str, float]:
     """How early the curve bends, at unchanged initial slope and largest force."""
-    powers = {}
+    powers: dict[str, float] = {}
     for load in ("nominal", "double"):
         curve = f"physics.{axle}.tyre.lateral.{load}"
         powers |= {f"{curve}.slip_at_maximum": 1.0, f"{curve}.slip_at_sliding": 1.0}
@@ -99,26 +103,35 @@ KNOBS = (
 )
 
 
-def side_slip_error(vehicle: Vehicle, laps: Sequence[Recording]) -> tuple[float, float]:
-    """RMSE of the side slip over some laps once its mean error is removed [rad], and that mean error [rad]: what the
-    mounting angle of the reference should change by."""
-    errors = []
+def lateral_error(vehicle: Vehicle, laps: Sequence[Recording]) -> tuple[float, float]:
+    """Geometric mean of the RMSE of side slip [rad] and lateral velocity [m/s] over some laps, each lap with equal
+    weight, once the mean error of the side slip is removed; and that mean error [rad], by which the mounting angle of
+    the reference should change.
+
+    The side slip alone would favour slow parts of the laps, the lateral velocity alone fast ones.
+    """
+    slip, lateral = [], []
     for lap in laps:
-        result = run(lap, vehicle, rate=10.0)
-        estimate = read_signals(result.output, "vsense")["side_slip"]
-        truth = read_signals(at_cog(lap, vehicle), "reference")["side_slip"]
-        errors.append(align(estimate, truth).error[:, 0])
-    mean = float(np.concatenate(errors).mean())
-    return float(np.sqrt(np.mean([np.mean((e - mean) ** 2) for e in errors]))), mean
+        output = read_signals(at_reference(run(lap, vehicle, rate=10.0).output, vehicle), "vsense")
+        truth = read_signals(lap, "reference")
+        slip.append(align(output["side_slip"], truth["side_slip"]).error[:, 0])
+        both = align(output["lateral_velocity"], truth["lateral_velocity"])
+        forward = align(output["longitudinal_velocity"], truth["longitudinal_velocity"])
+        speed = np.interp(both.stamp, forward.stamp, forward.truth[:, 0])
+        lateral.append((both.error[:, 0], speed))
+    mean = float(np.concatenate(slip).mean())
+    slip_square = np.mean([np.mean((e - mean) ** 2) for e in slip])
+    lateral_square = np.mean([np.mean((e - mean * speed) ** 2) for e, speed in lateral])
+    return float((slip_square * lateral_square) ** 0.25), mean
 
 
 def identify(vehicle: Vehicle, laps: Sequence[Recording], sweeps: int = 3, progress: Progress | None = None) -> Vehicle:
-    """Turn the knobs one after the other, each by shrinking factors, as long as the side slip on `laps` gets better.
+    """Turn the knobs one after the other, by shrinking factors, as long as side slip and lateral velocity get better.
 
     A pattern search needs no derivatives and nothing but the observer itself; it costs about 40 runs over all laps a
     sweep. `progress` takes the share done.
     """
-    best, mean = side_slip_error(vehicle, laps)
+    best, mean = lateral_error(vehicle, laps)
     factors = {knob.name: knob.factor for knob in KNOBS}
     for sweep in range(sweeps):
         for i, knob in enumerate(KNOBS):
@@ -128,7 +141,7 @@ def identify(vehicle: Vehicle, laps: Sequence[Recording], sweeps: int = 3, progr
                     candidate = knob.turned(vehicle, turn)
                 except ValueError:
                     continue
-                error, candidate_mean = side_slip_error(candidate, laps)
+                error, candidate_mean = lateral_error(candidate, laps)
                 if error < best:
                     vehicle, best, mean = candidate, error, candidate_mean
                     break
@@ -166,7 +179,7 @@ def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) ->
     results: dict[str, dict[str, float]] = {}
     for i, (name, (recording, window)) in enumerate(cases.items()):
         output = run(recording, vehicle, progress=_part(progress, i, len(cases))).output
-        results[name] = _figures(_scores(output, at_cog(recording, vehicle), window))
+        results[name] = _figures(_scores(at_reference(output, vehicle), recording, window))
     others = [genesis.read(folder / name) for name in IDENTIFIED_FROM]
     fitted = baselines.regression(lap, baselines.fit_regression(others))
     results["regression"] = _figures(baselines.score_all(fitted, lap))

@@ -1,4 +1,8 @@
-"""The reference of a recording, moved from where its system sits to where the estimates are valid."""
+"""Estimates, moved from `cog` to where the reference system of a recording sits.
+
+A reference that sits elsewhere, or whose axes are turned, measures other velocities than those of `cog`. The comparison
+is made at its place, so that what was measured stays as it was measured.
+"""
 
 from __future__ import annotations
 
@@ -10,32 +14,42 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
 
-TOPIC = "reference/odometry"
+ODOMETRY = "vsense/odometry"
+SIDE_SLIP = "vsense/sideslip"
 
 
-def at_cog(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The same recording with `reference/odometry` moved to `cog`, by the mounting that the vehicle file states.
+def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
+    """The estimates of `output` as the reference system would see them, by the mounting that the vehicle file states.
 
-    A system at `position` whose forward axis is turned by `yaw` sees the velocity R(-yaw) (v + ω × position); rates
-    that it did not measure (NaN) are taken to be zero for that.
+    A system at `position` whose forward axis is turned by `yaw` sees the velocity R(-yaw) (v + ω × position). Position,
+    attitude, velocity, rates and side slip are moved; covariances are left, since the mounting is taken as known.
     """
     mounting = vehicle.reference
-    if TOPIC not in recording or (not any(mounting.position) and mounting.yaw == 0):
-        return recording
-    channel = recording[TOPIC]
-    columns = dict(channel.columns)
+    if ODOMETRY not in output or (not any(mounting.position) and mounting.yaw == 0):
+        return output
+    odometry = output[ODOMETRY]
+    columns = dict(odometry.columns)
     turn = Rotation.from_euler("z", mounting.yaw)
     arm = np.array(mounting.position)
-    rates = turn.apply(np.nan_to_num(columns["angular"]))
-    columns["linear"] = _turned(turn, columns["linear"]) - np.cross(rates, arm)
-    columns["angular"] = _turned(turn, columns["angular"])
-    attitude = Rotation.from_quat(columns["orientation"]) * turn.inv()
-    columns["orientation"] = attitude.as_quat()
-    columns["position"] = columns["position"] - attitude.apply(arm)
-    channels = {**recording.channels, TOPIC: replace(channel, columns=columns)}
-    return replace(recording, channels=channels)
+    attitude = Rotation.from_quat(columns["orientation"])
+    columns["position"] = columns["position"] + attitude.apply(arm)
+    columns["orientation"] = (attitude * turn).as_quat()
+    columns["linear"] = turn.inv().apply(columns["linear"] + np.cross(columns["angular"], arm))
+    columns["angular"] = turn.inv().apply(columns["angular"])
+    channels = {**output.channels, ODOMETRY: replace(odometry, columns=columns)}
+    slip = output[SIDE_SLIP]
+    if len(slip) and np.array_equal(slip.stamp, odometry.stamp):
+        vector = slip.columns["vector"].copy()
+        vector[:, 0] = np.arctan2(columns["linear"][:, 1], columns["linear"][:, 0])
+        channels[SIDE_SLIP] = replace(slip, columns={"vector": vector})
+    return replace(output, channels=channels)
 
 
-def _turned(turn: Rotation, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned about z; an absent z component stays absent and does not spread."""
-    return np.column_stack([turn.apply(np.column_stack([vectors[:, :2], np.zeros(len(vectors))]))[:, :2], vectors[:, 2]])
+def mounting_in_words(vehicle: Vehicle) -> str:
+    """Where the estimates are compared, or nothing where that is `cog`."""
+    mounting = vehicle.reference
+    if not any(mounting.position) and mounting.yaw == 0:
+        return ""
+    x, y, z = mounting.position
+    angle = np.degrees(mounting.yaw)
+    return f"Compared at the reference system: ({x:.2f}, {y:.2f}, {z:.2f}) m from cog, its axes turned by {angle:.2f}°."
