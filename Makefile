@@ -44,7 +44,7 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 	$(VENV)/bin/python -m pytest test/benchmark --benchmark-enable --benchmark-json=out/bench.json
 	$(VENV)/bin/python tools/benchmarks.py out/bench.json BENCHMARKS.md
 
-genesis: venv ## identification on two Genesis laps, evaluation on the third, to out/genesis.json
+genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/vsense genesis
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
