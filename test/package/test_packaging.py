@@ -49,6 +49,15 @@ def test_versions_are_pinned_in_the_requirement_files_alone() -> None:
     assert not re.search(r"==\d", (ROOT / "setup.py").read_text(encoding="utf-8"))
 
 
+def test_every_file_of_the_package_is_installed() -> None:
+    described = re.search(r"package_data=(\{.*\})", (ROOT / "setup.py").read_text(encoding="utf-8"))
+    assert described is not None
+    patterns = ["*.py", *ast.literal_eval(described[1])[""]]
+    for path in sorted((ROOT / "vsense_ros").rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            assert any(path.match(pattern) for pattern in patterns), f"setup.py leaves {path.relative_to(ROOT)} out"
+
+
 @pytest.mark.parametrize("name", ["vsense", *NODES])
 def test_every_command_of_the_package_leads_to_a_function(name: str) -> None:
     (command,) = [e for e in entry_points(group="console_scripts", name=name) if e.value.startswith("vsense_ros")]

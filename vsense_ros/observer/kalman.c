@@ -42,6 +42,13 @@ static void gain_columns(int *columns) {
     for (int i = MODEL; i < 3 * MODEL + SURROUND; i++) columns[k++] = i;
 }
 
+/* out += sum of factor[k] * row[k], all rows `width` long; `width` is a constant wherever this is called. */
+#ifdef __STRICT_ANSI__ /* C99 and nothing else: every compiler has its own way of holding rows in registers */
+static void combine(int width, double *out, int count, const double *factor, const double *const *row) {
+    for (int k = 0; k < count; k++)
+        for (int j = 0; j < width; j++) out[j] += factor[k] * row[k][j];
+}
+#else
 typedef double lane __attribute__((vector_size(32)));
 #define LANES 14 /* with two more registers for operands, what a processor with 16 of them can hold */
 
@@ -51,7 +58,6 @@ static inline __attribute__((always_inline)) lane loaded(const double *from) {
     return result;
 }
 
-/* out += sum of factor[k] * row[k], all rows `width` long; `width` is a constant wherever this is called. */
 static inline __attribute__((always_inline)) void combine(int width, double *out, int count, const double *factor,
                                                           const double *const *row) {
     int first = 0;
@@ -71,6 +77,7 @@ static inline __attribute__((always_inline)) void combine(int width, double *out
     for (int k = 0; k < count; k++)
         for (int j = width / 4 * 4; j < width; j++) out[j] += factor[k] * row[k][j];
 }
+#endif
 
 /* Inverse by Gauss-Jordan elimination with partial pivoting; `rows` (MODEL x 2 MODEL) holds the matrix, and beside it
  * at first the unit matrix, at last the inverse. Returns 0 if singular. */
