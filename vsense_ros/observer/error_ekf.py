@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import INPUTS, SURROUNDINGS, WHEELS, car_of
+from vsense_ros.model.car import INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
 from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.sensors import Bias, SensorBase
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
@@ -47,6 +46,53 @@ def layout(sensors: dict[str, SensorBase]) -> Layout:
         names += [f"{name}.{bias.name}" for bias in sensor.biases()]
         slices.append(slice(first, len(names)))
     return Layout(tuple(slices), tuple(names), len(names))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the state before any measurement, and how fast that is forgotten."""
+
+    deviation: Array  # (n,) standard deviations of the errors at start
+    rate: Array  # (n,) [1/s] at which errors decay, 0: not at all
+    density: Array  # (n,) variance added in one second where they do not
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
+        """Of a vehicle with these sensors."""
+        where, kinds = layout(sensors), {sensor.kind for sensor in sensors.values()}
+        errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
+        spin = errors.wheel_spin if "wheel_speeds" in kinds else 0.0
+        body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
+        deviation = np.zeros(where.size)
+        deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
+        deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
+        if "gnss_velocity" not in kinds:
+            deviation[[X, Y, YAW]] = 1e-6  # the map is laid by where the car is at start
+        deviation[FORCE] = body + [errors.suspension] * 4 + [spin] * 4
+        deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
+        time_constant = np.full(where.size, np.inf)
+        time_constant[FORCE] = errors.time_constant
+        time_constant[FORCE.stop - 4 : FORCE.stop] = errors.wheel_spin_time_constant
+        time_constant[SURROUND] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
+        drift = np.zeros(where.size)
+        drift[SURROUND] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
+        for sensor, part in zip(sensors.values(), where.biases, strict=True):
+            biases: tuple[Bias, ...] = sensor.biases()
+            deviation[part] = [b.deviation for b in biases]
+            drift[part] = [b.drift for b in biases]
+            time_constant[part] = [b.time_constant for b in biases]
+        return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0))
+
+
+def rolling_state(vehicle: Vehicle, speed: float) -> Array:
+    """Coordinates and velocities (28,) of a car that rolls straight ahead at `speed` [m/s] on level ground."""
+    physics = vehicle.physics
+    state = np.zeros(U.stop)
+    state[Z] = physics.chassis.cog_height
+    state[U.start] = speed
+    for i, axle in enumerate((physics.front, physics.front, physics.rear, physics.rear)):
+        state[U][SPIN][i] = speed / (axle.unloaded_radius * 0.98)
+    return state
 
 
 class ErrorEkf:
@@ -100,32 +146,8 @@ class ErrorEkf:
                 mounting = np.asarray(sensor.mounting(), dtype=float)
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
-        self._noise(vehicle.observer)
+        self.prior = Prior.of(vehicle, sensors)
         self._processes: dict[int, tuple[Array, Array]] = {}
-
-    def _noise(self, settings: ObserverSettings) -> None:
-        """Standard deviations at start, and the processes behind the forces, the surroundings and the biases."""
-        n = self.layout.size
-        errors, around = settings.force_errors, settings.surroundings
-        spin = errors.wheel_spin if "wheel_speeds" in {s.kind for s in self.sensors} else 0.0
-        body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
-        deviation = np.zeros(n)
-        deviation[FORCE] = body + [errors.suspension] * 4 + [spin] * 4
-        deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
-        time_constant = np.full(n, np.inf)
-        time_constant[FORCE] = errors.time_constant
-        time_constant[FORCE.stop - 4 : FORCE.stop] = errors.wheel_spin_time_constant
-        time_constant[SURROUND] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
-        drift = np.zeros(n)
-        drift[SURROUND] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
-        for sensor, where in zip(self.sensors, self.layout.biases, strict=True):
-            biases: tuple[Bias, ...] = sensor.biases()
-            deviation[where] = [b.deviation for b in biases]
-            drift[where] = [b.drift for b in biases]
-            time_constant[where] = [b.time_constant for b in biases]
-        self.deviation = deviation
-        self._rate = 1 / time_constant
-        self._density = np.where(np.isinf(time_constant), drift**2, 0.0)
 
     def _process(self, h: float) -> tuple[Array, Array]:
         """Decay and added variance over `h` [s] of the states behind the velocities.
@@ -136,10 +158,24 @@ class ErrorEkf:
         known = self._processes.get(length)
         if known is None:
             h = length * 1e-5
-            decay = np.exp(-h * self._rate[28:])
-            noise = self.deviation[28:] ** 2 * (1 - decay**2) + self._density[28:] * h
+            prior = self.prior
+            decay = np.exp(-h * prior.rate[28:])
+            noise = prior.deviation[28:] ** 2 * (1 - decay**2) + prior.density[28:] * h
             known = self._processes[length] = (decay, noise)
         return known
+
+    def start(self, speed: float) -> None:
+        """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
+        self.state[:] = 0.0
+        self.state[: U.stop] = rolling_state(self.vehicle, speed)
+        self.inputs[:] = 0.0
+        self.covariance[:] = np.diag(self.prior.deviation**2)
+
+    def place(self, index: int, value: float, deviation: float) -> None:
+        """Set one element of the state, whose error then has this standard deviation and no correlation."""
+        self.state[index] = value
+        self.covariance[index, :] = self.covariance[:, index] = 0.0
+        self.covariance[index, index] = deviation**2
 
     def linearize(self) -> None:
         """Accelerations and Jacobians at the present state, which acceleration sensors and the next step use."""

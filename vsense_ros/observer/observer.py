@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import YAW, Z
+from vsense_ros.model.car import YAW, X, Y
 from vsense_ros.model.sensors import SensorBase, Steering
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
@@ -22,7 +22,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
-from vsense_ros.observer.kalman import SURROUND, Q, U
+from vsense_ros.observer.kalman import SURROUND
 from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.recording import Sample
 
@@ -223,25 +223,14 @@ class Observer:
 
     def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
-        f.state[:] = 0.0
-        f.state[Z] = self.vehicle.physics.chassis.cog_height
-        f.state[14] = speed
-        for i, axle in enumerate((self.vehicle.physics.front,) * 2 + (self.vehicle.physics.rear,) * 2):
-            f.state[24 + i] = speed / (axle.unloaded_radius * 0.98)
+        f.start(speed)
         if (wheels := kinds.get("wheel_speeds")) is not None:
             f.state[24:28] = np.where(np.isfinite(wheels.value), wheels.value, f.state[24:28])
         if (imu := kinds.get("imu")) is not None and np.isfinite(imu.value[2]):
             f.state[19] = imu.value[2]
-        f.inputs[:] = 0.0
         for kind, part in _INPUTS.items():
             if kind in kinds:
                 f.inputs[part] = np.nan_to_num(kinds[kind].value)
-        deviation = f.deviation.copy()
-        deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
-        deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
-        f.covariance[:] = np.diag(deviation**2)
-        if "gnss_velocity" not in {s.kind for s in self._list}:
-            f.covariance[[0, 1, 5], [0, 1, 5]] = 1e-12
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self.started, self._started_at, self._newest = True, stamp, stamp
         self._history.clear()
@@ -261,11 +250,10 @@ class Observer:
             return False
         f = self.filter
         forward = f.state[14]
-        f.state[YAW] = np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1))
         deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
-        for i, d in ((YAW, deviation), (0, 100.0), (1, 100.0)):
-            f.covariance[i, :] = f.covariance[:, i] = 0.0
-            f.covariance[i, i] = d**2
+        f.place(YAW, np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1)), deviation)
+        for i in (X, Y):
+            f.place(i, f.state[i], 100.0)
         self.heading_known = True
         return True
 
