@@ -128,7 +128,8 @@ def allowed(field: FieldInfo) -> str:
     words = _limits(field.metadata)
     if get_origin(field.annotation) is tuple:
         members = get_args(field.annotation)
-        words = [f"{len(members)} numbers", *_limits(getattr(members[0], "__metadata__", ()))]
+        count = "rows of numbers" if members[-1] is Ellipsis else f"{len(members)} numbers"
+        words = [count, *_limits(getattr(members[0], "__metadata__", ()))]
     return ", ".join(words)
 
 

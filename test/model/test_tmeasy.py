@@ -191,7 +191,7 @@ def test_one_directional_slip_follows_the_curve_of_the_file(tyre: TMeasy, at: tu
     small = 1e-3 * curve.slip_at_maximum  # large against the rounded tip, small against the curvature
     assert force(small) / small == pytest.approx(curve.initial_slope, rel=1e-2)
     assert force(curve.slip_at_maximum) == pytest.approx(curve.maximum, rel=1e-9)
-    assert force(1.01 * curve.slip_at_maximum) <= curve.maximum
+    assert force(1.01 * curve.slip_at_maximum) <= curve.maximum * (1 + 1e-9)
     assert force(0.99 * curve.slip_at_maximum) < curve.maximum
     assert force(curve.slip_at_sliding) == pytest.approx(curve.sliding, rel=1e-9)
     assert force(2 * curve.slip_at_sliding) == pytest.approx(curve.sliding, rel=1e-9)

@@ -1,13 +1,15 @@
-"""The 14-degree-of-freedom car: a chassis, four wheels that travel on straight guides, and their spins.
+"""The 14-degree-of-freedom car: a chassis, four wheels that travel on guided hubs, and their spins.
 
 Coordinates `q` (14): position of `cog` in the map [m], roll, pitch, yaw [rad], suspension compressions fl, fr, rl, rr
 [m], spin angles of the wheels [rad]. Velocities `u` (14): velocity of `cog` in body axes [m/s], body rates [rad/s],
 compression rates [m/s], spin speeds [rad/s]. `cog` is the centre of gravity in the design position, standing on level
 ground.
 
-Nine bodies: the sprung mass, four hubs on prismatic joints and four wheels on revolute joints, in relative coordinates
-(the simplified vehicle of Rodríguez 2020 with the kinematic table of a straight guide). The guides are inclined in the
-lateral plane such that each axle has the roll centre that the vehicle file gives.
+Nine bodies: the sprung mass, four hubs on guided joints and four wheels on revolute joints, in relative coordinates
+(the simplified vehicle of Rodríguez 2020). Hubs move as the suspension tables of the vehicle file say, where it has
+them: their travel is then the height of the wheel centre over its design position, and tables take the place of roll
+centres and Ackermann. Without tables they travel on straight guides, inclined in the lateral plane such that each axle
+has the roll centre that the file gives.
 """
 
 from __future__ import annotations
@@ -19,9 +21,12 @@ from types import SimpleNamespace
 import casadi as ca
 
 from vsense_ros.model import spatial
+from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.parameter import numbers, symbols
+from vsense_ros.model.suspension import HubMotion, straight_guide, table_guide
 from vsense_ros.model.tree import Body, Tree
 from vsense_ros.model.tyres import FORCES, STEEPEST_SLOPES
+from vsense_ros.model.tyres.slip import transport_speed
 from vsense_ros.model.vehicle import Vehicle
 
 GRAVITY = 9.80665  # [m/s²] standard acceleration of free fall
@@ -71,16 +76,52 @@ def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
     return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
 
 
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """What does not move of a corner."""
+
+    index: int
+    axle: SimpleNamespace  # symbols of its `Axle`
+    tyre: str
+    side: int  # 1 on the left, -1 on the right
+    centre: ca.SX  # of the wheel in the design position (3×1) [m]
+    static_load: ca.SX  # [N]
+    loaded_radius: ca.SX  # under that load [m]
+
+    @property
+    def front(self) -> bool:
+        return self.index < 2
+
+    @property
+    def opposite(self) -> int:
+        """The other wheel of the axle."""
+        return self.index + self.side
+
+
+@dataclass(frozen=True, eq=False)
+class TyreContact:
+    """A tyre's contact and forces, as `tyres.forces` gives them."""
+
+    touch: Contact
+    force_x: ca.SX
+    force_y: ca.SX
+    moment: ca.SX
+    slip_x: ca.SX
+    slip_y: ca.SX
+    rolling_speed: ca.SX
+
+
 class Car:
     """Symbolic equations of motion of a vehicle's *structure*; the values of its parameters stay symbols.
 
-    Two vehicles with the same kinds of tyres share one `Car`, and so its compiled code.
+    Two vehicles with the same kinds of tyres and the same suspension tables share one `Car`, and so its compiled code.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self._v = symbols(vehicle.physics)
         self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
+        self._tables = vehicle.suspension
         self.q = ca.SX.sym("q", COORDINATES)
         self.u = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
@@ -88,85 +129,82 @@ class Car:
         self.inputs = ca.SX.sym("inputs", len(INPUTS))
 
     @cached_property
-    def _geometry(self) -> SimpleNamespace:
-        v = self._v
-        wheelbase = v.chassis.cog_to_front_axle + v.chassis.cog_to_rear_axle
-        weight = v.chassis.mass * GRAVITY
-        axles = (v.front, v.rear)
-        arm = (v.chassis.cog_to_front_axle, -v.chassis.cog_to_rear_axle)
-        static = (
-            weight * v.chassis.cog_to_rear_axle / wheelbase / 2,
-            weight * v.chassis.cog_to_front_axle / wheelbase / 2,
-        )
-        corners = []
-        for i in range(4):
-            axle, side = i // 2, 1 - 2 * (i % 2)
-            a = axles[axle]
-            radius = a.unloaded_radius * (1 + self.surroundings[3])
-            loaded = a.unloaded_radius - static[axle] / a.tyre_stiffness
-            centre = ca.vertcat(arm[axle], side * a.track / 2, loaded - v.chassis.cog_height)
-            # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
-            slope = 2 * a.roll_centre_height / a.track
-            guide = ca.vertcat(0, side * slope, 1) / ca.sqrt(1 + slope**2)
-            corners.append(
-                SimpleNamespace(
-                    axle=a,
-                    side=side,
-                    radius=radius,
-                    centre=centre,
-                    guide=guide,
-                    static_load=static[axle],
-                    opposite=i + 1 - 2 * (i % 2),
-                    front=axle == 0,
-                    tyre=FORCES[self._tyres[axle]],
-                    steepest_slope=STEEPEST_SLOPES[self._tyres[axle]],
-                )
-            )
-        return SimpleNamespace(wheelbase=wheelbase, corners=corners)
+    def _wheelbase(self) -> ca.SX:
+        return self._v.chassis.cog_to_front_axle + self._v.chassis.cog_to_rear_axle
 
-    def _road_wheel_angles(self, angle: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Left and right front wheel for a mean `angle` [rad]: parallel to full Ackermann."""
-        share, g = self._v.steering.ackermann, self._geometry
-        half = self._v.front.track / 2
-        tangent = ca.tan(angle)
-        left = ca.atan2(g.wheelbase * tangent, g.wheelbase - half * tangent)
-        right = ca.atan2(g.wheelbase * tangent, g.wheelbase + half * tangent)
-        return (1 - share) * angle + share * left, (1 - share) * angle + share * right
+    @cached_property
+    def _corners(self) -> tuple[Corner, ...]:
+        """fl, fr, rl, rr."""
+        chassis = self._v.chassis
+        weight = chassis.mass * GRAVITY
+        corners = []
+        for i in range(len(WHEELS)):
+            front, side = i < 2, 1 - 2 * (i % 2)
+            axle = self._v.front if front else self._v.rear
+            arm = chassis.cog_to_front_axle if front else -chassis.cog_to_rear_axle
+            other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
+            static_load = weight * other / self._wheelbase / 2
+            loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
+            centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
+            tyre = self._tyres[0 if front else 1]
+            corners.append(Corner(i, axle, tyre, side, centre, static_load, loaded_radius))
+        return tuple(corners)
+
+    @cached_property
+    def _road_wheel_angle(self) -> ca.SX:
+        """Mean of both front wheels [rad]."""
+        return self.inputs[0] - self.surroundings[2]
+
+    def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
+        """Angle of a wheel on a straight guide for a mean `angle` of the front wheels [rad]: from parallel to full
+        Ackermann."""
+        if not corner.front:
+            return ca.SX(0)
+        share, tangent = self._v.steering.ackermann, ca.tan(angle)
+        turning = ca.atan2(self._wheelbase * tangent, self._wheelbase - corner.side * corner.axle.track / 2 * tangent)
+        return (1 - share) * angle + share * turning
+
+    def _guide(self, corner: Corner, travel: ca.SX, angle: ca.SX) -> HubMotion:
+        """How the hub moves at a `travel` [m] and a mean `angle` of the front wheels [rad]."""
+        if self._tables is not None:
+            axle = "front" if corner.front else "rear"
+            return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
+        # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
+        slope = 2 * corner.axle.roll_centre_height / corner.axle.track
+        direction = ca.vertcat(0, corner.side * slope, 1) / ca.sqrt(1 + slope**2)
+        return straight_guide(corner.centre, direction, travel, self._steered(corner, angle))
+
+    @cached_property
+    def _hubs(self) -> list[HubMotion]:
+        return [self._guide(corner, self.q[TRAVEL][corner.index], self._road_wheel_angle) for corner in self._corners]
 
     @cached_property
     def _tree(self) -> Tree:
-        v = self._v
-        chassis = v.chassis
-        corners = self._geometry.corners
-        left, right = self._road_wheel_angles(self.inputs[0] - self.surroundings[2])
-        angles = (left, right, ca.SX(0), ca.SX(0))
+        """Hubs are points, wheels bodies of revolution. Their frames have their origins in the wheel centres and, at
+        this instant, the axes of the chassis; nothing depends on the spin angle."""
+        chassis = self._v.chassis
         # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
         sprung = chassis.mass
         first_moment = ca.SX.zeros(3)
         inertia = ca.diag(ca.vertcat(chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia))
         bodies: list[Body] = []
-        zero3 = ca.SX(3, 1)
-        for i, corner in enumerate(corners):
+        unturned, here = ca.SX.eye(3), ca.SX(3, 1)
+        for corner, hub in zip(self._corners, self._hubs, strict=True):
             a = corner.axle
             mass = a.hub_mass + a.wheel_mass
-            wheel_inertia = ca.diag(
-                ca.vertcat(a.wheel_diametral_inertia, a.wheel_spin_inertia, a.wheel_diametral_inertia)
-            )
             sprung = sprung - mass
             first_moment = first_moment - mass * corner.centre
             offset = spatial.skew(corner.centre)
-            inertia = inertia + mass * (offset @ offset) - wheel_inertia
-            hub = Body(
-                f"hub_{WHEELS[i]}", -1, ca.vertcat(zero3, corner.guide), ca.SX.eye(3),
-                corner.centre + corner.guide * self.q[6 + i], spatial.rigid_inertia(a.hub_mass, zero3, ca.SX(3, 3)),
-            )  # fmt: skip
-            # The wheel is a body of revolution: its frame steers but does not spin; nothing depends on the spin angle.
-            wheel = Body(
-                f"wheel_{WHEELS[i]}", len(bodies), ca.SX([0, 1, 0, 0, 0, 0]),
-                spatial.rotation_z(angles[i]) if corner.front else ca.SX.eye(3), zero3,
-                spatial.rigid_inertia(a.wheel_mass, zero3, wheel_inertia),
-            )  # fmt: skip
-            bodies += [hub, wheel]
+            across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
+            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(across, along, across))
+            point = spatial.rigid_inertia(a.hub_mass, here, ca.SX(3, 3))
+            disc = spatial.rigid_inertia(
+                a.wheel_mass, here, across * unturned + (along - across) * hub.axle @ hub.axle.T
+            )
+            name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
+            axis_rate = hub.bend * self.u[TRAVEL][corner.index]
+            bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
+            bodies.append(Body(f"wheel_{name}", len(bodies) - 1, spin, unturned, here, disc))
         centre = first_moment / sprung
         offset = spatial.skew(centre)
         inertia = inertia + sprung * (offset @ offset)  # from about cog to about the chassis's own centre
@@ -180,103 +218,83 @@ class Car:
     @cached_property
     def _rates(self) -> ca.SX:
         """Joint rates in the order of the tree: hub, wheel, hub, wheel …"""
-        return ca.vertcat(*(rate for i in range(4) for rate in (self.u[6 + i], self.u[10 + i])))
+        return ca.vertcat(*(rate for i in range(4) for rate in (self.u[TRAVEL][i], self.u[SPIN][i])))
 
     @cached_property
-    def _contacts(self) -> list[SimpleNamespace]:
-        """Tyre contact of each wheel: point, axes (body axes), forces, slips, inclination; and the wheel load."""
-        v = self._v
+    def _contacts(self) -> list[TyreContact]:
+        return [self._contact(corner, hub) for corner, hub in zip(self._corners, self._hubs, strict=True)]
+
+    def _contact(self, corner: Corner, hub: HubMotion) -> TyreContact:
+        """Where a tyre touches the road, and the forces there."""
+        a = corner.axle
         attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
         normal = attitude.T @ ca.SX([0, 0, 1])
-        bodies = self._tree.bodies
-        contacts = []
-        for i, corner in enumerate(self._geometry.corners):
-            a = corner.axle
-            centre = bodies[2 * i].position
-            height = self.q[Z] + normal.T @ centre
-            axle = bodies[2 * i + 1].rotation[:, 1]
-            ahead = ca.cross(axle, normal)
-            ahead = ahead / ca.norm_2(ahead)
-            upward = ca.cross(ahead, axle)
-            loaded_radius = height / (normal.T @ upward)
-            point = centre - loaded_radius * upward
-            sideways = ca.cross(normal, ahead)
-            travel_speed = corner.guide * self.u[6 + i]
-            velocity = self.u[0:3] + ca.cross(self.u[3:6], point) + travel_speed
-            deflection = corner.radius - loaded_radius
-            load = a.tyre_stiffness * deflection - a.tyre_damping * (normal.T @ velocity)
-            load = ca.if_else(deflection > 0, ca.fmax(load, 0), 0)
-            factor = a.dynamic_radius_factor
-            effective_radius = factor * corner.radius + (1 - factor) * loaded_radius
-            rolling_speed = effective_radius * self.u[10 + i]
-            speed_x = ahead.T @ velocity
-            inclination = ca.asin(normal.T @ axle)
-            force_x, force_y, moment, slip_x, slip_y = corner.tyre(
-                a.tyre,
-                load,
-                speed_x,
-                sideways.T @ velocity,
-                rolling_speed,
-                v.road.friction,
-                camber=inclination,
-                side=corner.side,
-            )
-            contacts.append(
-                SimpleNamespace(
-                    point=point,
-                    centre=centre,
-                    ahead=ahead,
-                    sideways=sideways,
-                    normal=normal,
-                    axle=axle,
-                    load=load,
-                    force_x=force_x,
-                    force_y=force_y,
-                    moment=moment,
-                    slip_x=slip_x,
-                    slip_y=slip_y,
-                    inclination=inclination,
-                    effective_radius=effective_radius,
-                    sliding_speed=rolling_speed - speed_x,
-                    transport_speed=ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
-                    rolling=-a.rolling_resistance
-                    * load
-                    * effective_radius
-                    * rolling_speed
-                    / ca.sqrt(rolling_speed**2 + a.tyre.standstill_speed**2),
-                )
-            )
-        return contacts
+        turning = self.u[3:6] + hub.subspace[:3] * self.u[TRAVEL][corner.index]
+        velocity = self.u[0:3] + ca.cross(self.u[3:6], hub.centre) + hub.subspace[3:] * self.u[TRAVEL][corner.index]
+        touch = contact(
+            a,
+            a.unloaded_radius * (1 + self.surroundings[3]),
+            hub.centre,
+            hub.axle,
+            normal,
+            self.q[Z],
+            lambda point: velocity + ca.cross(turning, point - hub.centre),
+        )
+        rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
+        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
+            a.tyre,
+            touch.load,
+            touch.speed_x,
+            touch.speed_y,
+            rolling_speed,
+            self._v.road.friction,
+            camber=touch.inclination,
+            side=corner.side,
+        )
+        return TyreContact(touch, force_x, force_y, moment, slip_x, slip_y, rolling_speed)
+
+    def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
+        """Generalized force of spring, damper and anti-roll bar on the travel [N], positive in bump."""
+        a, i = corner.axle, corner.index
+        design = self._guide(corner, ca.SX(0), ca.SX(0))
+        upward = ca.cross(ca.SX([1, 0, 0]), design.axle)
+        lift = design.subspace[5] + ca.cross(design.subspace[:3], -corner.loaded_radius * upward)[2]
+        # In the design position the spring carries what the load on the contact point leaves of the weight of the hub.
+        preload = corner.static_load * lift - (a.hub_mass + a.wheel_mass) * GRAVITY * design.subspace[5]
+        spring = preload + a.suspension_stiffness * hub.spring
+        damper = a.suspension_damping * hub.spring_ratio * self.u[TRAVEL][i]
+        bar = a.antiroll_stiffness * (self.q[TRAVEL][i] - self.q[TRAVEL][corner.opposite])
+        return -(spring + damper) * hub.spring_ratio - bar
+
+    def _wheel_force(self, corner: Corner, hub: HubMotion, tyre: TyreContact) -> ca.SX:
+        """What the road does to a wheel: force vector about its centre (6×1)."""
+        touch = tyre.touch
+        force = tyre.force_x * touch.ahead + tyre.force_y * touch.sideways + touch.load * touch.normal
+        resistance = touch.rolling_resistance(corner.axle, tyre.rolling_speed)
+        moment = tyre.moment * touch.normal + resistance * hub.axle
+        return spatial.force_at(touch.point - hub.centre, force, moment)
+
+    def _chassis_force(self) -> ca.SX:
+        """What acts on the chassis besides its suspensions and its weight: force vector about `cog` (6×1)."""
+        drag = -0.5 * AIR_DENSITY * self._v.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
+        return ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
 
     @cached_property
     def dynamics(self) -> ca.SX:
         """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
-        v = self._v
-        tree, contacts, corners = self._tree, self._contacts, self._geometry.corners
-        drag = -0.5 * AIR_DENSITY * v.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
-        root_force = ca.vertcat(self.force[3:6], self.force[0:3] + ca.vertcat(drag, 0, 0))
+        root_force = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
         forces: list[ca.SX] = []
         efforts: list[ca.SX] = []
-        for i, (corner, contact) in enumerate(zip(corners, contacts, strict=True)):
-            a = corner.axle
-            compression, rate = self.q[6 + i], self.u[6 + i]
-            preload = (corner.static_load - (a.hub_mass + a.wheel_mass) * GRAVITY) * corner.guide[2]
-            spring = a.suspension_stiffness * compression + a.suspension_damping * rate
-            bar = a.antiroll_stiffness * (compression - self.q[6 + corner.opposite])
-            in_body = (
-                contact.force_x * contact.ahead + contact.force_y * contact.sideways + contact.load * contact.normal
-            )
-            moment = contact.moment * contact.normal + contact.rolling * contact.axle
-            to_wheel = tree.bodies[2 * i + 1].rotation.T
-            forces += [
-                ca.SX(6, 1),
-                spatial.force_at(to_wheel @ (contact.point - contact.centre), to_wheel @ in_body, to_wheel @ moment),
-            ]
+        for corner, hub, tyre in zip(self._corners, self._hubs, self._contacts, strict=True):
+            i = corner.index
+            forces += [ca.SX(6, 1), self._wheel_force(corner, hub, tyre)]
             efforts += [
-                -(preload + spring + bar) + self.force[6 + i],
-                self.inputs[1 + i] + self.force[10 + i],
+                self._suspension_force(corner, hub) + self.force[TRAVEL][i],
+                self.inputs[1 + i] + self.force[SPIN][i],
             ]
-        root, joints = tree.forward_dynamics(self.root_velocity, self._rates, ca.vertcat(*efforts), root_force, forces)
+        root, joints = self._tree.forward_dynamics(
+            self.root_velocity, self._rates, ca.vertcat(*efforts), root_force, forces
+        )
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
         linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
         return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
@@ -293,16 +311,18 @@ class Car:
         """
         chassis = self._v.chassis
         responses, slopes = [], []
-        for i, (corner, contact) in enumerate(zip(self._geometry.corners, self._contacts, strict=True)):
+        for corner, tyre in zip(self._corners, self._contacts, strict=True):
+            touch, spin = tyre.touch, 10 + corner.index
             response = ca.SX.zeros(COORDINATES)
-            response[0:2] = contact.ahead[0:2] / chassis.mass
-            response[5] = ca.cross(contact.point, contact.ahead)[2] / chassis.yaw_inertia
-            response[10 + i] = -contact.effective_radius / corner.axle.wheel_spin_inertia
+            response[0:2] = touch.ahead[0:2] / chassis.mass
+            response[5] = ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
+            response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
             responses.append(response)
-            steepest = corner.steepest_slope(corner.axle.tyre, contact.load) / contact.transport_speed
-            tangent = ca.jacobian(contact.force_x, self.u[10 + i]) / contact.effective_radius
+            transport = transport_speed(tyre.rolling_speed, corner.axle.tyre.standstill_speed)
+            steepest = STEEPEST_SLOPES[corner.tyre](corner.axle.tyre, touch.load) / transport
+            tangent = ca.jacobian(tyre.force_x, self.u[spin]) / touch.effective_radius
             excess = ca.fmax(STIFFENING * steepest - tangent, 0)
-            slopes.append(excess * ca.jacobian(contact.sliding_speed, self.u))
+            slopes.append(excess * ca.jacobian(tyre.rolling_speed - touch.speed_x, self.u))
         return ca.horzcat(*responses), ca.vertcat(*slopes)
 
     @cached_property
@@ -311,8 +331,10 @@ class Car:
         slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
         return ca.horzcat(
             *(
-                ca.vertcat(c.force_x, c.force_y, c.load, c.moment, c.slip_x, ca.atan(-c.slip_y), c.inclination)
-                for c in self._contacts
+                ca.vertcat(
+                    t.force_x, t.force_y, t.touch.load, t.moment, t.slip_x, ca.atan(-t.slip_y), t.touch.inclination
+                )
+                for t in self._contacts
             )
         )
 
@@ -342,13 +364,18 @@ def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:
     return ca.vertcat(position, angles, u[6:])
 
 
-_CARS: dict[tuple[str, ...], Car] = {}
+_CARS: dict[tuple[object, ...], Car] = {}
 
 
 def car_of(vehicle: Vehicle) -> Car:
     """The `Car` for a vehicle's structure; built once per process, whatever the values of the parameters."""
     physics = vehicle.physics
-    structure = (physics.front.tyre.model, physics.rear.tyre.model, *(name for name, _ in numbers(physics)))
+    structure = (
+        physics.front.tyre.model,
+        physics.rear.tyre.model,
+        vehicle.suspension,
+        *(name for name, _ in numbers(physics)),
+    )
     if structure not in _CARS:
         _CARS[structure] = Car(vehicle)
     return _CARS[structure]

@@ -8,6 +8,8 @@ from types import SimpleNamespace
 
 import casadi as ca
 
+from vsense_ros.model.tyres.slip import transport_speed
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:
@@ -23,18 +25,24 @@ class Contact:
     inclination: ca.SX  # positive where the top leans to the right (ISO 8855) [rad]
     effective_radius: ca.SX
 
+    def rolling_resistance(self, axle: SimpleNamespace, rolling_speed: ca.SX) -> ca.SX:
+        """Moment about the axle [N m] of a wheel whose tread moves at `rolling_speed` [m/s]; none at standstill."""
+        direction = rolling_speed / transport_speed(rolling_speed, axle.tyre.standstill_speed)
+        return -axle.rolling_resistance * self.load * self.effective_radius * direction
+
 
 def contact(
     axle: SimpleNamespace,
+    radius: ca.SX,
     centre: ca.SX,
     direction: ca.SX,
     normal: ca.SX,
     height: ca.SX,
     velocity_at: Callable[[ca.SX], ca.SX],
 ) -> Contact:
-    """`axle` holds the symbols of an `Axle`; the wheel turns about `direction` (to the left) through `centre`; the road
-    has the `normal`, and the origin of the axes is `height` above it; `velocity_at` gives the velocity (3×1) of a point
-    that does not spin with the wheel."""
+    """`axle` holds the symbols of an `Axle`, `radius` is that of its unloaded tyre; the wheel turns about `direction`
+    (to the left) through `centre`; the road has the `normal`, and the origin of the axes is `height` above it;
+    `velocity_at` gives the velocity (3×1) of a point that does not spin with the wheel."""
     ahead = ca.cross(direction, normal)
     ahead = ahead / ca.norm_2(ahead)
     upward = ca.cross(ahead, direction)
@@ -42,7 +50,7 @@ def contact(
     point = centre - loaded_radius * upward
     sideways = ca.cross(normal, ahead)
     velocity = velocity_at(point)
-    deflection = axle.unloaded_radius - loaded_radius
+    deflection = radius - loaded_radius
     load = axle.tyre_stiffness * deflection - axle.tyre_damping * (normal.T @ velocity)
     factor = axle.dynamic_radius_factor
     return Contact(
@@ -54,5 +62,5 @@ def contact(
         speed_x=ahead.T @ velocity,
         speed_y=sideways.T @ velocity,
         inclination=ca.asin(normal.T @ direction),
-        effective_radius=factor * axle.unloaded_radius + (1 - factor) * loaded_radius,
+        effective_radius=factor * radius + (1 - factor) * loaded_radius,
     )

@@ -245,7 +245,13 @@ class Corner:
         spin = ca.vertcat(axle, ca.cross(centre, axle))
         carrier = state.velocity - spin * state.rate
         touch = contact(
-            a, centre, axle, state.up, state.height, lambda point: carrier[3:] + ca.cross(carrier[:3], point)
+            a,
+            a.unloaded_radius,
+            centre,
+            axle,
+            state.up,
+            state.height,
+            lambda point: carrier[3:] + ca.cross(carrier[:3], point),
         )
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
         camber = ca.SX.sym("camber")
@@ -258,12 +264,8 @@ class Corner:
         rolling = touch.effective_radius * state.rate
         here = ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling)
         values, slopes = tyre(here, touch.inclination, parameters)
-        resistance = (
-            -a.rolling_resistance * touch.load * touch.effective_radius * rolling
-            / ca.sqrt(rolling**2 + a.tyre.standstill_speed**2)
-        )  # fmt: skip
         force = values[0] * touch.ahead + values[1] * touch.sideways + touch.load * touch.normal
-        moment = values[2] * touch.normal + resistance * axle
+        moment = values[2] * touch.normal + touch.rolling_resistance(a, rolling) * axle
         wrench = spatial.force_at(touch.point, force, moment)
         by_velocity, by_place = _tangents(a, touch, centre, axle, slopes)
         outputs = ca.vertcat(

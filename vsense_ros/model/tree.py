@@ -8,7 +8,7 @@ a CasADi expression, so that Jacobians and code come from the same text.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 
@@ -21,7 +21,10 @@ class Body:
 
     `rotation` (3×3) and `position` (3×1) place the body's frame in its parent's *at the present joint coordinate*;
     `axis` (6×1) is the joint's motion vector in the body's frame; `inertia` is the spatial inertia (6×6).
-    `parent` is an index into the tree's bodies, or -1 for the floating root.
+    `parent` is an index into the tree's bodies, or -1 for the floating root. `axis_rate` (6×1) is the derivative of the
+    axis by time as seen from the body, of a joint whose motion vector changes with its coordinate.
+
+    A frame moves with its body but may be turned in it as is convenient: only what it is at this instant counts.
     """
 
     name: str
@@ -30,6 +33,7 @@ class Body:
     rotation: ca.SX
     position: ca.SX
     inertia: ca.SX
+    axis_rate: ca.SX = field(default_factory=lambda: ca.SX(6, 1))
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,9 @@ class Tree:
         velocity = self.velocities(root_velocity, rates)
         articulated = [b.inertia for b in self.bodies]
         bias = [cross_force(velocity[i], self.bodies[i].inertia @ velocity[i]) - forces[i] for i in range(count)]
-        coriolis = [cross_motion(velocity[i], self.bodies[i].axis * rates[i]) for i in range(count)]
+        coriolis = [
+            (cross_motion(velocity[i], body.axis) + body.axis_rate) * rates[i] for i, body in enumerate(self.bodies)
+        ]
         root_inertia = ca.SX(6, 6) if self.root_inertia is None else self.root_inertia
         root_articulated = root_inertia
         root_bias = cross_force(root_velocity, root_inertia @ root_velocity) - root_force

@@ -14,6 +14,7 @@ from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
 from vsense_ros.model.sensors import Sensor
 from vsense_ros.model.sensors.base import Triple
+from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.tyres import Tyre
 
 
@@ -33,7 +34,9 @@ class Axle(Part):
     """One axle with two equal wheels."""
 
     track: float = parameter("m", "distance between the wheel centres", gt=0, lt=5)
-    roll_centre_height: float = parameter("m", "height of the roll centre above the road", ge=-0.5, le=1, default=0.0)
+    roll_centre_height: float = parameter(
+        "m", "height of the roll centre above the road; suspension tables have their own", ge=-0.5, le=1, default=0.0
+    )
     hub_mass: float = parameter("kg", "unsprung mass of one corner without the wheel", gt=0)
     wheel_mass: float = parameter("kg", "mass of one wheel with tyre", gt=0)
     wheel_spin_inertia: float = parameter("kg m²", "moment of inertia of one wheel about its axle", gt=0)
@@ -58,7 +61,9 @@ class Steering(Part):
     """From the steering wheel to the front wheels."""
 
     ratio: float = parameter("-", "steering-wheel angle over road-wheel angle", gt=0, lt=100, default=16.0)
-    ackermann: float = parameter("-", "0: parallel wheels, 1: Ackermann geometry", ge=-1, le=2, default=1.0)
+    ackermann: float = parameter(
+        "-", "0: parallel wheels, 1: Ackermann geometry; suspension tables have their own", ge=-1, le=2, default=1.0
+    )
 
 
 class Aerodynamics(Part):
@@ -144,6 +149,9 @@ class Vehicle(Part):
     source: str = Field(description="where the parameters come from", default="")
     physics: Physics
     linkage: Linkages | None = Field(description="suspension linkages, for the car with all its bodies", default=None)
+    suspension: SuspensionTables | None = Field(
+        description="kinematics of the suspensions; without, wheels travel on straight guides", default=None
+    )
     sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()

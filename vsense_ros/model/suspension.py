@@ -1,0 +1,185 @@
+"""How a suspension guides its hub: along a straight line, or by smooth tables of its kinematics.
+
+Either gives the pose of the hub as a function of the wheel's travel and of the steering, with its first and second
+derivatives by the travel: what the joint between chassis and hub needs. Everything is in the axes of the chassis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from vsense_ros.model.parameter import Part, parameter
+
+HIGHEST_DEGREE = 12
+ROUNDING = 1e-6  # what a table may differ by from the design position where it must go through it
+
+Polynomial = tuple[tuple[float, ...], ...]
+
+
+def _column(unit: str, description: str) -> Polynomial:
+    result: Polynomial = parameter(unit, description)
+    return result
+
+
+class AxleTable(Part):
+    """Kinematics of the left wheel of an axle; the right one is its mirror image, at the opposite steering.
+
+    Each quantity is a polynomial in travel and steering. Row i holds the coefficients of ξⁱ, and of these column j that
+    of ηʲ: ξ goes from -1 to 1 over the travel of the tables, η = steering / `steering` likewise.
+    """
+
+    x: Polynomial = _column("m", "wheel centre forward of its design position")
+    y: Polynomial = _column("m", "wheel centre to the left of its design position")
+    camber: Polynomial = _column("rad", "the wheel's top leans outwards")
+    toe: Polynomial = _column("rad", "the wheel's front points to the left")
+    caster: Polynomial = _column(
+        "rad", "turn of the hub about the wheel's axle since the design position, top rearwards"
+    )
+    spring: Polynomial = _column("m", "compression of the spring over the ratio it has in the design position")
+
+    @model_validator(mode="after")
+    def _is_rectangular(self) -> AxleTable:
+        for name in type(self).model_fields:
+            rows = getattr(self, name)
+            widths = {len(row) for row in rows}
+            if len(widths) != 1 or 0 in widths or max(len(rows), *widths) > HIGHEST_DEGREE + 1:
+                raise ValueError(
+                    f"{name} must have rows of one length, up to {HIGHEST_DEGREE + 1} coefficients each way, "
+                    f"found rows of {', '.join(str(len(row)) for row in rows) or 'none'}"
+                )
+        return self
+
+
+class SuspensionTables(Part):
+    """Kinematics of both axles as tables. `vsense suspension` makes them from the linkages.
+
+    Beyond the travel that they cover the hub goes on straight, in the direction that it has at the end of the table;
+    no stop holds it. Steering ends at `steering`, where the rack does.
+    """
+
+    travel: tuple[float, float] = parameter(
+        "m", "lowest and highest wheel centre that the tables cover, from its design position"
+    )
+    steering: float = parameter("rad", "largest mean angle of the front wheels, at the end of the rack", gt=0, lt=1.2)
+    front: AxleTable
+    rear: AxleTable
+
+    @model_validator(mode="after")
+    def _goes_through_the_design_position(self) -> SuspensionTables:
+        low, high = self.travel
+        if not -1 < low < 0 < high < 1:
+            raise ValueError(f"travel must reach from below to above 0, within 1 m, found {low:g} to {high:g}")
+        for axle in ("front", "rear"):
+            place = self.columns(axle, 0.0, 0.0)
+            for name in ("x", "y", "spring"):
+                if abs(place[name][0]) > ROUNDING:
+                    raise ValueError(
+                        f"{axle}.{name} is {place[name][0]:g} m in the design position, where it must be 0"
+                    )
+            for travel in np.linspace(low, high, 9):
+                slope = self.columns(axle, float(travel), 0.0)["spring"][1]
+                if not slope > 0.05:
+                    raise ValueError(
+                        f"{axle}.spring moves by {slope:.3g} of the wheel's travel at {1e3 * travel:.3g} mm; at least "
+                        "0.05 is needed, 1 in the design position"
+                    )
+        return self
+
+    def columns(self, axle: str, travel: float, steering: float) -> dict[str, NDArray[np.float64]]:
+        """Of each column of an axle's table value, first and second derivative by the travel (3,), for its left wheel
+        at `travel` [m] and a mean angle of the front wheels [rad]; beyond the table as the class says."""
+        found = _evaluate(self, getattr(self, axle), ca.SX(travel), ca.SX(steering))
+        return {name: np.array([float(v) for v in values]) for name, values in found.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class HubMotion:
+    """Pose of a hub and its change with the travel, in the axes of the chassis."""
+
+    centre: ca.SX  # of the wheel (3×1) [m]
+    axle: ca.SX  # direction of the wheel's axle, to the left (3×1)
+    subspace: ca.SX  # velocity [ω; v] of the hub about the wheel centre, per speed of travel (6×1)
+    bend: ca.SX  # its derivative by the travel, as seen from the hub (6×1)
+    spring: ca.SX  # compression of the spring over its ratio in the design position [m]
+    spring_ratio: ca.SX  # the derivative of that by the travel, 1 in the design position
+
+
+def straight_guide(design: ca.SX, direction: ca.SX, travel: ca.SX, toe: ca.SX) -> HubMotion:
+    """A hub that travels from `design` (3×1) [m] along `direction` (3×1, unit) without turning; `toe` [rad] is the
+    angle by which its wheel is steered to the left."""
+    return HubMotion(
+        centre=design + direction * travel,
+        axle=ca.vertcat(-ca.sin(toe), ca.cos(toe), 0),
+        subspace=ca.vertcat(ca.SX(3, 1), direction),
+        bend=ca.SX(6, 1),
+        spring=travel,
+        spring_ratio=ca.SX(1),
+    )
+
+
+def table_guide(
+    tables: SuspensionTables, axle: str, side: int, design: ca.SX, travel: ca.SX, steering: ca.SX
+) -> HubMotion:
+    """The hub of a wheel, `side` 1 on the left and -1 on the right, as the tables move it from `design` (3×1) [m]."""
+    at = _evaluate(tables, getattr(tables, axle), travel, side * steering)
+    x, y = at["x"], [side * v for v in at["y"]]
+    # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
+    toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])
+    vertical = ca.SX([0, 0, 1])
+    ahead = ca.vertcat(ca.cos(toe[0]), ca.sin(toe[0]), 0)
+    left = ca.vertcat(-ca.sin(toe[0]), ca.cos(toe[0]), 0)
+    direction = left * ca.cos(lean[0]) + vertical * ca.sin(lean[0])
+    turn = vertical * toe[1] + ahead * lean[1] + direction * pitch[1]
+    change = (
+        vertical * toe[2]
+        + ahead * lean[2]
+        + direction * pitch[2]
+        + left * (toe[1] * lean[1])
+        + ca.cross(vertical * toe[1] + ahead * lean[1], direction) * pitch[1]
+    )
+    move = ca.vertcat(x[1], y[1], 1)
+    return HubMotion(
+        centre=design + ca.vertcat(x[0], y[0], travel),
+        axle=direction,
+        subspace=ca.vertcat(turn, move),
+        bend=ca.vertcat(change, ca.vertcat(x[2], y[2], 0) - ca.cross(turn, move)),
+        spring=at["spring"][0],
+        spring_ratio=at["spring"][1],
+    )
+
+
+def _evaluate(
+    tables: SuspensionTables, table: AxleTable, travel: ca.SX, steering: ca.SX
+) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
+    """Value, first and second derivative by the travel of each column."""
+    low, high = tables.travel
+    half = (high - low) / 2
+    along = (travel - (low + high) / 2) / half
+    within = ca.fmin(ca.fmax(along, -1), 1)
+    inside = within == along
+    across = ca.fmin(ca.fmax(steering / tables.steering, -1), 1)
+    columns = {}
+    for name in AxleTable.model_fields:
+        value, slope, curvature = _horner([_horner(row, across)[0] for row in getattr(table, name)], within)
+        columns[name] = (
+            value + slope * (along - within),
+            slope / half,
+            ca.if_else(inside, curvature / half**2, 0),
+        )
+    return columns
+
+
+def _horner(coefficients: Sequence[ca.SX | float], x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Value, first and second derivative of a polynomial, by Horner's scheme."""
+    value, slope, half_curvature = ca.SX(coefficients[-1]), ca.SX(0), ca.SX(0)
+    for coefficient in reversed(coefficients[:-1]):
+        half_curvature = half_curvature * x + slope
+        slope = slope * x + value
+        value = value * x + coefficient
+    return value, slope, 2 * half_curvature
