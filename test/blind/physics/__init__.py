@@ -1,0 +1,1 @@
+"""Forces on the car, evaluated for many lanes at once. Every array ends with the axis of lanes."""

@@ -1,0 +1,47 @@
+"""The road as a surface over the map: height, slope and grip as functions of place, the same on every pass.
+
+Place is distance along the lane's path and offset to its left. Free of drifts: no grade at the start of a recording
+would be absorbed by the first seconds, so profiles have a constant part and a wave.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+WAVE = 260.0  # [m]
+ROUGH = 7.0  # [m]
+
+
+def slopes(knobs, along):
+    """Grade along the path and bank across it (positive: left side higher) [rad], at a distance along it [m]."""
+    wave = 2 * np.pi * along / WAVE
+    grade = knobs.grade * (0.6 + 0.4 * np.sin(wave)) + knobs.undulation * 2 * np.pi / ROUGH * np.cos(
+        2 * np.pi * along / ROUGH
+    )
+    bank = knobs.bank * (0.6 + 0.4 * np.cos(wave))
+    return grade, bank
+
+
+def height(knobs, along, across):
+    """Height of the road [m] that belongs to `slopes`."""
+    wave = 2 * np.pi * along / WAVE
+    profile = knobs.grade * (0.6 * along + 0.4 * WAVE / (2 * np.pi) * (1 - np.cos(wave)))
+    profile = profile + knobs.undulation * np.sin(2 * np.pi * along / ROUGH)
+    return profile + across * knobs.bank * (0.6 + 0.4 * np.cos(wave))
+
+
+def grip(knobs, along, speed, wheel_side):
+    """Friction relative to the dry road at four wheels (4, lanes)."""
+    share = np.ones((4, 1))
+    if knobs.any("friction_drop"):
+        share = share * (1 - knobs.friction_drop / (1 + np.exp(np.clip((knobs.friction_place - along) / 1.5, -40, 40))))
+    if knobs.any("friction_drop_left"):
+        share = share * np.where(wheel_side > 0, 1 - knobs.friction_drop_left, 1.0)
+    if knobs.any("friction_fall_with_speed"):
+        share = share * np.maximum(1 - knobs.friction_fall_with_speed * np.maximum(speed - 10, 0), 0.4)
+    if knobs.any("front_grip_lost_beyond_speed"):
+        limit = knobs.front_grip_lost_beyond_speed
+        lost = np.where(limit > 0, 0.45 * np.clip((speed - limit) / 4, 0, 1), 0.0)
+        front = np.array([1.0, 1.0, 0.0, 0.0])[:, None]
+        share = share * (1 - lost * front)
+    return share

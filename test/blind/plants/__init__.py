@@ -1,0 +1,1 @@
+"""The plants: `simulate(cars, knobs, courses, formula)` → `Log`, one file each."""
