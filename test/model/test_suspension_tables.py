@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose
 
 from vsense_ros.model.car import Car, kinematics
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.steps import dynamics_function
+from vsense_ros.model.steps import DYNAMIC_COORDINATES, dynamics_function, linearize_function
 from vsense_ros.model.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.tyres import TMeasy, tmeasy
 from vsense_ros.model.vehicle import Vehicle
@@ -313,3 +313,30 @@ def test_nothing_jumps_at_the_end_of_the_table_but_what_its_bend_does_to_a_trave
         state["q"][6 + wheel] = end + beyond
         sides.append(np.asarray(dynamics(*state.values())[0])[:, 0])
     assert_allclose(sides[1], sides[0], atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def differentiated(tabled_car: Car) -> ca.Function:
+    """Jacobians of the articulated-body recursion, by automatic differentiation."""
+    car = tabled_car
+    by_q = ca.jacobian(car.dynamics, car.q)[:, list(DYNAMIC_COORDINATES)]
+    by_others = [ca.jacobian(car.dynamics, symbols) for symbols in (car.u, car.surroundings)]
+    arguments = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p]
+    return ca.Function("differentiated", arguments, [by_q, *by_others])
+
+
+@pytest.fixture(scope="module")
+def linearize(tabled_car: Car) -> ca.Function:
+    return linearize_function(tabled_car)
+
+
+@relaxed
+@given(seed=seeds, height=st.sampled_from([0.0, 2.0]))
+def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height, tabled, linearize, differentiated):
+    state = state_of(tabled, seed, 0.045, 0.3)
+    state["q"][2] += height
+    state["surroundings"] = np.random.default_rng(seed).uniform(-0.02, 0.02, 4)
+    _, *found, _ = linearize(*state.values())
+    for jacobian, expected in zip(found, differentiated(*state.values()), strict=True):
+        rows = np.abs(np.asarray(expected)).max(axis=1, keepdims=True)
+        assert_allclose(np.asarray(jacobian), np.asarray(expected), rtol=0, atol=1e-10 * rows.max())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from vsense_ros.model import spatial
-from vsense_ros.model.tree import Body, Tree, solve_dominant, solve_spd
+from vsense_ros.model.tree import Body, Tree, inverse_spd, solve_dominant, solve_spd
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
 
@@ -109,6 +109,29 @@ def test_forward_dynamics_of_any_tree_agree_with_pinocchio(count: int, seed: int
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(2, 12), seeds)
+def test_inverse_dynamics_of_any_tree_agree_with_pinocchio(count: int, seed: int):
+    random = np.random.default_rng(seed)
+    twin = twins(count, random)
+    velocity, acceleration = random.normal(size=(2, 6 + count))
+    wrenches = random.normal(size=(count + 1, 6))  # [n; f]
+
+    root, joint = twin.tree.inverse_dynamics(
+        *(ca.SX(part) for part in (velocity[:6], velocity[6:], acceleration[:6], acceleration[6:], wrenches[0])),
+        [ca.SX(w) for w in wrenches[1:]],
+    )
+
+    external = pin.StdVec_Force()
+    external.append(pin.Force.Zero())
+    for wrench in wrenches:
+        external.append(pin.Force(wrench[3:], wrench[:3]))
+    order = [*SWAPPED, *range(6, 6 + count)]
+    twin.model.gravity.setZero()
+    expected = pin.rnea(twin.model, twin.data, twin.q, velocity[order], acceleration[order], external)[order]
+    assert_allclose(numeric(ca.vertcat(root, joint)), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(2, 12), seeds)
 def test_the_mass_matrix_of_any_tree_agrees_with_pinocchio(count: int, seed: int):
     random = np.random.default_rng(seed)
     twin = twins(count, random)
@@ -125,14 +148,16 @@ def test_the_mass_matrix_of_any_tree_agrees_with_pinocchio(count: int, seed: int
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(1, 8), seeds)
-def test_a_positive_definite_system_is_solved(size: int, seed: int):
+def test_a_positive_definite_system_is_solved_and_its_matrix_inverted(size: int, seed: int):
     random = np.random.default_rng(seed)
     factor = random.normal(size=(size, size))
     matrix, right = factor @ factor.T + np.eye(size), random.normal(size=(size, 2))
 
     solution = np.asarray(ca.evalf(solve_spd(ca.SX(matrix), ca.SX(right))))
+    inverse = np.asarray(ca.evalf(inverse_spd(ca.SX(matrix))))
 
     assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-9, atol=1e-9)
+    assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-9, atol=1e-9)
 
 
 @settings(deadline=None, max_examples=25)

@@ -14,7 +14,8 @@ has the roll centre that the file gives.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 
@@ -181,7 +182,8 @@ class Car:
     @cached_property
     def _tree(self) -> Tree:
         """Hubs are points, wheels bodies of revolution. Their frames have their origins in the wheel centres and, at
-        this instant, the axes of the chassis; nothing depends on the spin angle."""
+        this instant, the axes of the chassis; nothing depends on the spin angle. Hub and wheel share that point, so the
+        hub carries the mass of both: the equations are the same, and shorter."""
         chassis = self._v.chassis
         # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
         sprung = chassis.mass
@@ -197,10 +199,8 @@ class Car:
             offset = spatial.skew(corner.centre)
             across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
             inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(across, along, across))
-            point = spatial.rigid_inertia(a.hub_mass, here, ca.SX(3, 3))
-            disc = spatial.rigid_inertia(
-                a.wheel_mass, here, across * unturned + (along - across) * hub.axle @ hub.axle.T
-            )
+            point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
+            disc = ca.diagcat(across * unturned + (along - across) * hub.axle @ hub.axle.T, ca.SX(3, 3))
             name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
             axis_rate = hub.bend * self.u[TRAVEL][corner.index]
             bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
@@ -217,8 +217,8 @@ class Car:
 
     @cached_property
     def _rates(self) -> ca.SX:
-        """Joint rates in the order of the tree: hub, wheel, hub, wheel …"""
-        return ca.vertcat(*(rate for i in range(4) for rate in (self.u[TRAVEL][i], self.u[SPIN][i])))
+        """Joint rates."""
+        return _by_corner(self.u[TRAVEL], self.u[SPIN])
 
     @cached_property
     def _contacts(self) -> list[TyreContact]:
@@ -241,17 +241,21 @@ class Car:
             lambda point: velocity + ca.cross(turning, point - hub.centre),
         )
         rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
-        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
-            a.tyre,
-            touch.load,
-            touch.speed_x,
-            touch.speed_y,
+        return TyreContact(touch, *self._tyre(corner, _tyre_motion(touch, rolling_speed)), rolling_speed)
+
+    def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
+        load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
+        return FORCES[corner.tyre](
+            corner.axle.tyre,
+            load,
+            speed_x,
+            speed_y,
             rolling_speed,
             self._v.road.friction,
-            camber=touch.inclination,
+            camber=inclination,
             side=corner.side,
         )
-        return TyreContact(touch, force_x, force_y, moment, slip_x, slip_y, rolling_speed)
 
     def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
         """Generalized force of spring, damper and anti-roll bar on the travel [N], positive in bump."""
@@ -279,25 +283,66 @@ class Car:
         drag = -0.5 * AIR_DENSITY * self._v.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
         return ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
 
-    @cached_property
-    def dynamics(self) -> ca.SX:
-        """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
-        root_force = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
+    def _loads(self, contacts: Sequence[TyreContact]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+        """Joint efforts, force on the chassis, forces on hubs and wheels: what the tree is moved by."""
         forces: list[ca.SX] = []
         efforts: list[ca.SX] = []
-        for corner, hub, tyre in zip(self._corners, self._hubs, self._contacts, strict=True):
+        for corner, hub, tyre in zip(self._corners, self._hubs, contacts, strict=True):
             i = corner.index
             forces += [ca.SX(6, 1), self._wheel_force(corner, hub, tyre)]
             efforts += [
                 self._suspension_force(corner, hub) + self.force[TRAVEL][i],
                 self.inputs[1 + i] + self.force[SPIN][i],
             ]
-        root, joints = self._tree.forward_dynamics(
-            self.root_velocity, self._rates, ca.vertcat(*efforts), root_force, forces
-        )
+        chassis = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
+        return ca.vertcat(*efforts), chassis, forces
+
+    @cached_property
+    def dynamics(self) -> ca.SX:
+        """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
+        root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self._contacts))
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
         linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
         return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
+
+    def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
+        """Generalized force (14) that the derivatives `acceleration` (14) of `u` need beyond what acts, if each tyre's
+        longitudinal, lateral and vertical force and its moment are the columns of `tyre_forces` (4×4)."""
+        given = [
+            replace(
+                contact,
+                touch=replace(contact.touch, load=tyre_forces[2, i]),
+                force_x=tyre_forces[0, i],
+                force_y=tyre_forces[1, i],
+                moment=tyre_forces[3, i],
+            )
+            for i, contact in enumerate(self._contacts)
+        ]
+        efforts, chassis, forces = self._loads(given)
+        linear = acceleration[0:3] - gravity_in_body(self.q, self.surroundings)
+        root, joints = self._tree.inverse_dynamics(
+            self.root_velocity,
+            self._rates,
+            ca.vertcat(acceleration[3:6], linear),
+            _by_corner(acceleration[TRAVEL], acceleration[SPIN]),
+            chassis,
+            forces,
+        )
+        joints = joints - efforts
+        return ca.vertcat(root[3:6], root[0:3], joints[0::2], joints[1::2])
+
+    @cached_property
+    def tyre_motions(self) -> ca.SX:
+        """What each tyre's forces depend on: load, speeds x and y, rolling speed, inclination; 5×4."""
+        return ca.horzcat(*(_tyre_motion(contact.touch, contact.rolling_speed) for contact in self._contacts))
+
+    def tyre_forces(self, motions: ca.SX) -> ca.SX:
+        """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
+        columns = []
+        for corner in self._corners:
+            force_x, force_y, moment, *_ = self._tyre(corner, motions[:, corner.index])
+            columns.append(ca.vertcat(force_x, force_y, motions[0, corner.index], moment))
+        return ca.horzcat(*columns)
 
     @cached_property
     def stiffening(self) -> tuple[ca.SX, ca.SX]:
@@ -341,14 +386,22 @@ class Car:
     def inertia_times(self, acceleration: ca.SX) -> ca.SX:
         """Generalized force (14) that belongs to the accelerations `acceleration` (14) at rest: M(q) · acceleration."""
         root = ca.vertcat(acceleration[3:6], acceleration[0:3])
-        joints = ca.vertcat(*(a for i in range(4) for a in (acceleration[6 + i], acceleration[10 + i])))
-        f = self._tree.inertia_times(root, joints)
+        f = self._tree.inertia_times(root, _by_corner(acceleration[TRAVEL], acceleration[SPIN]))
         return ca.vertcat(f[3:6], f[0:3], f[6::2], f[7::2])
 
     @property
     def kinematics(self) -> ca.SX:
         """Derivatives of `q` (14) as a function of q and u."""
         return kinematics(self.q, self.u)
+
+
+def _tyre_motion(touch: Contact, rolling_speed: ca.SX) -> ca.SX:
+    return ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling_speed, touch.inclination)
+
+
+def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
+    """In the order of the tree: hub, wheel, hub, wheel …"""
+    return ca.vec(ca.horzcat(travel, spin).T)
 
 
 def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:

@@ -91,12 +91,17 @@ def _processor() -> str:
 
 
 def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
-    """The same functions, compiled together into one library where that is possible, else as they are."""
+    """The same functions, compiled together into one library where that is possible, else as they are.
+
+    The virtual machine is quickest with matrix products as one instruction each (CasADi's MX), a compiler with straight
+    code: functions are expanded to scalars before.
+    """
     if compiler() is None:
         return list(functions)
     generator = ca.CodeGenerator("model.c", {"with_header": False})
     for function in functions:
-        generator.add(function)
+        expanded = function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
+        generator.add(expanded)
     built = library(name, generator.dump())
     if built is None:
         return list(functions)

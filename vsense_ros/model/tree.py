@@ -105,21 +105,48 @@ class Tree:
             acceleration.append(carried + body.axis * joint[i])
         return root_acceleration, ca.vertcat(*joint)
 
-    def inertia_times(self, root_acceleration: ca.SX, joint_acceleration: ca.SX) -> ca.SX:
-        """Mass matrix times accelerations, `[root 6; joints n]`, by Newton-Euler at rest (no matrix is formed)."""
-        acceleration = self.velocities(root_acceleration, joint_acceleration)
-        force = [b.inertia @ a for b, a in zip(self.bodies, acceleration, strict=True)]
-        root = ca.SX(6, 1) if self.root_inertia is None else self.root_inertia @ root_acceleration
+    def inverse_dynamics(
+        self,
+        root_velocity: ca.SX,
+        rates: ca.SX,
+        root_acceleration: ca.SX,
+        joint_acceleration: ca.SX,
+        root_force: ca.SX,
+        forces: Sequence[ca.SX],
+    ) -> tuple[ca.SX, ca.SX]:
+        """Force on the root (6×1) and joint efforts (n×1) that accelerations need beyond the external forces, by
+        Newton-Euler; arguments and conventions as in `forward_dynamics`."""
+        velocity = self.velocities(root_velocity, rates)
+        acceleration: list[ca.SX] = []
+        needed: list[ca.SX] = []
+        for i, body in enumerate(self.bodies):
+            parent = root_acceleration if body.parent < 0 else acceleration[body.parent]
+            coriolis = (cross_motion(velocity[i], body.axis) + body.axis_rate) * rates[i]
+            carried = motion_transform(body.rotation, body.position) @ parent
+            acceleration.append(carried + coriolis + body.axis * joint_acceleration[i])
+            gyroscopic = cross_force(velocity[i], body.inertia @ velocity[i])
+            needed.append(body.inertia @ acceleration[i] + gyroscopic - forces[i])
+        root = -root_force
+        if self.root_inertia is not None:
+            root = root + self.root_inertia @ root_acceleration
+            root = root + cross_force(root_velocity, self.root_inertia @ root_velocity)
         joint: list[ca.SX] = [ca.SX()] * len(self.bodies)
         for i in reversed(range(len(self.bodies))):
             body = self.bodies[i]
-            joint[i] = body.axis.T @ force[i]
-            carried = motion_transform(body.rotation, body.position).T @ force[i]
+            joint[i] = body.axis.T @ needed[i]
+            carried = motion_transform(body.rotation, body.position).T @ needed[i]
             if body.parent < 0:
                 root = root + carried
             else:
-                force[body.parent] = force[body.parent] + carried
-        return ca.vertcat(root, *joint)
+                needed[body.parent] = needed[body.parent] + carried
+        return root, ca.vertcat(*joint)
+
+    def inertia_times(self, root_acceleration: ca.SX, joint_acceleration: ca.SX) -> ca.SX:
+        """Mass matrix times accelerations, `[root 6; joints n]`: what they need at rest (no matrix is formed)."""
+        rest, count = ca.SX(6, 1), len(self.bodies)
+        return ca.vertcat(
+            *self.inverse_dynamics(rest, ca.SX(count, 1), root_acceleration, joint_acceleration, rest, [rest] * count)
+        )
 
 
 def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
@@ -145,6 +172,11 @@ def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
         for k in range(i + 1, n):
             y[i, :] -= low[k, i] * y[k, :]
     return y
+
+
+def inverse_spd(matrix: ca.SX) -> ca.SX:
+    """Inverse of a small symmetric positive definite matrix; cheapest where its first rows are nearly empty."""
+    return ca.tril2symm(ca.tril(solve_spd(matrix, ca.SX.eye(matrix.shape[0]))))
 
 
 def solve_dominant(matrix: ca.SX, right: ca.SX) -> ca.SX:

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import ctypes
 from importlib import resources
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from vsense_ros.model import codegen
 from vsense_ros.model.steps import DYNAMIC_COORDINATES, GAMMA
@@ -25,6 +27,7 @@ Array = NDArray[np.float64]
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
 Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
+_UNIT = np.asfortranarray(np.eye(14))
 _COMPONENTS = 16  # of a measurement, at most, in kalman.c
 
 
@@ -40,7 +43,11 @@ class Linearization:
 
 
 class Kalman:
-    """The algebra in NumPy."""
+    """The algebra in NumPy.
+
+    Matrices are small: a call of NumPy costs as much as 10,000 multiplications. So blocks that stand side by side are
+    multiplied together, zeros between them included, and what can be kept from one step to the next is kept.
+    """
 
     def __init__(self, model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> None:
         self.model = model
@@ -49,40 +56,59 @@ class Kalman:
         self.inverse = np.zeros((14, 14), order="F")  # (I - γ h J)⁻¹, which the model's step needs
         self.gain = np.zeros((14, len(GAIN_COLUMNS)))  # new errors of the velocities by the old errors
         self.error = np.zeros(len(covariance))  # what a correction found
+        # What the response is multiplied with; transition of coordinates and velocities; rates of the coordinates by
+        # the velocities. The other names are parts of these and of the covariance.
+        self._forced = np.zeros((14, len(GAIN_COLUMNS)), order="F")
+        self._forced[:, 21:35] = _UNIT
+        self._slope = self._forced[:, 7:21]
+        self._unchanged = self.gain.reshape(-1)[7 :: len(GAIN_COLUMNS) + 1]
+        self._moves = moves = np.zeros((U.stop, SURROUND.stop))
+        self._coordinates, self._velocities, self._by_attitude = moves[Q], moves[U], moves[:6, 3:6]
+        self._unmoved = moves.reshape(-1)[: 14 * (SURROUND.stop + 1) : SURROUND.stop + 1]
+        self._rates = np.eye(14)
+        self._old, self._moving, self._slow = covariance[: SURROUND.stop], covariance[:28, :28], covariance[28:, 28:]
+        self._across, self._below = covariance[:28, 28:], covariance[28:, :28]
+        self._slow_variance = covariance.reshape(-1)[28 * (len(covariance) + 1) :: len(covariance) + 1]
+        self._decay, self._decayed = np.zeros(0), np.zeros((0, 0))
 
     def transition(self, h: float) -> None:
         """Fill `inverse` and `gain` for a step of `h` [s]: the stability function of ROS2, and its response to a
         constant force, applied to the linearised model."""
-        model, unit = self.model, np.eye(14)
-        slope = model.by_u + (GAMMA * h) * model.by_q_rates
-        self.inverse[:] = np.linalg.inv(unit - (GAMMA * h) * slope)
-        w = (self.inverse - unit) / GAMMA
-        response = h * (self.inverse + (0.5 - GAMMA) * (w @ self.inverse))
-        self.gain[:, :7] = response @ model.by_q
-        self.gain[:, 7:21] = unit + response @ slope
-        self.gain[:, 21:35] = response
-        self.gain[:, 35:] = response @ model.by_surroundings
+        model, forced, slope = self.model, self._forced, self._slope
+        np.multiply(model.by_q_rates, GAMMA * h, out=slope)
+        slope += model.by_u
+        factors, pivots, singular = lapack.dgetrf(_UNIT - (GAMMA * h) * slope, overwrite_a=True)
+        if singular:
+            raise FloatingPointError("the model's Jacobian is singular")
+        inverse = lapack.dgetri(factors, pivots, overwrite_lu=True)[0]
+        self.inverse[:] = inverse
+        # h [S + (½ - γ) W S] with W = (S - I) / γ
+        response = inverse @ inverse
+        response *= (0.5 - GAMMA) / GAMMA * h
+        inverse *= (2 - 0.5 / GAMMA) * h
+        response += inverse
+        forced[:, :7], forced[:, 35:] = model.by_q, model.by_surroundings
+        np.dot(response, forced, out=self.gain)
+        self._unchanged += 1.0
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
         """Covariance after the step; `decay` and `noise` (n - 28) belong to the states behind the velocities."""
-        p = self.covariance
-        rows = self.gain @ p[GAIN_COLUMNS]
-        corner = rows[:, GAIN_COLUMNS] @ self.gain.T
-        p[U, :], p[:, U] = rows, rows.T
-        p[U, U] = 0.5 * (corner + corner.T)
-        angles, velocity = h * self.by_angles, h * self.by_velocity
-        rows = p[Q, :].copy()
-        rows[:6] += angles @ p[3:6, :] + velocity @ p[14:20, :]
-        rows[6:] += h * p[20:28, :]
-        corner = rows[:, Q].copy()
-        corner[:, :6] += rows[:, 3:6] @ angles.T + rows[:, 14:20] @ velocity.T
-        corner[:, 6:] += h * rows[:, 20:28]
-        p[Q, :], p[:, Q] = rows, rows.T
-        p[Q, Q] = 0.5 * (corner + corner.T)
-        p[28:, :28] *= decay[:, None]
-        p[:28, 28:] *= decay
-        p[28:, 28:] *= decay[:, None] * decay  # one product, so that the same rounding happens on both sides
-        p.flat[28 * (len(p) + 1) :: len(p) + 1] += noise
+        moves, gain, rates = self._moves, self.gain, self._rates
+        if decay is not self._decay:
+            self._decay, self._decayed = decay, decay[:, None] * decay
+        moves[14:, 2:5], moves[14:, 6:10], moves[14:, 14:] = gain[:, :3], gain[:, 3:7], gain[:, 7:]
+        rates[:6, :6] = self.by_velocity
+        np.dot(h * rates, self._velocities, out=self._coordinates)
+        self._by_attitude += h * self.by_angles
+        self._unmoved += 1.0
+        rows = moves @ self._old
+        corner = rows[:, : SURROUND.stop] @ moves.T
+        np.add(corner, corner.T, out=self._moving)
+        self._moving *= 0.5
+        np.multiply(rows[:, 28:], decay, out=self._across)
+        self._below[:] = self._across.T
+        self._slow *= self._decayed  # one product, so that the same rounding happens on both sides
+        self._slow_variance += noise
 
     def correct(
         self,
@@ -101,39 +127,43 @@ class Kalman:
         the normalized innovation squared, negative if nothing was measured.
         """
         expected, by_q, by_u, by_udot, by_surroundings = sensed
+        model, count = self.model, len(value)
         innovation = value - expected[:, 0]
-        present = np.isfinite(innovation)
-        if not present.any():
-            return -1.0
-        h = np.zeros((len(value), len(self.covariance)))
+        h = np.zeros((count, len(self.covariance)))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
         if uses_acceleration:
-            h[:, DYNAMIC] += by_udot @ self.model.by_q
-            h[:, U] += by_udot @ self.model.by_u
+            through = by_udot @ model.by_q
+            h[:, 2:5] += through[:, :3]
+            h[:, 6:10] += through[:, 3:]
+            h[:, U] += by_udot @ model.by_u
             h[:, FORCE] = by_udot
-            h[:, SURROUND] += by_udot @ self.model.by_surroundings
+            h[:, SURROUND] += by_udot @ model.by_surroundings
         if biases.stop > biases.start:
-            h[:, biases] = np.eye(len(value))
-        if not present.all():
+            h.flat[biases.start :: h.shape[1] + 1] = 1.0
+        if not isfinite(sum(innovation.tolist())):
+            present = np.isfinite(innovation)
             h, innovation, variance = h[present], innovation[present], variance[present]
-        count = len(innovation)
-        right = np.empty((count, len(self.covariance) + 1))
-        right[:, :-1], right[:, -1] = h @ self.covariance, innovation
-        total = right[:, :-1] @ h.T
+            count = len(innovation)
+            if not count:
+                return -1.0
+        right = np.empty((len(self.covariance) + 1, count))
+        np.dot(self.covariance, h.T, out=right[:-1])
+        right[-1] = innovation
+        total = h @ right[:-1]
         total.flat[:: count + 1] += variance
-        total *= scale
-        try:
-            factor = np.linalg.cholesky(total)
-        except np.linalg.LinAlgError:
+        if scale != 1.0:
+            total *= scale
+        factor, failed = lapack.dpotrf(total, lower=True, overwrite_a=True)
+        if failed:
             return float("nan")
-        whitened = np.linalg.solve(factor, right)
+        whitened = lapack.dtrtrs(factor, right.T, lower=True, overwrite_b=True)[0]
         projected, weights = whitened[:, :-1], whitened[:, -1]
         nis = float(weights @ weights)
         if not nis <= limit:
             return nis
         self.covariance -= projected.T @ projected
-        self.error[:] = e = weights @ projected
-        model = self.model
+        np.dot(weights, projected, out=self.error)
+        e = self.error
         by_state = model.by_q @ e[DYNAMIC] + model.by_u @ e[U] + model.by_surroundings @ e[SURROUND]
         model.udot[:, 0] += by_state + e[FORCE]
         return nis
