@@ -369,6 +369,54 @@ def fetch(names: tuple[str, ...]) -> None:
         click.echo(path)
 
 
+@main.group(cls=_Commands)
+def export() -> None:
+    """Write an observer for machines that have no Python."""
+
+
+@export.command("c")
+@click.argument("vehicle")
+@click.option(
+    "--output", required=True, type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Folder."
+)
+@click.option("--check", metavar="BAG", type=_EXISTING, help="Compile, and compare with the Python observer on BAG.")
+def export_c(vehicle: str, output: Path, check: Path | None) -> None:
+    """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
+
+    With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
+    of a step go into the README of the sources.
+
+    \b
+    Examples:
+      vsense export c prototype_model --output out/c
+      vsense export c rav4 --output out/rav4 --check segment/
+    """
+    from vsense_ros.evaluate.terminal import console, progress, waiting
+    from vsense_ros.export import c
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    with waiting("writing C"):
+        files = c.write(car, output)
+    console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)
+    if check is None:
+        return
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.export import check as checking
+
+    recording = import_recording(check)
+    with waiting("compiling C"):
+        library = checking.build(output)
+    with progress("comparing") as done:
+        difference = checking.compare(car, library, recording, done)
+    for line in difference.in_words():
+        console().print(line, soft_wrap=True)
+    with waiting("measuring"):
+        c.write(car, output, checking.measure(output))
+    console().print(f"Size and time of a step: {output / 'README.md'}.", soft_wrap=True)
+
+
 @main.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...", type=_EXISTING)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/tyres"), show_default=True, help="Folder.")

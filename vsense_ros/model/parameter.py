@@ -36,6 +36,18 @@ def numbers(model: BaseModel, prefix: str = "") -> Iterator[tuple[str, float]]:
             yield prefix + name, value
 
 
+def units(model: BaseModel, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Dotted names, units and descriptions of `numbers`, in the same order."""
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            yield from units(value, f"{prefix}{name}.")
+        elif isinstance(value, float):
+            extra = field.json_schema_extra
+            unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+            yield prefix + name, unit, field.description or ""
+
+
 def vector(model: BaseModel) -> NDArray[np.float64]:
     """Values of `numbers`, (n,)."""
     return np.array([value for _, value in numbers(model)])

@@ -60,10 +60,7 @@ class Observer:
 
     def __init__(self, vehicle: Vehicle, map_origin: tuple[float, float, float] | None = None) -> None:
         self.vehicle = vehicle
-        self.sensors: dict[str, SensorBase] = {
-            name: _completed(sensor, vehicle) for name, sensor in vehicle.sensors.items()
-        }
-        _require_observable(vehicle.name, self.sensors)
+        self.sensors = sensors_of(vehicle)
         self.filter = ErrorEkf(vehicle, self.sensors)
         self.names = tuple(self.sensors)
         self._list = tuple(self.sensors.values())
@@ -432,6 +429,16 @@ class Observer:
             return Diagnostic("observer", Level.WARN, "heading unknown until the car moves", values)
         level = Level.OK if self.converged else Level.WARN
         return Diagnostic("observer", level, "converged" if self.converged else "converging", values)
+
+
+def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
+    """A vehicle's sensors by name, with what they take over from the vehicle.
+
+    Raises `InputError` if nothing among them could tell the car's speed, or its steering angle.
+    """
+    sensors = {name: _completed(sensor, vehicle) for name, sensor in vehicle.sensors.items()}
+    _require_observable(vehicle.name, sensors)
+    return sensors
 
 
 def _completed(sensor: SensorBase, vehicle: Vehicle) -> SensorBase:

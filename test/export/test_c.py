@@ -1,0 +1,255 @@
+"""The exported observer: what compilers say to it, and what it computes beside the one in Python."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.cli import main
+from vsense_ros.errors import InputError
+from vsense_ros.export import c, check
+from vsense_ros.export.expressions import c_function, number
+from vsense_ros.model import codegen
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.observer import sensors_of
+from vsense_ros.vehicle_file import load_vehicle
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))
+STRICT = ("-O1", *check.FLAGS[1:], "-Werror")
+pytestmark = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")
+
+
+def vehicle_called(name: str) -> Vehicle:
+    return load_vehicle(ROOT / f"config/vehicles/{name}.yaml")
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return vehicle_called("prototype_model")
+
+
+@pytest.fixture(scope="module")
+def sources(vehicle: Vehicle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sources")
+    c.write(vehicle, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def library(sources: Path) -> ctypes.CDLL:
+    return check.build(sources, STRICT)
+
+
+def under_way(vehicle: Vehicle, library: ctypes.CDLL) -> check.Exported:
+    made = check.Exported(vehicle, library)
+    made.start(15.0)
+    made.linearize()
+    return made
+
+
+# Expressions
+
+x, y = ca.SX.sym("x"), ca.SX.sym("y")
+OPERATIONS = {
+    "arithmetic": x * y - x / y + (-x) + 1 / y + x**2 + 2 * x,
+    "powers": ca.fabs(x) ** 1.7 + ca.fabs(x) ** y + ca.sqrt(ca.fabs(y)),
+    "exponentials": ca.exp(x) + ca.log(ca.fabs(x)) + ca.log1p(ca.fabs(y)) + ca.expm1(x),
+    "angles": ca.sin(x)
+    + ca.cos(y)
+    + ca.tan(x)
+    + ca.atan2(x, y)
+    + ca.atan(y)
+    + ca.asin(ca.tanh(x))
+    + ca.acos(ca.tanh(y)),
+    "hyperbolic": ca.sinh(x) + ca.cosh(y) + ca.tanh(x) + ca.asinh(y) + ca.acosh(1 + x**2) + ca.atanh(0.5 * ca.tanh(x)),
+    "choices": ca.if_else(x < y, x, 2 * y) + ca.fmin(x, y) + 3 * ca.fmax(x, y) + ca.sign(x) + ca.logic_not(x <= y),
+    "logic": ca.logic_and(x > 0, y > 0) + 2 * ca.logic_or(x > 0, y > 0) + 4 * (x == y) + 8 * (x != y),
+    "rounding": ca.floor(x) + ca.ceil(y) + ca.fmod(x, y) + ca.copysign(x, y) + ca.hypot(x, y) + ca.erf(x),
+    "constants": x * np.pi + 1e-300 * y + 0.1 + ca.if_else(x > y, np.inf, -1e22),
+}
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_an_expression_in_c_is_what_casadi_computes(name: str, tmp_path: Path) -> None:
+    function = ca.Function("f", [ca.vertcat(x, y)], [OPERATIONS[name]], ["z"], ["r"])
+    source = "#include <math.h>\n" + c_function(function, ["r"]).replace("static ", "")
+    (tmp_path / "vsense.c").write_text(source, encoding="utf-8")
+    made = check.build(tmp_path, STRICT)
+    for values in np.random.default_rng(0).normal(scale=2, size=(50, 2)):
+        values, found = np.ascontiguousarray(values), np.zeros(1)
+        made.f(ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(found.ctypes.data))
+        assert found[0] == pytest.approx(float(function(values)), rel=1e-14, abs=1e-14)
+
+
+@pytest.mark.parametrize("value", [0.1, -0.0, 1e-320, 1.7976931348623157e308, np.pi])
+def test_a_constant_survives_to_the_last_bit(value: float) -> None:
+    assert np.float64(float(number(value))).tobytes() == np.float64(value).tobytes()
+
+
+def test_functions_that_call_others_are_written_out_in_full() -> None:
+    half = ca.Function("half", [x], [x / 2])
+    z = ca.MX.sym("z")
+    text = c_function(ca.Function("outer", [z], [half(half(z))], ["z"], ["r"]), ["r"])
+    assert "static void outer(const double *z, double *r)" in text
+    assert "half" not in text
+
+
+# Sources
+
+
+def test_the_sources_allocate_nothing_and_include_nothing_but_the_mathematics(sources: Path) -> None:
+    text = "".join(
+        (sources / name).read_text(encoding="ascii") for name in ("vsense.h", "vsense.c", "kalman.c", "model.c")
+    )
+    assert set(re.findall(r"#include (.+)", text)) == {
+        '"vsense.h"',
+        '"kalman.c"',
+        '"model.c"',
+        "<math.h>",
+        "<string.h>",
+    }
+    assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|longjmp)\b", text)
+    assert not re.search(r"^static (?!const|void|int|double|struct|inline)", text, re.M), "no variable is shared"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_the_strictest_c99_compilers_have_nothing_to_say(
+    sources: Path, tmp_path: Path, compiler: str, level: str
+) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed here")
+    command = [compiler, level, *check.FLAGS[1:], "-c", str(sources / "vsense.c"), "-o", str(tmp_path / "vsense.o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_header_is_for_c_plus_plus_as_well(sources: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed here")
+    command = ["g++", "-Wall", "-Wextra", "-pedantic", "-fsyntax-only", "-x", "c++", str(sources / "vsense.h")]
+    assert subprocess.run(command, capture_output=True, text=True, check=False).stderr == ""
+
+
+def test_the_example_rolls_on_at_its_speed_and_carries_the_cars_weight(
+    sources: Path, vehicle: Vehicle, tmp_path: Path
+) -> None:
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed here")
+    shutil.copytree(sources, tmp_path, dirs_exist_ok=True)
+    subprocess.run(["make", "CFLAGS=-O1"], cwd=tmp_path, check=True, capture_output=True)
+    told = subprocess.run([str(tmp_path / "example")], check=True, capture_output=True, text=True).stdout
+    assert float(re.search(r"speed +([\d.]+) m/s", told)[1]) == pytest.approx(20.0, abs=0.01)  # type: ignore[index]
+    loads = [float(load) for load in re.findall(r"wheel load \d +([\d.]+) N", told)]
+    assert sum(loads) == pytest.approx(vehicle.physics.chassis.mass * 9.80665, rel=0.01)
+
+
+# The observer in C
+
+
+def test_it_starts_as_the_one_in_python_does(vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    ours, theirs = ErrorEkf(vehicle, sensors_of(vehicle)), check.Exported(vehicle, library)
+    ours.start(17.0)
+    ours.place(5, 1.2, 0.1)
+    theirs.start(17.0)
+    theirs.place(5, 1.2, 0.1)
+    np.testing.assert_allclose(theirs.parts["state"], ours.state, rtol=1e-15)
+    np.testing.assert_array_equal(theirs.covariance, ours.covariance)
+
+
+def test_a_copy_of_the_struct_is_the_whole_filter(vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    """Two observers in turn do what each does alone, and one that is put back does the same again."""
+    alone, first, second = (under_way(vehicle, library) for _ in range(3))
+    begun = first.memory.copy()
+
+    def drive(observer: check.Exported, steps: int) -> None:
+        for _ in range(steps):
+            observer.predict(0.004)
+            observer.linearize()
+            observer.correct(0, np.array([0.0, 0.0, 0.1, 0.2, 0.3, 9.8]), np.full(6, 0.01), 1e9)
+
+    drive(alone, 40)
+    for _ in range(40):
+        drive(first, 1)
+        second.predict(0.01)
+        second.linearize()
+    assert np.array_equal(first.memory, alone.memory)
+    first.memory[:] = begun
+    drive(first, 40)
+    assert np.array_equal(first.memory, alone.memory)
+
+
+def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    observer = under_way(vehicle, library)
+    before = observer.memory.copy()
+    assert observer.correct(0, np.full(6, 1e3), np.full(6, 0.01), 36.0) > 36.0
+    assert observer.correct(0, np.full(6, np.nan), np.full(6, 0.01), 36.0) < 0
+    assert np.array_equal(observer.memory, before)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "bag"), [("prototype_model", ROOT / "bags/double_lane_change"), ("rav4", DATA / "comma2k19_rav4")]
+)
+def test_on_a_recording_it_computes_what_the_one_in_python_does(name: str, bag: Path, tmp_path: Path) -> None:
+    if not bag.exists():
+        pytest.skip(f"no recording at {bag}; VSENSE_DATA names the folder that has it")
+    driven = vehicle_called(name)
+    c.write(driven, tmp_path)
+    recording = import_recording(bag)
+    difference = check.compare(driven, check.build(tmp_path, STRICT), recording)
+    assert difference.largest < 1e-10
+    assert difference.predictions > 100 * recording.duration
+    assert difference.corrections > difference.predictions
+    assert difference.placed <= 3, "the state is taken over at the start alone"
+
+
+def test_a_difference_that_is_no_number_is_infinite() -> None:
+    nan, one = np.array([np.nan]), np.array([1.0])
+    assert check._relative(nan, one) == check._relative(one, nan) == np.inf
+    assert check._relative(nan, nan) == 0
+
+
+# Bad input
+
+
+def test_sensors_that_c_cannot_tell_apart_are_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    imu = vehicle.sensors["imu"]
+    twice = vehicle.model_copy(update={"sensors": {**vehicle.sensors, "roof imu": imu, "roof-imu": imu}})
+    with pytest.raises(InputError, match="roof_imu have the same name in C; rename one"):
+        c.write(twice, tmp_path)
+
+
+def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    blind = vehicle.model_copy(update={"sensors": {"imu": vehicle.sensors["imu"]}})
+    with pytest.raises(InputError, match="no sensor tells the car's speed"):
+        c.write(blind, tmp_path)
+
+
+def test_without_a_compiler_the_sources_are_written_and_the_check_says_what_it_needs(tmp_path: Path) -> None:
+    arguments = ["export", "c", "prototype_model", "--output", str(tmp_path), "--check", str(ROOT / "bags/step_steer")]
+    result = CliRunner(env={"VSENSE_COMPILE": "0"}).invoke(main, arguments)
+    assert result.exit_code == 2
+    assert "no C compiler here" in result.output
+    assert (tmp_path / "vsense.c").exists()
+
+
+def test_a_file_in_the_way_of_the_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("", encoding="utf-8")
+    result = CliRunner().invoke(main, ["export", "c", "prototype_model", "--output", str(tmp_path / "taken")])
+    assert result.exit_code == 2
+    assert "taken" in result.output
+    assert "Traceback" not in result.output

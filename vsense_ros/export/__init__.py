@@ -1,0 +1,1 @@
+"""Writing an observer for machines that have no Python."""

@@ -1,0 +1,296 @@
+"""The observer of one vehicle as C99 sources."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.export.expressions import c_function, number
+from vsense_ros.model import steps
+from vsense_ros.model.car import INPUTS, SURROUNDINGS, WHEELS, Car, car_of
+from vsense_ros.model.parameter import units
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.error_ekf import Layout, Prior, layout, rolling_state
+from vsense_ros.observer.kalman import U
+from vsense_ros.observer.observer import sensors_of
+
+Array = NDArray[np.float64]
+
+_EXAMPLE_SPEED, _EXAMPLE_STEP = 20.0, 0.004  # [m/s], [s]
+
+# What the functions' arguments are in C, and the names of their results.
+_ARGUMENTS = {
+    "q": "v->state",
+    "u": "v->state + MODEL",
+    "force": "v->state + 2 * MODEL",
+    "surroundings": "v->state + 3 * MODEL",
+    "inputs": "v->inputs",
+    "p": "v->parameters",
+    "h": "&h",
+    "inverse": "inverse",
+    "by_q": "v->by_q",
+    "udot": "v->udot",
+    "acceleration": "error + SLOW",
+}
+_LINEARIZATION = ("udot", "by_q", "by_u", "by_surroundings", "by_q_rates")
+_RESULTS = {
+    "dynamics": ("acceleration", "by_wheel"),
+    "linearize": tuple(f"v->{name}" for name in _LINEARIZATION),
+    "advance": ("q", "u"),
+    "kinematics": ("by_angles", "by_velocity"),
+    "force": ("by",),
+}
+_SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
+
+_FIELDS = {
+    "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
+    "inputs": "what drives the model",
+    "covariance": "of the errors of the state, row-major",
+    "udot": "the last linearisation: derivatives of the velocities",
+    "by_q": "... by z, roll, pitch and the travels, column-major",
+    "by_u": "... by the velocities",
+    "by_surroundings": "... by the surroundings",
+    "by_q_rates": "by_q times the rates of these coordinates by the velocities",
+    "parameters": "of the vehicle",
+    "process_length": "for which decay and noise were made [10 us]",
+    "decay": "of the states behind the velocities in a step",
+    "noise": "variance added to them in a step",
+}
+
+
+_PLAIN = str.maketrans({"²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": " ", "×": "x", "–": "-", "…": "..."})
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An element of a vector in words."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Observer:
+    """What is exported: a vehicle with the sensors it names."""
+
+    vehicle: Vehicle
+    sensors: dict[str, SensorBase]  # complete
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Observer:
+        """Raises `InputError` where the sensors' names cannot be told apart in C."""
+        sensors = sensors_of(vehicle)
+        names = [identifier(name) for name in sensors]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(f"{vehicle.name}: sensors {', '.join(twice)} have the same name in C; rename one")
+        return cls(vehicle, sensors)
+
+    @property
+    def correcting(self) -> dict[str, SensorBase]:
+        """Sensors with an innovation, by name."""
+        return {name: sensor for name, sensor in self.sensors.items() if not sensor.is_input}
+
+    def fields(self) -> dict[str, int]:
+        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf`."""
+        car, size = car_of(self.vehicle), layout(self.sensors).size
+        linearize = steps.linearize_function(car)
+        return {
+            "state": size,
+            "inputs": len(INPUTS),
+            "covariance": size * size,
+            **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
+            "parameters": len(car.parameter_names),
+            "process_length": 1,
+            "decay": size - U.stop,
+            "noise": size - U.stop,
+        }
+
+
+def identifier(name: str) -> str:
+    """A name as C allows it."""
+    return re.sub(r"\W", "_", name.lower(), flags=re.ASCII)
+
+
+def plain(text: str) -> str:
+    """A text as compilers take it that know nothing but ASCII."""
+    return text.translate(_PLAIN).encode("ascii", "replace").decode()
+
+
+def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None) -> list[Path]:
+    """Write the sources into `folder`, which is made where it is missing; returns the files.
+
+    `measured` are the figures for the README, as `check.measure` returns them.
+    """
+    contents = _Contents(Observer.of(vehicle))
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("vsense_ros.export", "templates"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    values = contents.values() | {"measured": measured}
+    texts = {name: environment.get_template(f"{name}.j2").render(values) for name in _TEMPLATES}
+    texts["kalman.c"] = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
+    texts["model.c"] = contents.model()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text if name.endswith(".md") else plain(text), encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+_TEMPLATES = ("vsense.h", "vsense.c", "example.c", "Makefile", "README.md")
+
+
+class _Contents:
+    """What stands in the sources."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer, self.vehicle = observer, observer.vehicle
+        self.car: Car = car_of(observer.vehicle)
+        self.layout: Layout = layout(observer.sensors)
+        self.functions = [
+            steps.dynamics_function(self.car),
+            steps.linearize_function(self.car),
+            steps.advance_function(self.car),
+            steps.kinematics_function(self.car),
+            steps.force_function(self.car),
+        ]
+        kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
+        self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
+
+    def model(self) -> str:
+        """Source of the functions made from expressions."""
+        head = "/* The car and its sensors with exact Jacobians, column-major. Written by `vsense export c`. */\n"
+        functions = [*self.functions, *self.sensing.values()]
+        sources = [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in functions]
+        return "\n".join([head, "#include <math.h>\n", *sources])
+
+    def values(self) -> dict[str, object]:
+        """What the templates refer to."""
+        fields = self.observer.fields()
+        prior = Prior.of(self.vehicle, self.observer.sensors)
+        start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
+        tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation, prior.rate[28:], prior.density[28:]]
+        return {
+            "vehicle": self.vehicle.name.replace("*/", "* /"),
+            "states": self._states(),
+            "inputs": _INPUT_ENTRIES,
+            "parameters": [
+                Entry(identifier(name).upper(), unit, description)
+                for name, unit, description in units(self.vehicle.physics)
+            ],
+            "fields": [{"name": k, "size": size, "meaning": _FIELDS[k]} for k, size in fields.items()],
+            "sensors": [self._sensor(name) for name in self.observer.correcting],
+            "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions},
+            "gamma": number(steps.GAMMA),
+            "longest_step": self.vehicle.observer.longest_step,
+            "start": _table(start),
+            "start_by_speed": _table(moving - start),
+            "values": _table(self.vehicle.parameter_vector()),
+            "start_variance": _table(prior.deviation**2),
+            "decay_rate": _table(prior.rate[U.stop :]),
+            "density": _table(prior.density[U.stop :]),
+            "example_speed": number(_EXAMPLE_SPEED),
+            "example_step": number(_EXAMPLE_STEP),
+            "struct_doubles": sum(fields.values()),
+            "struct_kb": f"{sum(fields.values()) * 8 / 1024:.1f}",
+            "tables_kb": f"{sum(table.size for table in tables) * 8 / 1024:.1f}",
+        }
+
+    def _states(self) -> list[Entry]:
+        entries = list(_STATE_ENTRIES)
+        for name, sensor in self.observer.sensors.items():
+            for bias in sensor.biases():
+                entries.append(Entry(identifier(f"{name}_{bias.name}").upper(), "SI", f"error of {name}"))
+        return entries
+
+    def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
+        places = _ARGUMENTS | special
+        arguments = [places[function.name_in(i)] for i in range(function.n_in())]
+        return f"{function.name()}({', '.join([*arguments, *results])});"
+
+    def _sensor(self, name: str) -> dict[str, Any]:
+        sensor = self.observer.sensors[name]
+        function = self.sensing[sensor.kind]
+        where = self.layout.biases[list(self.observer.sensors).index(name)]
+        mounting, deviations = sensor.mounting(), sensor.deviations()
+        c_name = identifier(name)
+        constants = f"{c_name}_mounting" if mounting.size else "0"
+        limit = sensor.gate**2 * len(deviations) ** 0.5
+        return {
+            "name": c_name,
+            "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],
+            "size": len(deviations),
+            "gate": sensor.gate,
+            "limit": number(limit),
+            "mounting": _table(mounting) if mounting.size else "",
+            "variance": _table(deviations**2),
+            "uses_acceleration": int(sensor.uses_acceleration),
+            "first_bias": where.start,
+            "biases": where.stop - where.start,
+            "call": self._call(function, _SENSED, biases=f"v->state + {where.start}", mounting=constants),
+            "example": _table(self._expected(function, mounting, where.stop - where.start)),
+        }
+
+    def _expected(self, function: ca.Function, mounting: Array, biases: int) -> Array:
+        """What a sensor tells on a car that rolls straight ahead."""
+        state = rolling_state(self.vehicle, _EXAMPLE_SPEED)
+        values = function(
+            state[:14], state[14:], np.zeros(14), np.zeros(4), np.zeros(len(INPUTS)), np.zeros(biases), mounting
+        )
+        return np.asarray(values[0], dtype=float)[:, 0]
+
+
+def _table(values: Array) -> str:
+    """An initializer, wrapped."""
+    lines, line = [], "   "
+    for value in values:
+        text = f" {number(float(value))},"
+        if len(line) + len(text) > 118:
+            lines.append(line)
+            line = "   "
+        line += text
+    return "\n".join(["{", *lines, line, "}"])
+
+
+def _state_entries() -> tuple[Entry, ...]:
+    axes = ("x", "y", "z")
+    entries = [Entry(a.upper(), "m", f"position of cog in the map, {a}") for a in axes]
+    entries += [Entry(a.upper(), "rad", f"{a} angle, z-y-x sequence") for a in ("roll", "pitch", "yaw")]
+    entries += [Entry(f"TRAVEL_{w.upper()}", "m", "compression of the suspension") for w in WHEELS]
+    entries += [Entry(f"SPIN_{w.upper()}", "rad", "angle of the wheel about its axle") for w in WHEELS]
+    entries += [Entry(f"VELOCITY_{a.upper()}", "m/s", f"of cog along the body's {a}") for a in axes]
+    entries += [Entry(f"RATE_{a.upper()}", "rad/s", f"about the body's {a}") for a in axes]
+    entries += [Entry(f"TRAVEL_RATE_{w.upper()}", "m/s", "of the suspension") for w in WHEELS]
+    entries += [Entry(f"SPIN_RATE_{w.upper()}", "rad/s", "of the wheel") for w in WHEELS]
+    entries += [Entry(f"MISSING_FORCE_{a.upper()}", "N", f"beyond the model's, along the body's {a}") for a in axes]
+    entries += [Entry(f"MISSING_MOMENT_{a.upper()}", "N m", f"beyond the model's, about the body's {a}") for a in axes]
+    entries += [Entry(f"MISSING_TRAVEL_FORCE_{w.upper()}", "N", "beyond the model's, on the travel") for w in WHEELS]
+    entries += [Entry(f"MISSING_TORQUE_{w.upper()}", "N m", "beyond the model's, on the wheel") for w in WHEELS]
+    around = {
+        "grade": ("rad", "slope of the road along the car, positive uphill"),
+        "bank": ("rad", "slope across, positive where the left side is higher"),
+        "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
+        "radius_error": ("-", "relative error of the tyre radius"),
+    }
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in SURROUNDINGS))
+
+
+_STATE_ENTRIES = _state_entries()
+_INPUT_ENTRIES = tuple(
+    Entry(name.upper(), "rad", "mean angle of the front wheels, positive to the left")
+    if name == "steering"
+    else Entry(name.upper(), "N m", "on the wheel, drive minus brake; 0 where unknown")
+    for name in INPUTS
+)

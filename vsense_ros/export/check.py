@@ -1,0 +1,283 @@
+"""The exported observer beside the one in Python: the same calls to both, on a recording."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import platform
+import re
+import subprocess
+import tempfile
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.export import c
+from vsense_ros.model import codegen
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.kalman import FORCE
+from vsense_ros.observer.run import map_origin
+from vsense_ros.recording import Recording
+
+Array = NDArray[np.float64]
+
+FLAGS = ("-O2", "-std=c99", "-Wall", "-Wextra", "-pedantic")
+_KEPT = 2000  # copies of the struct, for late measurements
+
+
+@dataclass
+class Difference:
+    """How far the two came apart, and over how much."""
+
+    state: float = 0.0  # largest |c - python| / max(1, |python|); forces, which are differences, by the largest of them
+    covariance: float = 0.0  # largest, in units of both standard deviations
+    innovation: float = 0.0  # of the normalized innovation squared, as for the state
+    outputs: float = 0.0  # of accelerations, and of forces and slips of the wheels, relative to the largest of its kind
+    predictions: int = 0
+    corrections: int = 0
+    returns: int = 0  # to a copy, for a late measurement
+    placed: int = 0  # how often C was given Python's state: at start, and where the heading was first taken
+
+    @property
+    def largest(self) -> float:
+        """Of all of them."""
+        return max(self.state, self.covariance, self.innovation, self.outputs)
+
+    def in_words(self) -> list[str]:
+        """For the terminal."""
+        return [
+            f"Greatest difference {self.largest:.1e} (state {self.state:.1e}, covariance {self.covariance:.1e}, "
+            f"innovations {self.innovation:.1e}, outputs {self.outputs:.1e})",
+            f"after {self.predictions} predictions and {self.corrections} corrections in a row; "
+            f"{self.returns} returns for late measurements; the state was copied {self.placed} times, at the start.",
+        ]
+
+
+def build(folder: Path, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
+    """The sources in `folder` as a library. Raises `InputError` where there is no compiler, or where it complains."""
+    compiler = codegen.compiler()
+    if compiler is None:
+        raise InputError("no C compiler here (cc, gcc or clang; CC names another), which a check needs")
+    with tempfile.TemporaryDirectory() as place:
+        target = Path(place) / "vsense.so"
+        command = [compiler, *flags, "-fPIC", "-shared", str(folder / "vsense.c"), "-o", str(target), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode or done.stderr:
+            raise InputError(f"{' '.join(command)}:\n{done.stderr}")
+        return ctypes.CDLL(str(target))
+
+
+class Exported:
+    """The exported observer, called from Python."""
+
+    def __init__(self, vehicle: Vehicle, library: ctypes.CDLL) -> None:
+        exported = c.Observer.of(vehicle)
+        fields = exported.fields()
+        self.memory = np.zeros(sum(fields.values()))
+        ends = np.cumsum(list(fields.values())).tolist()
+        self.parts = dict(zip(fields, np.split(self.memory, ends[:-1]), strict=True))
+        self._library, self._struct = library, self.memory.ctypes.data_as(ctypes.c_void_p)
+        number, address = ctypes.c_double, ctypes.c_void_p
+        self._initialize = self._function("init", None, [address, number])
+        self._place = self._function("place", None, [address, ctypes.c_int, number, number])
+        self._linearize = self._function("linearize", None, [address])
+        self._predict = self._function("predict", ctypes.c_int, [address, number])
+        self._present = self._function("present", None, [address] * 3)
+        self._correct = [
+            None
+            if sensor.is_input
+            else self._function(f"correct_{c.identifier(name)}", number, [address] * 3 + [number] * 2)
+            for name, sensor in exported.sensors.items()
+        ]
+        self.start(0.0)
+
+    def _function(self, name: str, result: Any, arguments: list[Any]) -> Any:
+        function = self._library[f"vsense_{name}"]
+        function.restype, function.argtypes = result, arguments
+        return function
+
+    @property
+    def covariance(self) -> Array:
+        """(n, n)."""
+        size = len(self.parts["state"])
+        return self.parts["covariance"].reshape(size, size)
+
+    def start(self, speed: float) -> None:
+        self._initialize(self._struct, speed)
+
+    def place(self, index: int, value: float, deviation: float) -> None:
+        self._place(self._struct, index, value, deviation)
+
+    def linearize(self) -> None:
+        self._linearize(self._struct)
+
+    def predict(self, h: float) -> bool:
+        return bool(self._predict(self._struct, h))
+
+    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
+        call = self._correct[index]
+        assert call is not None, "inputs have no innovation"
+        value, variance = (np.ascontiguousarray(a, dtype=float) for a in (value, variance))
+        return float(call(self._struct, value.ctypes.data, variance.ctypes.data, limit, scale))
+
+    def present(self) -> tuple[Array, Array]:
+        acceleration, wheels = np.zeros(14), np.zeros((7, 4))
+        self._present(self._struct, acceleration.ctypes.data, wheels.ctypes.data)
+        return acceleration, wheels
+
+
+class _Twin(ErrorEkf):
+    """A filter whose every call is made to the exported one as well, and the results compared.
+
+    What else changes the filter's memory is found out before each call: inputs are copied; a memory that was there
+    before, which is put back for a late measurement, is put back on the other side too; anything else, at start and
+    where the heading is taken from the course, is copied as it is.
+    """
+
+    other: Exported
+    difference: Difference
+
+    def join(self, other: Exported, difference: Difference) -> None:
+        self.other, self.difference = other, difference
+        self._known: OrderedDict[bytes, Array] = OrderedDict()
+        self._after: bytes | None = None
+
+    def _key(self) -> bytes:
+        """Of all memory but the inputs."""
+        hashed = hashlib.blake2b(self.state.tobytes(), digest_size=16)
+        hashed.update(self.memory[len(self.state) + len(self.inputs) :].tobytes())
+        return hashed.digest()
+
+    def _follow(self) -> None:
+        key = self._key()
+        if key != self._after:
+            kept = self._known.get(key)
+            if kept is None:
+                self.other.memory[: len(self.memory)] = self.memory
+                self.difference.placed += 1
+            else:
+                self.other.memory[:] = kept
+                self.difference.returns += 1
+        self.other.parts["inputs"][:] = self.inputs
+
+    def _compare(self) -> None:
+        difference, deviation = self.difference, np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        size = np.abs(self.state)
+        size[FORCE] = size[FORCE].max()
+        apart = _relative(self.other.parts["state"], self.state, np.maximum(1.0, size))
+        difference.state = max(difference.state, apart)
+        apart = _relative(self.other.covariance, self.covariance, np.outer(deviation, deviation))
+        difference.covariance = max(difference.covariance, apart)
+        self._after = self._key()
+        self._known[self._after] = self.other.memory.copy()
+        if len(self._known) > _KEPT:
+            self._known.popitem(last=False)
+
+    def linearize(self) -> None:
+        self._follow()
+        super().linearize()
+        self.other.linearize()
+        self._compare()
+
+    def predict(self, h: float) -> None:
+        self._follow()
+        super().predict(h)
+        self.other.predict(h)
+        self.difference.predictions += 1
+        self._compare()
+
+    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
+        self._follow()
+        nis = super().correct(index, value, variance, limit, scale)
+        theirs = self.other.correct(index, value, variance, limit, scale)
+        self.difference.corrections += 1
+        self.difference.innovation = max(self.difference.innovation, _relative(np.array(theirs), np.array(nis)))
+        self._compare()
+        return nis
+
+    def present(self) -> tuple[Array, Array]:
+        self._follow()
+        accelerations, wheels = super().present()
+        others, their_wheels = self.other.present()
+        largest = np.maximum(np.abs(wheels).max(axis=1, keepdims=True), 1.0)
+        apart = max(_relative(others, accelerations), _relative(their_wheels, wheels, largest))
+        self.difference.outputs = max(self.difference.outputs, apart)
+        return accelerations, wheels
+
+
+def _relative(found: Array, expected: Array, unit: Array | None = None) -> float:
+    """Largest difference, relative to what was expected where that is above one; infinite where one is no number."""
+    apart = np.abs(found - expected) / (np.maximum(1.0, np.abs(expected)) if unit is None else unit)
+    return float(np.max(np.where(np.isnan(found) & np.isnan(expected), 0.0, np.nan_to_num(apart, nan=np.inf))))
+
+
+def compare(
+    vehicle: Vehicle,
+    library: ctypes.CDLL,
+    recording: Recording,
+    progress: Callable[[float], None] | None = None,
+) -> Difference:
+    """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
+    observer, difference = Observer(vehicle, map_origin(recording)), Difference()
+    twin = _Twin(vehicle, observer.sensors)
+    twin.join(Exported(vehicle, library), difference)
+    observer.filter = twin
+    topics = tuple(topic for topic in observer.topics if topic in recording)
+    total = sum(len(recording[topic]) for topic in topics)
+    for i, sample in enumerate(recording.samples(topics)):
+        observer.add(sample)
+        if observer.started and i % 100 == 0:
+            observer.snapshot()
+            if progress is not None:
+                progress(i / total)
+    if not observer.started:
+        raise InputError(f"{recording.name or 'recording'}: the observer never started, there is nothing to compare")
+    return difference
+
+
+def _deepest(stack: dict[str, int]) -> int:
+    """Bytes of the deepest call, from those of each function; what was inlined is in its caller's."""
+    below = ("vsense_transition", "vsense_propagate", "advance", "kinematics")
+    predicting = stack["vsense_predict"] + max(stack.get(name, 0) for name in below)
+    correcting = max(size for name, size in stack.items() if name.startswith("vsense_correct_"))
+    return max(predicting, correcting + stack.get("correct", 0) + stack.get("vsense_correct", 0))
+
+
+def measure(folder: Path) -> dict[str, str]:
+    """How large and how fast the sources in `folder` are here: for the README that is written with them."""
+    compiler = codegen.compiler()
+    assert compiler is not None
+    with tempfile.TemporaryDirectory() as place:
+        target = Path(place) / "example"
+        sources = [str(folder / "example.c"), str(folder / "vsense.c")]
+        command = [compiler, *FLAGS, *sources, "-o", str(target), "-lm"]
+        subprocess.run(command, check=True, capture_output=True)
+        told = subprocess.run([str(target), "--time"], check=True, capture_output=True, text=True).stdout
+        subprocess.run(
+            [compiler, *FLAGS, "-fstack-usage", "-c", sources[1], "-o", "vsense.o"],
+            check=True,
+            capture_output=True,
+            cwd=place,
+        )
+        sizes = subprocess.run(["size", "vsense.o"], check=True, capture_output=True, text=True, cwd=place).stdout
+        lines = (Path(place) / "vsense.su").read_text(encoding="utf-8").splitlines()
+        stack = {line.split("\t")[0].rpartition(":")[2]: int(line.split("\t")[1]) for line in lines}
+    version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
+    step = re.search(r"step +([\d.]+) us", told)
+    assert step is not None
+    return {
+        "compiler": version,
+        "flags": " ".join(FLAGS),
+        "machine": f"{platform.machine()}, {platform.system()}",
+        "text_kb": f"{int(sizes.splitlines()[1].split()[0]) / 1024:.0f}",
+        "stack_kb": f"{_deepest(stack) / 1024:.0f}",
+        "step_us": step[1],
+    }
