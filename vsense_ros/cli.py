@@ -371,7 +371,12 @@ def fetch(names: tuple[str, ...]) -> None:
 
 @main.group(cls=_Commands)
 def export() -> None:
-    """Write an observer for machines that have no Python."""
+    """Write an observer for machines that have no Python.
+
+    \b
+    Examples:
+      vsense export c prototype_model --output out/c --check bags/double_lane_change
+    """
 
 
 @export.command("c")
