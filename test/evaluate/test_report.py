@@ -141,6 +141,17 @@ def test_a_drive_with_parts_missing_still_has_a_picture_and_a_page(output, refer
     assert "no reference for anything" in page
 
 
+def test_a_car_that_comes_to_rest_has_a_picture_and_a_page(whole, tmp_path):
+    slip = whole.output["vsense/sideslip"]
+    vector = slip.columns["vector"].copy()
+    vector[-100:] = (0.0, np.inf, 0.0)  # at rest there is no side slip to know
+    channels = {**whole.output.channels, "vsense/sideslip": replace(slip, columns={"vector": vector})}
+    one = drive(replace(whole.output, channels=channels), whole.input)
+    panel, moving = (next(a for a in compose(d).axes if a.get_title() == "Side slip") for d in (one, whole))
+    assert panel.get_ylim() == pytest.approx(moving.get_ylim(), rel=0.05)
+    assert write_report([one], tmp_path / "report.html", title="rest").exists()
+
+
 def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
     found = json.loads(json.dumps(replace(whole, step_us_median=float("nan")).summary(), allow_nan=False))
     assert set(found) == {"signals", "step_us_median", "realtime_factor", "messages_lost"}

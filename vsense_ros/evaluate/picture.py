@@ -219,8 +219,8 @@ def _signal(axes: Axes, estimate: Series | None, truth: Series | None, start: in
     rows = thin(estimate.shown())
     seconds, value = (estimate.stamp[rows] - start) * 1e-9, estimate.shown()[rows]
     axes.plot(seconds, value, color=ESTIMATE, label="estimate", zorder=2)
-    if estimate.deviation is not None:
-        two = 2.0 * estimate.deviation[rows] * estimate.signal.shown_per_unit
+    if (band := estimate.band()) is not None:
+        two = band[rows]
         axes.fill_between(seconds, value - two, value + two, color=BAND, alpha=0.55, lw=0.0, label="±2σ", zorder=1)
     axes.set_ylim(value_limits(estimate, truth))
 
@@ -232,11 +232,11 @@ def value_limits(estimate: Series, truth: Series | None) -> tuple[float, float]:
     low, high = float(shown.min()), float(shown.max())
     if truth is not None:
         low, high = min(low, float(truth.shown().min())), max(high, float(truth.shown().max()))
-    if estimate.deviation is not None:
-        settled = slice(len(estimate) // 20, None)
-        two = 2.0 * estimate.deviation[settled] * estimate.signal.shown_per_unit
-        low = min(low, float((shown[settled] - two).min()))
-        high = max(high, float((shown[settled] + two).max()))
+    if (band := estimate.band()) is not None:
+        settled = np.arange(len(shown)) >= len(shown) // 20
+        settled &= np.isfinite(band)
+        low = float((shown - band).min(where=settled, initial=low))
+        high = float((shown + band).max(where=settled, initial=high))
     margin = 0.05 * (high - low) or 1.0
     return low - margin, high + margin
 
@@ -255,8 +255,8 @@ def _residual(axes: Axes, found: SignalScore | None, estimate: Series | None, tr
     seconds = (aligned.stamp[rows] - start) * 1e-9
     axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
     axes.plot(seconds, error[rows], color=ESTIMATE, lw=1.0, zorder=3)
-    if estimate.deviation is not None:
-        two = 2.0 * np.interp(aligned.stamp[rows], estimate.stamp, estimate.deviation) * signal.shown_per_unit
+    if (band := estimate.band()) is not None:
+        two = np.interp(aligned.stamp[rows], estimate.stamp, band)
         axes.fill_between(seconds, -two, two, color=BAND, alpha=0.45, lw=0.0, zorder=0)
     limit = 1.15 * max(float(np.quantile(np.abs(error), 0.999)), 1e-9)
     axes.set_ylim(-limit, limit)

@@ -176,8 +176,8 @@ def _traces(estimate: Series, truth: Series | None, start: int, label: str, colo
     rows = thin(shown)
     seconds = _short((estimate.stamp[rows] - start) * 1e-9, 3)
     found: list[go.Scatter] = []
-    if estimate.deviation is not None:
-        two = 2.0 * estimate.deviation[rows] * estimate.signal.shown_per_unit
+    if (band := estimate.band()) is not None:
+        two = band[rows]
         hidden = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
         found.append(go.Scatter(x=seconds, y=_short(shown[rows] - two, 5), **hidden))
         found.append(

@@ -39,7 +39,7 @@ class Series:
     """A signal over time, sorted by time of measurement.
 
     `stamp` (n,) [ns]; `value` (n, k) in the signal's unit, k = 2 for the horizontal position and 1 otherwise;
-    `deviation` (n,) one standard deviation, where the message carries it.
+    `deviation` (n,) one standard deviation, where the message carries it; infinite where the value means nothing.
     """
 
     signal: Signal
@@ -53,6 +53,13 @@ class Series:
     def shown(self) -> Array:
         """(n,) of a scalar signal in the unit people read it in."""
         return self.value[:, 0] * self.signal.shown_per_unit
+
+    def band(self) -> Array | None:
+        """(n,) two standard deviations in the unit people read it in; NaN where the value is not known at all, as the
+        side slip of a car at rest."""
+        if self.deviation is None:
+            return None
+        return np.where(np.isfinite(self.deviation), 2.0 * self.deviation * self.signal.shown_per_unit, np.nan)
 
 
 def _signals() -> Mapping[str, Signal]:
