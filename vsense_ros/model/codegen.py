@@ -90,18 +90,18 @@ def _processor() -> str:
         return platform.machine()
 
 
-def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
+def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = False) -> list[ca.Function]:
     """The same functions, compiled together into one library where that is possible, else as they are.
 
     The virtual machine is quickest with matrix products as one instruction each (CasADi's MX), a compiler with straight
-    code: functions are expanded to scalars before.
+    code: with `expand` matrix expressions become scalars before. Those with a linear solver inside cannot.
     """
     if compiler() is None:
         return list(functions)
     generator = ca.CodeGenerator("model.c", {"with_header": False})
     for function in functions:
-        expanded = function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
-        generator.add(expanded)
+        as_is = not expand or function.is_a("SXFunction", False)
+        generator.add(function if as_is else function.expand(function.name(), {"cse": True}))
     built = library(name, generator.dump())
     if built is None:
         return list(functions)

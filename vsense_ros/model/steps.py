@@ -160,7 +160,7 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    return {f.name(): f for f in codegen.compiled("car", functions)}
+    return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
 
 
 @cache
