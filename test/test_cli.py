@@ -242,6 +242,28 @@ def test_an_unknown_manoeuvre_lists_the_known_ones(tmp_path):
     refused(result, "handstand", "step_steer")
 
 
+def test_suspension_tables_are_written_into_a_vehicle_file_whose_other_lines_stay(tmp_path):
+    source = shared_folder("config") / "vehicles" / "prototype_real.yaml"
+    target = tmp_path / "car.yaml"
+    result = vsense("suspension", source, "--output", target, "--bump", 0.05, "--rebound", 0.04)
+    assert result.exit_code == 0, result.output
+    assert re.search(r"front +toe +\d+ +\d\.\d µrad", result.output)
+    assert load_vehicle(target).suspension.travel == (-0.04, 0.05)
+    written = target.read_text(encoding="utf-8")
+    comments = [line for line in source.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+    assert comments
+    assert all(comment in written for comment in comments)
+    plain, tabled = load_vehicle(source), load_vehicle(target)
+    assert tabled.model_copy(update={"suspension": None}) == plain.model_copy(update={"suspension": None})
+
+
+def test_suspension_tables_of_a_vehicle_without_linkages_are_refused(tmp_path):
+    result = vsense("suspension", "rav4", "--output", tmp_path / "car.yaml")
+    assert result.exit_code == 2
+    assert "has no section `linkage`" in result.output
+    assert not (tmp_path / "car.yaml").exists()
+
+
 def test_datasets_that_are_not_here_are_listed_as_such(tmp_path):
     result = vsense("datasets", VSENSE_DATA=str(tmp_path))
     assert result.exit_code == 0

@@ -446,6 +446,49 @@ def tyres(files: tuple[Path, ...], out: Path) -> None:
 
 
 @main.command()
+@click.argument("vehicle", metavar="VEHICLE")
+@click.option("--output", type=click.Path(path_type=Path), metavar="FILE", help="Default: the vehicle file itself.")
+@click.option("--bump", default=0.06, show_default=True, help="Highest wheel centre [m] over its design position.")
+@click.option("--rebound", default=0.06, show_default=True, help="Lowest one below [m].")
+@click.option("--rack", default=0.04, show_default=True, help="Travel of the rack to either side [m].")
+def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, rack: float) -> None:
+    """Make kinematic tables of the suspension from the linkages of VEHICLE.
+
+    Wheel centre, camber, toe, caster and spring travel against wheel travel and steering, as polynomials in the section
+    `suspension` of the vehicle file. The car with 14 degrees of freedom then moves its wheels as the linkages do.
+
+    \b
+    Examples:
+      vsense suspension prototype_real
+      vsense suspension my_car.yaml --output my_car_with_tables.yaml --bump 0.09
+    """
+    from rich.table import Table
+
+    from vsense_ros.evaluate.terminal import console, waiting
+    from vsense_ros.model.kinematic_tables import kinematic_tables, largest_errors
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle, save_tables
+
+    path = vehicle_path(vehicle)
+    car = load_vehicle(path)
+    with waiting(f"solving the linkages of {car.name}"):
+        tables = kinematic_tables(car, bump, rebound, rack)
+        errors = largest_errors(car, tables, rack)
+    target = path if output is None else output
+    save_tables(path, target, tables)
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    for heading in ("axle", "quantity", "coefficients", "largest error"):
+        table.add_column(heading, justify="right" if heading in ("coefficients", "largest error") else "left")
+    for axle, columns in errors.items():
+        for name, error in columns.items():
+            count = sum(c != 0 for row in getattr(getattr(tables, axle), name) for c in row)
+            unit = f"{1e6 * error:.1f} µrad" if name in ("camber", "toe", "caster") else f"{1e6 * error:.1f} µm"
+            table.add_row(axle, name, str(count), unit)
+    console().print(table)
+    console().print(f"Written to {target}.", soft_wrap=True)
+
+
+@main.command()
 @click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
 def schema(as_json: bool) -> None:
     """Print the parameters of a vehicle file: keys, units, ranges, defaults.

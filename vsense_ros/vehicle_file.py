@@ -13,6 +13,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from vsense_ros.errors import InputError
+from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.tir import read_tir
 from vsense_ros.vehicle_schema import allowed, models_of, tag_of, unit_of
@@ -54,6 +55,35 @@ def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:
     yaml.default_flow_style = None
     with Path(path).open("w", encoding="utf-8") as file:
         yaml.dump(vehicle.model_dump(mode="json"), file)
+
+
+def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables) -> None:
+    """Write the vehicle file `source` with these suspension tables to `target`; everything else stays as it is written,
+    comments included."""
+    yaml = YAML()
+    yaml.width = 4096
+    yaml.preserve_quotes = True
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    tree = yaml.load(Path(source).read_text(encoding="utf-8"))
+    content = tables.model_dump(mode="json")
+    for axle in ("front", "rear"):
+        for rows in content[axle].values():
+            rows[:] = [_in_one_line(row) for row in rows]
+    content["travel"] = _in_one_line(content["travel"])
+    if "suspension" in tree:
+        tree["suspension"] = content
+    else:
+        keys = list(tree)
+        before = max(keys.index(key) for key in ("physics", "linkage") if key in tree)
+        tree.insert(before + 1, "suspension", content)
+    with Path(target).open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
+
+
+def _in_one_line(values: list[float]) -> CommentedSeq:
+    result = CommentedSeq(values)
+    result.fa.set_flow_style()
+    return result
 
 
 def _resolved(path: Path, tree: CommentedMap) -> Any:

@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from pydantic import ValidationError
 
 from vsense_ros.model.car import Car, kinematics
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.steps import DYNAMIC_COORDINATES, dynamics_function, linearize_function
+from vsense_ros.model.steps import DYNAMIC_COORDINATES, dynamics_function, force_function, linearize_function
 from vsense_ros.model.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.tyres import TMeasy, tmeasy
 from vsense_ros.model.vehicle import Vehicle
@@ -340,3 +341,43 @@ def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height,
     for jacobian, expected in zip(found, differentiated(*state.values()), strict=True):
         rows = np.abs(np.asarray(expected)).max(axis=1, keepdims=True)
         assert_allclose(np.asarray(jacobian), np.asarray(expected), rtol=0, atol=1e-10 * rows.max())
+
+
+@relaxed
+@given(seed=seeds)
+def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, tabled, tabled_car, dynamics):
+    state = state_of(tabled, seed, 0.1, 0.5)
+    wish = np.random.default_rng(seed).normal(size=14)
+    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "surroundings", "p")), wish)
+    before = np.asarray(dynamics(*state.values())[0])[:, 0]
+    state["force"] = state["force"] + np.asarray(more)[:, 0]
+    after = np.asarray(dynamics(*state.values())[0])[:, 0]
+    assert_allclose(after - before, wish, atol=1e-9 * (1 + np.abs(before).max()))
+
+
+def changed(tables: SuspensionTables, **top: object) -> dict[str, object]:
+    """Content of the tables with other values; two underscores stand for a dot."""
+    data = tables.model_dump()
+    for dotted, value in top.items():
+        *path, leaf = dotted.split("__")
+        node = data
+        for key in path:
+            node = node[key]
+        node[leaf] = value
+    return data
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"travel": (0.01, 0.06)}, r"travel must reach from below to above 0, within 1 m, found 0\.01 to 0\.06"),
+        ({"front__toe": ((0.0, 1.0), (0.0,))}, r"toe must have rows of one length, .* found rows of 2, 1"),
+        ({"front__toe": ()}, r"toe must have rows of one length, .* found rows of none"),
+        ({"rear__x": ((0.01,), (0.02,))}, r"rear\.x is 0\.0\d+ m in the design position, where it must be 0"),
+        ({"rear__spring": ((0.0,),)}, r"rear\.spring moves by 0 of the wheel's travel at -50 mm; at least 0\.05"),
+        ({"steering": 0.0}, "greater than 0"),
+    ],
+)
+def test_tables_that_cannot_be_are_refused(tabled, change, complaint):
+    with pytest.raises(ValidationError, match=complaint):
+        SuspensionTables.model_validate(changed(tabled.suspension, **change))

@@ -9,7 +9,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
 from vsense_ros.model.codegen import Kernel, compiled
 from vsense_ros.model.full_car import OUTPUTS, FullCar
-from vsense_ros.model.kinematic_tables import Tables, WheelPosition, kinematic_tables
+from vsense_ros.model.kinematic_tables import SteeringRack, WheelPosition, steering_rack
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.simulate import Driver, Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -24,17 +24,15 @@ class FullCarPlant:
 
     `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
     model's) and `surroundings` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
-    by the kinematic table at design height.
+    that it takes at design height.
     """
 
-    def __init__(self, vehicle: Vehicle, step: float, car: FullCar | None = None, tables: Tables | None = None) -> None:
+    def __init__(
+        self, vehicle: Vehicle, step: float, car: FullCar | None = None, rack: SteeringRack | None = None
+    ) -> None:
         self.car = car or FullCar(vehicle)
-        if not self.car.mechanism.guides:
-            raise InputError(
-                f"vehicle {vehicle.name!r} cannot be steered: set `steered: true` in its section linkage.front"
-            )
         self.step_length = step
-        self.tables = tables or kinematic_tables(vehicle)
+        self.rack = rack or steering_rack(vehicle)
         self.integrator: Integrator = self.car.integrator(vehicle, step)
         self._vehicle = vehicle
         state = self.integrator.state
@@ -55,7 +53,7 @@ class FullCarPlant:
         """Puts the car into a state of the simplified one (14 each), with the wheels held at the angle of `inputs`."""
         mechanism, state = self.car.mechanism, self.integrator.state
         self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
-        self._guides[:] = self.tables.rack_motion(self._angle)
+        self._guides[:] = self.rack.motion(self._angle)
         corners = self.car.corner_parameters(self.integrator.parameters)
         for i, numbers in enumerate(corners):
             wheel = WheelPosition(self.car.corners[i // 2], numbers)
@@ -86,7 +84,7 @@ class FullCarPlant:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
         angle = float(inputs[0] - self.surroundings[2])
         rate = (angle - self._angle) / self.step_length
-        self._guides[:] = self.tables.rack_motion(angle, rate, (rate - self._rate) / self.step_length)
+        self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
         self._angle, self._rate = angle, rate
         self._act(inputs)
         self.integrator.step()

@@ -1,183 +1,176 @@
-"""Suspension kinematics as smooth tables, made from the linkage of the full car.
+"""Suspension kinematics as smooth tables, made from the linkages of the full car.
 
-A table gives, for the left wheel of an axle, the place of its centre and the direction of its axle against travel and
-rack: cubic splines through positions that the linkage was solved for. The right wheel is the mirror image: the same
-table at the negative rack, with y, camber's and toe's sense mirrored by `Table.right`.
+The linkage is solved for travels and steering angles, and polynomials as short as the tolerance allows are laid through
+what it does there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import product
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import Polynomial, chebyshev, polynomial
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.model.full_car import RACK, UPRIGHT, Corner, FullCar
 from vsense_ros.model.multibody.assembly import assemble
 from vsense_ros.model.multibody.semi_recursive import Motion
+from vsense_ros.model.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-COLUMNS = ("x", "y", "z", "camber", "toe", "caster")
-TRAVELS, RACKS = 25, 25  # grid points
+COLUMNS = tuple(AxleTable.model_fields)
+TOLERANCE = 1e-5  # [m, rad] between a table and the linkage
+MARGIN = 0.8  # of the tolerance at the points of a fit: between them the error is a little larger
+POINTS = 14  # in each direction: Chebyshev's, which keep the error between them as small as at them
+DEGREES = range(9)
+DIGITS = 9  # behind the point, of the coefficients [m, rad]
+RACK_POINTS, RACK_DEGREE = 33, 13
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Wheel kinematics of the left wheel of one axle.
+class SteeringRack:
+    """Displacement of the rack for the mean angle of the front wheels at design height."""
 
-    `travel` (n,) [m] is the height of the wheel centre over its design position, seen from the chassis, positive in
-    bump; `rack` (k,) [m] the displacement of the rack to the left, one zero for an axle that is not steered; `values`
-    (n×k×6) are `COLUMNS`: the wheel centre's place from its design position in the axes of the vehicle [m]; camber, the
-    angle by which the wheel's top leans outwards; toe, the angle by which its front points to the left; caster, the
-    angle by which the upright has turned about the axle since the design position, its top rearwards [rad].
-    """
+    displacement: Polynomial  # angle [rad] → to the left [m]
+    limit: float  # [rad] the rack's end, to either side
 
-    axle: str
-    travel: Array
-    rack: Array
-    values: Array
-
-    @cached_property
-    def function(self) -> ca.Function:
-        """(travel, rack) → values (6×1) by cubic splines; beyond the grid it continues as a polynomial, so ask
-        `within` first."""
-        travel, rack = ca.MX.sym("travel"), ca.MX.sym("rack")
-        results = []
-        for i, name in enumerate(COLUMNS):
-            flat = self.values[:, :, i].ravel(order="F")
-            if len(self.rack) == 1:
-                spline = ca.interpolant(name, "bspline", [self.travel.tolist()], flat.tolist())
-                results.append(spline(travel))
-            else:
-                spline = ca.interpolant(name, "bspline", [self.travel.tolist(), self.rack.tolist()], flat.tolist())
-                results.append(spline(ca.vertcat(travel, rack)))
-        return ca.Function(
-            f"kinematics_{self.axle}", [travel, rack], [ca.vertcat(*results)], ["travel", "rack"], ["values"]
+    def motion(self, angle: float, rate: float = 0.0, acceleration: float = 0.0) -> Array:
+        """Displacement, speed and acceleration (3,) of the rack for a mean angle of the front wheels and its
+        derivatives [rad, rad/s, rad/s²]. Raises `InputError` beyond what the rack can do."""
+        if not abs(angle) <= self.limit:
+            raise InputError(
+                f"a mean steering angle of {np.degrees(angle):.4g}° is more than the rack's "
+                f"±{np.degrees(self.limit):.4g}°"
+            )
+        slope = self.displacement.deriv()
+        steepness = slope(angle)
+        return np.array(
+            [self.displacement(angle), steepness * rate, steepness * acceleration + slope.deriv()(angle) * rate**2]
         )
 
-    def within(self, travel: float, rack: float = 0.0) -> None:
-        """Raises `InputError` for a place outside the table: beyond the stops of the suspension or the rack."""
-        checks = [("travel", travel, self.travel)]
-        if len(self.rack) > 1:
-            checks.append(("rack", rack, self.rack))
-        for name, value, grid in checks:
-            if not grid[0] <= value <= grid[-1]:
-                raise InputError(
-                    f"{name} {1e3 * value:.4g} mm is outside the table of the {self.axle} axle, which reaches from "
-                    f"{1e3 * grid[0]:.4g} to {1e3 * grid[-1]:.4g} mm (its stops); make the table with wider limits"
-                )
 
-    def left(self, travel: float, rack: float = 0.0) -> Array:
-        """Values (6,) of the left wheel. Raises `InputError` outside the table."""
-        self.within(travel, rack)
-        return np.asarray(self.function(travel, rack)).reshape(-1)
+def steering_rack(vehicle: Vehicle, rack: float = 0.04) -> SteeringRack:
+    """The rack of a vehicle with a `linkage` section, with `rack` [m] of travel to either side.
 
-    def right(self, travel: float, rack: float = 0.0) -> Array:
-        """Values (6,) of the right wheel, in the axes of the vehicle; camber is outwards there too."""
-        self.within(travel, -rack)
-        return np.asarray(self.function(travel, -rack)).reshape(-1) * np.array([1, -1, 1, 1, -1, 1])
-
-
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """Tables of both axles."""
-
-    front: Table
-    rear: Table
-
-    @cached_property
-    def _steering(self) -> tuple[ca.Function, float]:
-        """(angle, rate, acceleration) → the rack's (3×1), and the largest angle; at the design height of the wheels."""
-        table = self.front
-        angles = [float(self.mean_angle(rack)) for rack in table.rack]
-        order = np.argsort(angles)
-        if len(angles) < 2 or np.any(np.diff(np.array(angles)[order]) <= 0) or not np.all(np.abs(np.diff(order)) == 1):
-            raise InputError(
-                f"the wheels of the {table.axle} axle do not turn steadily with the rack within the table; make it "
-                "with a smaller rack travel, or check the hard points of the tie rod"
-            )
-        # Newton on the table itself, from a straight line: smooth, and exact where the table is.
-        angle, rate, acceleration = (ca.MX.sym(name) for name in ("angle", "rate", "acceleration"))
-        x = ca.MX.sym("x")
-        mean = self._mean(x)
-        slope = ca.jacobian(mean, x)
-        curve = ca.Function("curve", [x], [mean, slope, ca.jacobian(slope, x)])
-        rack = angle * (table.rack[-1] - table.rack[0]) / (angles[-1] - angles[0])
-        for _ in range(6):
-            found, steepness, _ = curve(rack)
-            rack = rack - (found - angle) / steepness
-        _, steepness, bend = curve(rack)
-        speed = rate / steepness
-        motion = ca.vertcat(rack, speed, (acceleration - bend * speed**2) / steepness)
-        limit = min(abs(angles[0]), abs(angles[-1]))
-        return ca.Function(
-            "rack", [angle, rate, acceleration], [motion], ["angle", "rate", "acceleration"], ["rack"]
-        ), limit
-
-    def _mean(self, rack: ca.MX) -> ca.MX:
-        toe = COLUMNS.index("toe")
-        return (self.front.function(0, rack)[toe] - self.front.function(0, -rack)[toe]) / 2
-
-    def mean_angle(self, rack: float) -> float:
-        """Mean steering angle of both front wheels at design height [rad], positive to the left."""
-        return float(self.front.left(0.0, rack)[4] + self.front.right(0.0, rack)[4]) / 2
-
-    def rack_motion(self, angle: float, rate: float = 0.0, acceleration: float = 0.0) -> Array:
-        """Displacement, speed and acceleration (3,) of the rack for a mean steering angle of the front wheels at design
-        height and its derivatives [rad, rad/s, rad/s²]. Raises `InputError` beyond what the rack can do."""
-        function, limit = self._steering
-        if not abs(angle) <= limit:
-            raise InputError(
-                f"a mean steering angle of {np.degrees(angle):.4g}° is more than the rack's ±{np.degrees(limit):.4g}°"
-            )
-        return np.asarray(function(angle, rate, acceleration)).reshape(-1)
+    Raises `InputError` for a vehicle that cannot be steered, and where the linkage does not reach that far.
+    """
+    return _steering_rack(_positions(vehicle)[0], vehicle, rack)
 
 
 def kinematic_tables(
-    vehicle: Vehicle,
-    bump: float = 0.06,
-    rebound: float = 0.06,
-    rack: float = 0.04,
-    grid: tuple[int, int] = (TRAVELS, RACKS),
-) -> Tables:
+    vehicle: Vehicle, bump: float = 0.06, rebound: float = 0.06, rack: float = 0.04, tolerance: float = TOLERANCE
+) -> SuspensionTables:
     """Tables of a vehicle with a `linkage` section, for travels from `-rebound` to `bump` and the rack within ±`rack`,
-    all in m. Raises `InputError` where the linkage does not reach that far."""
+    all in m; `tolerance` is the largest error [m, rad].
+
+    Raises `InputError` where the linkage does not reach that far, or where it moves too wildly for a short polynomial.
+    """
     for name, value in (("bump", bump), ("rebound", rebound), ("rack", rack)):
         if not 0 < value < 1:
             raise InputError(f"{name} must be a length between 0 and 1 m, found {value:g}")
+    front, rear = _positions(vehicle)
+    steering = _steering_rack(front, vehicle, rack)
+    largest = np.floor(steering.limit * 10**DIGITS) / 10**DIGITS
+    points = chebyshev.chebpts2(POINTS)
+    middle, half = (bump - rebound) / 2, (bump + rebound) / 2
+    tables = {}
+    for axle, position in (("front", front), ("rear", rear)):
+        across = points if position.steered else np.zeros(1)
+        racks = np.array([steering.motion(largest * float(a))[0] for a in across])
+        values, design = position.grid(middle + half * points, racks), position.values(position.design, 0.0)
+        columns = {}
+        for i, name in enumerate(COLUMNS):
+            coefficients = _polynomial(points, across, values[:, :, i], -middle / half, design[i], tolerance)
+            if coefficients is None:
+                raise InputError(
+                    f"{name} of the {axle} suspension cannot be put into a polynomial of degree {DEGREES[-1]} within "
+                    f"{tolerance:g} m or rad; ask for less travel or less rack"
+                )
+            columns[name] = tuple(tuple(round(float(c), DIGITS) for c in row) for row in coefficients)
+        tables[axle] = AxleTable(**columns)
+    return SuspensionTables(travel=(-rebound, bump), steering=float(largest), **tables)
+
+
+def largest_errors(
+    vehicle: Vehicle, tables: SuspensionTables, rack: float = 0.04, points: int = 8
+) -> dict[str, dict[str, float]]:
+    """Of each axle and column the largest difference between `tables`, made with this `rack`, and the linkage of a
+    vehicle [m, rad], in the middles of `points` equal parts of travel and steering."""
+    front, rear = _positions(vehicle)
+    steering = _steering_rack(front, vehicle, rack)
+    low, high = tables.travel
+    middles = (np.arange(points) + 0.5) / points
+    travels, angles = low + (high - low) * middles, tables.steering * (2 * middles - 1)
+    found = {}
+    for axle, position in (("front", front), ("rear", rear)):
+        at = angles if position.steered else np.zeros(1)
+        expected = position.grid(travels, np.array([steering.motion(float(a))[0] for a in at]))
+        values = np.array(
+            [[[v[0] for v in tables.columns(axle, s, float(a)).values()] for a in at] for s in travels.tolist()]
+        )
+        found[axle] = dict(zip(COLUMNS, np.abs(values - expected).max(axis=(0, 1)).tolist(), strict=True))
+    return found
+
+
+def _positions(vehicle: Vehicle) -> tuple[WheelPosition, WheelPosition]:
+    """Solvers of the left wheels in front and at the rear."""
     car = FullCar(vehicle)
     numbers = car.corner_parameters(car.parameters(vehicle))
-    travels = np.linspace(-rebound, bump, grid[0])
-    racks = np.linspace(-rack, rack, grid[1] | 1)
-    tables = []
-    for corner, own in zip(car.corners, (numbers[0], numbers[2]), strict=True):
-        steered = bool(corner.linkage.guides)
-        tables.append(_table(corner, own, travels, racks if steered else np.zeros(1)))
-    return Tables(*tables)
+    return WheelPosition(car.corners[0], numbers[0]), WheelPosition(car.corners[1], numbers[2])
 
 
-def _table(corner: Corner, numbers: Array, travels: Array, racks: Array) -> Table:
-    linkage = corner.linkage
-    solve = WheelPosition(corner, numbers)
-    values = np.empty((len(travels), len(racks), len(COLUMNS)))
-    start = int(np.argmin(np.abs(travels)))
-    design = assemble(linkage, numbers)
-    across = int(np.argmin(np.abs(racks)))
-    for side in (range(across, len(racks)), range(across - 1, -1, -1)):
-        middle = design
-        for k in side:
-            middle = solve.coordinates(travels[start], racks[k], middle)
-            for direction in (range(start, len(travels)), range(start - 1, -1, -1)):
-                z = middle
-                for i in direction:
-                    z = solve.coordinates(travels[i], racks[k], z)
-                    values[i, k] = solve.values(z, racks[k])
-    return Table(linkage.name, travels, racks, values)
+def _steering_rack(front: WheelPosition, vehicle: Vehicle, rack: float) -> SteeringRack:
+    if not front.steered:
+        raise InputError(
+            f"vehicle {vehicle.name!r} cannot be steered: set `steered: true` in its section linkage.front"
+        )
+    racks = rack * chebyshev.chebpts2(RACK_POINTS)
+    toe = front.grid(np.zeros(1), racks)[0, :, COLUMNS.index("toe")]
+    angles = (toe - toe[::-1]) / 2  # the right wheel is the mirror image of the left one at the opposite rack
+    steps = np.diff(angles)
+    if not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError(
+            f"the wheels of the front axle do not turn steadily with the rack within ±{1e3 * rack:.4g} mm; make the "
+            "tables with a smaller rack travel, or check the hard points of the tie rod"
+        )
+    limit = float(np.abs(angles).max())
+    odd = np.arange(1, RACK_DEGREE + 1, 2)
+    coefficients = np.zeros(RACK_DEGREE + 1)
+    coefficients[odd] = np.linalg.lstsq((angles[:, None] / limit) ** odd, racks, rcond=None)[0] / limit**odd
+    return SteeringRack(Polynomial(coefficients), limit)
+
+
+def _polynomial(
+    along: Array, across: Array, values: Array, design_point: float, design: float, tolerance: float
+) -> Array | None:
+    """The fewest coefficients that come as close as `tolerance` to `values` (n×k) at the points `along` (n,) and
+    `across` (k,) from -1 to 1; None where there are none. At `design_point` along and 0 across they give `design`."""
+    for powers in _shapes(len(across) > 1):
+        terms = np.stack([np.outer(along**i, across**j).reshape(-1) for i, j in powers], axis=1)
+        terms -= [design_point**i * (j == 0) for i, j in powers]
+        found = np.linalg.lstsq(terms, values.reshape(-1) - design, rcond=None)[0]
+        if np.abs(terms @ found + design - values.reshape(-1)).max() > MARGIN * tolerance:
+            continue
+        coefficients = np.zeros(tuple(np.max(powers, axis=0) + 1))
+        coefficients[tuple(np.transpose(powers))] = found
+        coefficients[0, 0] += design - polynomial.polyval2d(design_point, 0.0, coefficients)
+        return coefficients
+    return None
+
+
+def _shapes(steered: bool) -> Iterator[list[tuple[int, int]]]:
+    """Powers of travel and steering, fewest first: those below a straight line from the highest of one to that of the
+    other."""
+    shapes = []
+    for n, m in product(DEGREES, DEGREES if steered else (0,)):
+        shapes.append([(i, j) for i in range(n + 1) for j in range(m + 1) if i * max(m, 1) + j * n <= n * max(m, 1)])
+    yield from sorted(shapes, key=len)
 
 
 class WheelPosition:
@@ -189,7 +182,7 @@ class WheelPosition:
         n, g = len(linkage.coordinate_names), len(linkage.guides)
         z, guides, travel = ca.SX.sym("z", n), ca.SX.sym("guides", g), ca.SX.sym("travel")
         motion = Motion(linkage, z, ca.SX(n, 1), ca.SX(n, 1), ca.horzcat(guides, ca.SX(g, 2)))
-        measured = motion.measure(corner.travel)
+        measured, strut = motion.measure(corner.travel), motion.measure(corner.strut)
         arguments = [z, guides, linkage.parameters]
         self._equations = ca.Function(
             "equations",
@@ -209,8 +202,21 @@ class WheelPosition:
         level = ca.cross(ca.SX([0, 0, 1]), axle)
         level = -level / ca.norm_2(level)  # forwards, horizontal
         caster = ca.asin(-ca.dot(level, upward))
-        values = ca.vertcat(moved, -side * ca.asin(axle[2]), ca.atan2(-axle[0], axle[1]), caster)
+        camber, toe = -side * ca.asin(axle[2]), ca.atan2(-axle[0], axle[1])
+        values = ca.vertcat(moved[0], moved[1], camber, toe, caster, strut.value)
         self._values = ca.Function("values", arguments, [ca.densify(values)])
+        self._strut = ca.Function("strut", arguments, [strut.value, ca.densify(strut.gradient)])
+        self.steered = bool(linkage.guides)
+        self.design = assemble(linkage, numbers)
+        self._strut_at_design, self._strut_ratio = self._rest()
+
+    def _rest(self) -> tuple[float, float]:
+        """Place of the strut in the design position and its movement per travel."""
+        place = [self.design, self._guides(0.0), self._numbers]
+        value, gradient = (np.asarray(r) for r in self._strut(*place))
+        _, jacobian = (np.asarray(r) for r in self._equations(*place, 0.0))
+        travelling = np.linalg.lstsq(jacobian, np.eye(len(jacobian))[-1], rcond=1e-10)[0]
+        return value.item(), float(gradient[0] @ travelling)
 
     def _guides(self, rack: float) -> Array:
         return np.array([rack if guide == RACK else 0.0 for guide in self._linkage.guides])
@@ -234,4 +240,22 @@ class WheelPosition:
 
     def values(self, z: Array, rack: float) -> Array:
         """`COLUMNS` (6,) at these coordinates."""
-        return np.asarray(self._values(z, self._guides(rack), self._numbers)).reshape(-1)
+        found = np.asarray(self._values(z, self._guides(rack), self._numbers)).reshape(-1)
+        found[-1] = (found[-1] - self._strut_at_design) / self._strut_ratio
+        return found
+
+    def grid(self, travels: Array, racks: Array) -> Array:
+        """`values` for all travels (n,) and racks (k,), both in order, n×k×6: from the middle outwards, so that each
+        point begins near its solution."""
+        found = np.empty((len(travels), len(racks), len(COLUMNS)))
+        begin, across = int(np.argmin(np.abs(travels))), int(np.argmin(np.abs(racks)))
+        for side in (range(across, len(racks)), range(across - 1, -1, -1)):
+            middle = self.design
+            for k in side:
+                middle = self.coordinates(travels[begin], racks[k], middle)
+                for direction in (range(begin, len(travels)), range(begin - 1, -1, -1)):
+                    z = middle
+                    for i in direction:
+                        z = self.coordinates(travels[i], racks[k], z)
+                        found[i, k] = self.values(z, racks[k])
+        return found

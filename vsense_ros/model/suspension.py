@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -94,8 +95,8 @@ class SuspensionTables(Part):
     def columns(self, axle: str, travel: float, steering: float) -> dict[str, NDArray[np.float64]]:
         """Of each column of an axle's table value, first and second derivative by the travel (3,), for its left wheel
         at `travel` [m] and a mean angle of the front wheels [rad]; beyond the table as the class says."""
-        found = _evaluate(self, getattr(self, axle), ca.SX(travel), ca.SX(steering))
-        return {name: np.array([float(v) for v in values]) for name, values in found.items()}
+        found = np.asarray(_function(self, axle)(travel, steering))
+        return dict(zip(AxleTable.model_fields, found, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +153,14 @@ def table_guide(
         spring=at["spring"][0],
         spring_ratio=at["spring"][1],
     )
+
+
+@cache
+def _function(tables: SuspensionTables, axle: str) -> ca.Function:
+    """(travel, steering) → rows of `SuspensionTables.columns`."""
+    travel, steering = ca.SX.sym("travel"), ca.SX.sym("steering")
+    found = _evaluate(tables, getattr(tables, axle), travel, steering)
+    return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in found.values()))])
 
 
 def _evaluate(

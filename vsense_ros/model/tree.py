@@ -83,9 +83,9 @@ class Tree:
             column[i] = articulated[i] @ axis
             pivot[i] = axis.T @ column[i]
             drive[i] = efforts[i] - axis.T @ bias[i]
-            inertia = articulated[i] - column[i] @ column[i].T / pivot[i]
+            inertia = symmetric(articulated[i] - column[i] @ column[i].T / pivot[i])
             force = bias[i] + inertia @ coriolis[i] + column[i] * (drive[i] / pivot[i])
-            inertia = transforms[i].T @ inertia @ transforms[i]
+            inertia = symmetric(transforms[i].T @ inertia @ transforms[i])
             force = transforms[i].T @ force
             if self.bodies[i].parent < 0:
                 root_articulated = root_articulated + inertia
@@ -149,6 +149,11 @@ class Tree:
         )
 
 
+def symmetric(matrix: ca.SX) -> ca.SX:
+    """A symmetric matrix whose upper triangle is taken from the lower one, so that it is not computed twice."""
+    return ca.tril2symm(ca.tril(matrix))
+
+
 def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Solution of a small symmetric positive definite system by L D Lᵀ, without square roots or pivoting.
 
@@ -176,7 +181,7 @@ def solve_spd(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 def inverse_spd(matrix: ca.SX) -> ca.SX:
     """Inverse of a small symmetric positive definite matrix; cheapest where its first rows are nearly empty."""
-    return ca.tril2symm(ca.tril(solve_spd(matrix, ca.SX.eye(matrix.shape[0]))))
+    return symmetric(solve_spd(matrix, ca.SX.eye(matrix.shape[0])))
 
 
 def solve_dominant(matrix: ca.SX, right: ca.SX) -> ca.SX:
