@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test lint format demo bench genesis bags clean
+.PHONY: help venv test lint format demo bench genesis blind bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +46,16 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/vsense genesis
+
+# The examination of `vsense explain`: BLIND="--cases 40" for a part of it. Ablations are run on a sample.
+BLIND ?=
+blind: export PYTHONPATH := test
+blind: venv ## hidden physics in cars that are not our model: cases, answers and scores to out/blind and out/blind.json
+	$(VENV)/bin/python -m blind $(BLIND) make
+	$(VENV)/bin/python -m blind $(BLIND) run
+	for ablation in no_refit no_projection chi2_thresholds; do \
+	    $(VENV)/bin/python -m blind --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
+	$(VENV)/bin/python -m blind $(BLIND) score
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags

@@ -186,8 +186,7 @@ def road(rng, duration, fastest, slowest, tightest, lateral_limit, name) -> Cour
     return _course(name, duration, float(limit[0]), path, follow=1.0, lateral=_unrest(rng, duration, 0.15))
 
 
-def motorway(rng, duration, name, *, changes=True, wavering=1.5) -> Course:
-    speed = rng.uniform(27, 33)
+def motorway(rng, duration, name, speed, *, changes=True, wavering=1.5, unrest=0.12) -> Course:
     length = duration * speed * 1.3
     x, y, lane = [0.0, 60.0], [0.0, 0.0], 0.0
     while changes and x[-1] < length - 400:
@@ -198,7 +197,7 @@ def motorway(rng, duration, name, *, changes=True, wavering=1.5) -> Course:
     path = _offsets(np.array([*x, length + 500]), np.array([*y, y[-1]]), speed)
     s = np.arange(len(path.x))
     path.speed[:] = speed + wavering * np.sin(2 * np.pi * s / rng.uniform(350, 600))
-    return _course(name, duration, speed, path, follow=1.0, lateral=_unrest(rng, duration, 0.12))
+    return _course(name, duration, speed, path, follow=1.0, lateral=_unrest(rng, duration, unrest))
 
 
 def _unrest(rng, duration, level):
@@ -232,18 +231,21 @@ def rich(rng) -> tuple[list[Course], list[Course]]:
 def everyday(rng) -> tuple[list[Course], list[Course]]:
     kinds = [(14.0, 8.0, 14.0, 2.8), (21.0, 10.0, 40.0, 3.2), (16.0, 8.0, 18.0, 3.0), (19.0, 9.0, 28.0, 3.0)]
     names = ("town", "rural road", "suburb", "way home")
-    courses = [road(rng, 40.0, *kind, name) for kind, name in zip(kinds, names, strict=True)]
+    courses = [road(rng, 32.0, *kind, name) for kind, name in zip(kinds, names, strict=True)]
     return courses[:3], courses[3:]
 
 
 def cruise(rng) -> tuple[list[Course], list[Course]]:
-    courses = [motorway(rng, 40.0, f"motorway {i + 1}") for i in range(4)]
+    courses = [motorway(rng, 32.0, f"motorway {i + 1}", rng.uniform(27, 33)) for i in range(4)]
     return courses[:3], courses[3:]
 
 
 def steady(rng) -> tuple[list[Course], list[Course]]:
     """Straight ahead at one speed: where some causes look alike by construction."""
-    courses = [motorway(rng, 40.0, f"straight {i + 1}", changes=False, wavering=0.0) for i in range(4)]
+    speed = rng.uniform(27, 33)
+    courses = [
+        motorway(rng, 32.0, f"straight {i + 1}", speed, changes=False, wavering=0.0, unrest=0.02) for i in range(4)
+    ]
     return courses[:3], courses[3:]
 
 

@@ -90,10 +90,10 @@ def _trailer(car, knobs, motion, extra, rate, force, moment):
     hitch_lateral = motion.velocity[1] - behind * motion.rates[2]
     yaw = motion.rates[2] + speed
     slip = -(hitch_lateral * np.cos(angle) - forward * np.sin(angle) - TRAILER_LENGTH * yaw) / forward
-    side = TRAILER_STIFFNESS * mass * GRAVITY * np.tanh(slip)
-    inertia = mass * (TRAILER_LENGTH**2 + 1.1)
+    per_mass = TRAILER_STIFFNESS * GRAVITY * np.tanh(slip)
+    side = mass * per_mass
     # Turned by its tyres about the hitch; the hitch's own acceleration enters through the slip alone.
-    turning = -side * TRAILER_LENGTH / inertia
+    turning = -per_mass * TRAILER_LENGTH / (TRAILER_LENGTH**2 + 1.1)
     active = mass > 0
     rate.hitch[0], rate.hitch[1] = speed, np.where(active, turning - 2.0 * speed, 0.0)
     pull = -0.02 * mass * GRAVITY - 0.3 * side * np.sin(angle) - 0.6 * motion.velocity[0] * np.abs(motion.velocity[0])

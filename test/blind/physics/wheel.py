@@ -16,8 +16,13 @@ SMALLEST_RELAXATION = 0.05  # [m]
 
 
 def cross(a, b):
-    """Of vectors (3, …)."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    """Of vectors (3, …), which may be broadcast."""
+    first = a[1] * b[2]
+    result = np.empty((3, *first.shape))
+    np.subtract(first, a[2] * b[1], out=result[0])
+    np.subtract(a[2] * b[0], a[0] * b[2], out=result[1])
+    np.subtract(a[0] * b[1], a[1] * b[0], out=result[2])
+    return result
 
 
 def dot(a, b):
@@ -79,7 +84,7 @@ def contacts(car, knobs, motion, extra, angle):
     point = centre - loaded * upward
     sideways = cross(normal, ahead)
     rates = motion.rates[:, None, :]
-    velocity = motion.velocity[:, None, :] + cross(np.broadcast_to(rates, point.shape), point)
+    velocity = motion.velocity[:, None, :] + cross(rates, point)
     velocity = velocity + car.guide * motion.travel_rate
     radius = car.radius * (1 + knobs.radius_change)
     stiffness = car.tyre_vertical * (1 - 0.8 * knobs.pressure_loss)

@@ -87,7 +87,7 @@ class _Plant:
         omega, velocity = m.rates, m.velocity
         gravity = -GRAVITY * m.rotation[2]  # in body axes
         wheels, unsprung, guide = act.centre, car.unsprung, car.guide
-        turn = np.broadcast_to(omega[:, None], wheels.shape)
+        turn = omega[:, None]
         # Mass, first moment and inertia about cog with the wheels where they are.
         mass = self.body_mass + unsprung.sum(axis=0)
         first = self.first + (unsprung * wheels).sum(axis=1)
@@ -143,7 +143,7 @@ class _Plant:
         load = np.concatenate([linear_load, angular_load])
         solved = np.linalg.solve(matrix.transpose(2, 0, 1), load.T[:, :, None])[:, :, 0].T
         linear, angular = solved[:3], solved[3:]  # acceleration of cog against the map, in body axes
-        carried = linear[:, None] + cross(np.broadcast_to(angular[:, None], wheels.shape), wheels)
+        carried = linear[:, None] + cross(angular[:, None], wheels)
         sliding = along_guide / unsprung - dot(guide, carried)
         derivative = np.empty_like(x)
         derivative[POSITION] = np.einsum("ijn,jn->in", m.rotation, velocity)

@@ -1,0 +1,198 @@
+"""`python -m blind`: make the cases, let the tool answer them, compare the answers with the labels.
+
+Needs the folder `test` on PYTHONPATH; `make blind` does all steps of the public split.
+"""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ProcessPoolExecutor, as_completed, wait
+from multiprocessing import Manager
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from blind import cases, oracle, score, tool
+from blind.effects import EFFECTS
+from blind.generate import FINISHED, batches, generate, seconds
+
+SEALS = Path(__file__).with_name("labels.sha256")
+CONSOLE = Console()
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=CONSOLE)
+
+
+@click.group()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/blind"), show_default=True)
+@click.option("--split", type=click.Choice(sorted(cases.SEEDS)), default="public", show_default=True)
+@click.option("--cases", "count", type=int, help="Only the first so many: a mixture of all kinds.")
+@click.option("--set", "manoeuvres", multiple=True, help="Only cases of these manoeuvre sets.")
+@click.option("--processes", type=int, default=2, show_default=True)
+@click.pass_context
+def main(context: click.Context, out: Path, split: str, count: int | None, manoeuvres: tuple[str, ...], processes: int):
+    """The examination of `vsense explain`."""
+    every = cases.all_cases(split)
+    chosen = [case for case in every if not manoeuvres or case.manoeuvres in manoeuvres][:count]
+    context.obj = {"out": out / split, "split": split, "every": every, "chosen": chosen, "processes": processes}
+
+
+@main.command()
+@click.pass_obj
+def make(options: dict) -> None:
+    """Simulate the cases and write their recordings; cases that are there are kept."""
+    folder, labels = options["out"] / "cases", options["out"] / "labels"
+    labels.mkdir(parents=True, exist_ok=True)
+    (labels / "labels.json").write_text(cases.labels_text(options["every"]), encoding="utf-8")
+    missing = [case for case in options["chosen"] if not (folder / case.number / FINISHED).exists()]
+    work = list(batches(missing))
+    with _progress() as progress, Manager() as manager, ProcessPoolExecutor(options["processes"]) as pool:
+        bar = progress.add_task("simulated seconds", total=round(sum(seconds(batch) for batch in work)))
+        steps = manager.Queue()
+        running = {pool.submit(_make, batch, folder, steps) for batch in work}
+        while running:
+            done, running = wait(running, timeout=0.3)
+            for future in done:
+                future.result()
+            while not steps.empty():
+                progress.advance(bar, steps.get())
+    CONSOLE.print(f"{len(options['chosen'])} cases in {folder}")
+
+
+def _make(batch: list[cases.Case], folder: Path, steps) -> None:
+    passed = 0.0
+
+    def tick(step: float) -> None:
+        nonlocal passed
+        passed += step
+        if passed >= 0.5:
+            steps.put(passed)
+            passed = 0.0
+
+    generate(batch, folder, tick)
+
+
+@main.command()
+@click.option("--ablation", type=click.Choice(tool.ABLATIONS), help="The tool with a part left out.")
+@click.option("--oracle/--no-oracle", "ask", default=True, help="Also fit the true effect, to know what was possible.")
+@click.pass_obj
+def run(options: dict, ablation: str | None, ask: bool) -> None:
+    """Let the tool answer; answers that are there are kept."""
+    _check_seal(options)
+    with _progress() as progress, ProcessPoolExecutor(options["processes"]) as pool:
+        bar = progress.add_task("cases", total=len(options["chosen"]))
+        futures = [pool.submit(_answer, case, options["out"], ablation, ask) for case in options["chosen"]]
+        for future in as_completed(futures):
+            future.result()
+            progress.advance(bar)
+
+
+def _answer(case: cases.Case, out: Path, ablation: str | None, ask: bool) -> None:
+    folder, labels = out / "cases" / case.number, out / "labels"
+    words = ("--ablation", ablation) if ablation else ()
+    tool.explain(folder, out / _answers(ablation) / case.number, labels, *words)
+    truth = _truth(case)
+    if ask and truth and not ablation:
+        oracle.best(folder, out / "oracle" / case.number, labels, truth)
+
+
+def _truth(case: cases.Case) -> list[str]:
+    return [name for name, _ in case.hidden if name in EFFECTS]
+
+
+def _answers(ablation: str | None) -> str:
+    return f"answers_{ablation}" if ablation else "answers"
+
+
+@main.command(name="score")
+@click.option("--json", "target", type=click.Path(path_type=Path), default=Path("out/blind.json"), show_default=True)
+@click.pass_obj
+def score_command(options: dict, target: Path) -> None:
+    """Compare the answers that are there with the labels; print the tables, write the figures."""
+    _check_seal(options)
+    results = _results(options, None)
+    if not results:
+        raise click.ClickException(f"no answers in {options['out'] / 'answers'}; `python -m blind run` gives them")
+    figures = {
+        "split": options["split"],
+        "sets": score.all_sets(results),
+        "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
+        "confusion": score.confusion(results),
+    }
+    for ablation in tool.ABLATIONS:
+        if found := _results(options, ablation):
+            figures["ablations"][ablation] = score.all_sets(found)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    for name, scores in figures["sets"].items():
+        _print(name, scores, {a: sets.get(name, {}) for a, sets in figures["ablations"].items()})
+    _print_confusion(figures["confusion"])
+
+
+def _results(options: dict, ablation: str | None) -> list[score.Result]:
+    labels = json.loads((options["out"] / "labels" / "labels.json").read_text(encoding="utf-8"))
+    results = []
+    for case in options["chosen"]:
+        report = options["out"] / _answers(ablation) / case.number
+        if not (report / "answer.json").exists():
+            continue
+        answer = tool.explain(Path(), report, Path())
+        truth, asked = _truth(case), options["out"] / "oracle" / case.number
+        best = oracle.best(Path(), asked, Path(), truth) if truth and (asked / "answer.json").exists() else None
+        results.append(score.Result(labels[case.number], answer, best))
+    return results
+
+
+def _print(name: str, scores: dict, ablations: dict[str, dict]) -> None:
+    table = Table("score", "value", "95 %", "n", *ablations, title=name)
+    for key, found in scores.items():
+        interval = f"{found['low']:.2f} … {found['high']:.2f}" if "low" in found and found["n"] else ""
+        others = [_shown(other.get(key, {}).get("value")) for other in ablations.values()]
+        table.add_row(key, _shown(found["value"]), interval, str(found["n"]), *others)
+    CONSOLE.print(table)
+
+
+def _shown(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}" if abs(value) < 10 else f"{value:.0f}"
+
+
+def _print_confusion(table: dict[str, dict[str, int]]) -> None:
+    shown = Table("hidden", "said", title="what was said")
+    for truth, said in table.items():
+        shown.add_row(truth, ", ".join(f"{name} {count}" for name, count in said.items()))
+    CONSOLE.print(shown)
+
+
+def _check_seal(options: dict) -> None:
+    known = dict(line.split()[::-1] for line in SEALS.read_text(encoding="utf-8").splitlines() if line)
+    found = cases.seal(cases.labels_text(options["every"]))
+    stored = options["out"] / "labels" / "labels.json"
+    if known.get(options["split"]) != found:
+        raise click.ClickException(f"the labels of the split {options['split']} are not those of {SEALS.name}")
+    if not stored.exists() or cases.seal(stored.read_text(encoding="utf-8")) != found:
+        raise click.ClickException(f"{stored} is missing or changed; `python -m blind make` writes it")
+
+
+@main.command()
+def seal() -> None:
+    """Print the SHA-256 of the labels of every split, as it stands in labels.sha256."""
+    for split in sorted(cases.SEEDS):
+        click.echo(f"{cases.seal(cases.labels_text(cases.all_cases(split)))} {split}")
+
+
+@main.command()
+def sizes() -> None:
+    """Print what size 1 of every effect is."""
+    table = Table("effect", "parameter", "size 1", "unit", "shows best in")
+    for name, effect in EFFECTS.items():
+        table.add_row(name, effect.parameter, f"{effect.nominal:g}", effect.unit, effect.best)
+    CONSOLE.print(table)
+
+
+if __name__ == "__main__":
+    main(prog_name="python -m blind")

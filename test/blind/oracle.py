@@ -1,0 +1,35 @@
+"""What could be known at best: the true effect fitted, by the tool's own machinery. The one place where it is asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from blind import tool
+
+DETECTABLE = (
+    0.03  # gain on training and held-out manoeuvres that nothing-hidden recordings do not give (mismatch study)
+)
+
+
+@dataclass(frozen=True)
+class Best:
+    """The fit with the true effects."""
+
+    gain: float  # the smaller of training and held-out gain; relative decrease of the misfit
+    errors: dict[str, float]  # of each signal on held-out recordings, after the fit
+
+    @property
+    def detectable(self) -> bool:
+        return self.gain >= DETECTABLE
+
+
+def best(case: Path, report: Path, hidden: Path, effects: list[str]) -> Best | None:
+    """`vsense explain … --assume EFFECT…`; None where the tool gives no answer."""
+    options = [word for effect in effects for word in ("--assume", effect)]
+    answer = tool.explain(case, report, hidden, *options).explain
+    found = answer.get("effects", [])[: len(effects)]
+    if not found:
+        return None
+    gain = max(min(e["gain_training"], e["gain_held_out"]) for e in found)
+    return Best(gain, {s: e["held_out"]["after"] for s, e in answer["fit"].items()})

@@ -1,0 +1,176 @@
+"""Scores of answers against labels, with Wilson intervals (95 %)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import sqrt
+from statistics import median
+
+import numpy as np
+
+from blind.oracle import Best
+from blind.tool import Answer
+
+QUIET = ("no_mismatch", "not_assessable")
+
+
+@dataclass(frozen=True)
+class Result:
+    """One case with its label, the tool's answer and what was possible."""
+
+    label: dict
+    answer: Answer
+    best: Best | None  # None: no oracle asked, or it failed
+
+    @property
+    def kind(self) -> str:
+        return self.label["kind"]
+
+    @property
+    def truth(self) -> set[str]:
+        return {hidden["id"] for hidden in self.label["hidden"]}
+
+    @property
+    def right(self) -> set[str]:
+        """Names that are not wrong: the hidden, and what cannot be told from them."""
+        return self.truth | set(self.label["acceptable"])
+
+    @property
+    def verdict(self) -> str:
+        return self.answer.explain.get("verdict", "no_answer")
+
+    @property
+    def ranked(self) -> list[str]:
+        return [effect["id"] for effect in self.answer.explain.get("effects", [])]
+
+    @property
+    def accepted(self) -> list[str]:
+        """What the tool says is there, if it says so: the effects marked `accepted`, or the first."""
+        if self.verdict != "named":
+            return []
+        effects = self.answer.explain["effects"]
+        return [e["id"] for e in effects if e.get("accepted")] or self.ranked[:1]
+
+    @property
+    def answer_set(self) -> list[str]:
+        return list(self.answer.explain.get("answer_set", []))
+
+    @property
+    def detectable(self) -> bool:
+        return self.best is None or self.best.detectable
+
+
+def wilson(hits: int, n: int, z: float = 1.96) -> tuple[float, float]:
+    """Interval of a share."""
+    if n == 0:
+        return 0.0, 1.0
+    share, square = hits / n, z * z
+    centre = (share + square / (2 * n)) / (1 + square / n)
+    half = z * sqrt(share * (1 - share) / n + square / (4 * n * n)) / (1 + square / n)
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def share(values: Iterable[bool]) -> dict:
+    """A share with its interval and number."""
+    values = list(values)
+    hits, n = sum(values), len(values)
+    low, high = wilson(hits, n)
+    return {"value": hits / n if n else None, "low": low, "high": high, "n": n}
+
+
+def number(values: Iterable[float], what=median) -> dict:
+    values = [v for v in values if v is not None and np.isfinite(v)]
+    return {"value": float(what(values)) if values else None, "n": len(values)}
+
+
+def parameter_error(result: Result) -> float | None:
+    """Relative error of the estimated parameters of a rightly named effect, over the comparable ones."""
+    hidden = result.label["hidden"][0]
+    expected = hidden["parameters"]
+    for effect in result.answer.explain.get("effects", [])[:1]:
+        if effect["id"] != hidden["id"] or not expected:
+            return None
+        found = {p["name"]: p["value"] for p in effect["parameters"]}
+        wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
+        return sqrt(wrong / sum(value**2 for value in expected.values()))
+    return None
+
+
+def recovery(result: Result) -> float | None:
+    """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before."""
+    fit = result.answer.explain.get("fit", {})
+    if result.best is None or not fit:
+        return None
+    gained, possible = 0.0, 0.0
+    for signal, errors in fit.items():
+        before = errors["held_out"]["before"]
+        if before > 0 and signal in result.best.errors:
+            gained += 1 - errors["held_out"]["after"] / before
+            possible += 1 - result.best.errors[signal] / before
+    return gained / possible if possible > 0.02 else None
+
+
+def located_right(result: Result) -> bool | None:
+    """Whether wheel, axle, sensor or axis of a rightly named effect is the hidden one; None where there is none."""
+    hidden = result.label["hidden"][0]
+    if not hidden["where"] or len(hidden["parameters"]) != 1 or result.ranked[:1] != [hidden["id"]]:
+        return None
+    values = {p["name"]: abs(p["value"]) for p in result.answer.explain["effects"][0]["parameters"]}
+    known = set(hidden["parameters"])
+    return bool(values) and max(values, key=values.__getitem__) in known
+
+
+def of_set(results: list[Result]) -> dict:
+    """All scores of one manoeuvre set."""
+    single = [r for r in results if r.kind == "effect" and r.detectable]
+    named = [r for r in results if r.verdict == "named"]
+    spoken = [r for r in single if r.verdict in ("named", "ambiguous")]
+    doubles = [r for r in results if r.kind == "double" and r.detectable]
+    kinds = {kind: [r for r in results if r.kind == kind] for kind in ("nothing", "outside", "inseparable")}
+    recoveries = [recovery(r) for r in single]
+    where = [found for r in single if (found := located_right(r)) is not None]
+    return {
+        "top1": share(r.verdict in ("named", "ambiguous") and r.ranked[:1] == list(r.truth) for r in single),
+        "top2": share(r.verdict in ("named", "ambiguous") and r.truth <= set(r.ranked[:2]) for r in single),
+        "wrong_among_answers": share(not set(r.accepted) <= r.right for r in named),
+        "false_alarms": share(r.verdict not in QUIET for r in kinds["nothing"]),
+        "answer_set_coverage": share(r.truth <= set(r.answer_set) for r in spoken),
+        "answer_set_size": number((len(r.answer_set) for r in spoken), np.mean),
+        "inseparable_covered": share(r.right <= set(r.answer_set) for r in kinds["inseparable"] if r.answer_set),
+        "unknown_recall": share(r.verdict == "unknown" for r in kinds["outside"]),
+        "recovery_median": number(recoveries),
+        "recovery_p10": number(recoveries, lambda values: np.quantile(values, 0.1)),
+        "parameter_error_median": number(parameter_error(r) for r in single),
+        "where_right": share(where),
+        "doubles_both": share(r.truth <= set(r.accepted) for r in doubles),
+        "detectable": share(r.detectable for r in results if r.kind == "effect"),
+        "no_answer": share(not r.answer.explain for r in results),
+        "cpu_seconds": number(r.answer.cpu for r in results),
+    }
+
+
+def confusion(results: list[Result]) -> dict[str, dict[str, int]]:
+    """What was said (a name, or the verdict) where one effect was hidden, nothing, or something outside the library."""
+    table: dict[str, Counter] = {}
+    for r in results:
+        if r.kind in ("effect", "nothing", "outside"):
+            said = r.ranked[0] if r.verdict in ("named", "ambiguous") and r.ranked else r.verdict
+            table.setdefault(next(iter(r.truth), "nothing"), Counter())[said] += 1
+    return {truth: dict(table[truth].most_common()) for truth in sorted(table)}
+
+
+def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
+    """The same answers with the labels of other cases of the same set: what chance gives."""
+    mixed: list[Result] = []
+    for name in sorted({r.label["manoeuvres"] for r in results}):
+        group = [r for r in results if r.label["manoeuvres"] == name]
+        order = np.random.default_rng(seed).permutation(len(group))
+        mixed += [Result(group[j].label, r.answer, group[j].best) for r, j in zip(group, order, strict=True)]
+    return mixed
+
+
+def all_sets(results: list[Result]) -> dict[str, dict]:
+    names = sorted({r.label["manoeuvres"] for r in results})
+    return {name: of_set([r for r in results if r.label["manoeuvres"] == name]) for name in names}

@@ -1,0 +1,175 @@
+"""The scorer asked about answers whose scores are known, and the conditions under which the tool works."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from scipy.stats import binomtest
+
+pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
+
+from blind import cases, score, tool
+from blind.__main__ import SEALS
+from blind.effects import EFFECTS
+from blind.oracle import Best
+from blind.outside import OUTSIDE
+from blind.score import Result
+from blind.tool import Answer
+
+
+def _result(
+    hidden, verdict, ranked=(), *, kind="effect", answer_set=None, gain=0.5, after=0.4, acceptable=()
+) -> Result:
+    label = {
+        "kind": kind,
+        "manoeuvres": "rich",
+        "acceptable": list(acceptable),
+        "hidden": [{"id": name, "where": "", "parameters": {"area": 0.3}} for name in hidden],
+    }
+    explain = {
+        "verdict": verdict,
+        "effects": [{"id": name, "parameters": [{"name": "area", "value": 0.33}]} for name in ranked],
+        "answer_set": list(ranked if answer_set is None else answer_set),
+        "fit": {"yaw_rate": {"held_out": {"before": 1.0, "after": after}}},
+    }
+    best = Best(gain, {"yaw_rate": 0.2}) if hidden else None
+    return Result(label, Answer(explain, 1.0), best)
+
+
+def test_a_tool_that_is_always_right_scores_one():
+    found = score.of_set(
+        [
+            _result(["aero_drag"], "named", ["aero_drag"], after=0.2),
+            _result([], "no_mismatch", kind="nothing"),
+            _result(["trailer"], "unknown", kind="outside"),
+        ]
+    )
+    for name in ("top1", "top2", "answer_set_coverage", "unknown_recall", "recovery_median"):
+        assert found[name]["value"] == 1.0, name
+    assert found["wrong_among_answers"]["value"] == found["false_alarms"]["value"] == 0.0
+    assert found["parameter_error_median"]["value"] == pytest.approx(0.1)
+
+
+def test_a_wrong_name_counts_as_wrong_wherever_it_is_said():
+    found = score.of_set(
+        [
+            _result(["aero_drag"], "named", ["road_grade", "aero_drag"]),
+            _result([], "named", ["road_grade"], kind="nothing"),
+            _result(["trailer"], "named", ["road_grade"], kind="outside"),
+            _result(["gyro_bias"], "named", ["gyro_bias"]),
+        ]
+    )
+    assert found["wrong_among_answers"]["value"] == 0.75
+    assert found["false_alarms"]["value"] == 1.0
+    assert found["top1"]["value"] == 0.5
+    assert found["top2"]["value"] == 1.0
+    assert found["unknown_recall"]["value"] == 0.0
+
+
+def test_silence_on_what_even_the_true_effect_cannot_show_costs_nothing():
+    found = score.of_set([_result(["camber_thrust"], "no_mismatch", gain=0.01), _result(["gyro_bias"], "no_mismatch")])
+    assert found["top1"]["n"] == 1
+    assert found["detectable"]["value"] == 0.5
+
+
+def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_cover_them():
+    twins = ("imu_roll_misalignment", "accelerometer_bias")
+    found = score.of_set(
+        [
+            _result(["accelerometer_bias"], "named", twins[:1], kind="inseparable", acceptable=twins),
+            _result(["accelerometer_bias"], "ambiguous", twins, kind="inseparable", acceptable=twins),
+        ]
+    )
+    assert found["wrong_among_answers"]["value"] == 0.0
+    assert found["inseparable_covered"]["value"] == 0.5
+
+
+def test_both_of_a_double_must_be_accepted():
+    one, both = (_result(["gyro_bias", "aero_drag"], "named", ["gyro_bias", "aero_drag"], kind="double") for _ in "ab")
+    for effect in both.answer.explain["effects"]:
+        effect["accepted"] = True
+    assert score.of_set([one, both])["doubles_both"]["value"] == 0.5
+
+
+def test_recovery_is_what_was_gained_of_what_could_be_gained():
+    assert score.recovery(_result(["aero_drag"], "named", ["aero_drag"], after=0.6)) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 12), (3, 20), (59, 60), (60, 60)])
+def test_the_interval_is_that_of_scipy(hits, n):
+    interval = binomtest(hits, n).proportion_ci(0.95, "wilson")
+    assert score.wilson(hits, n) == pytest.approx((interval.low, interval.high), abs=2e-5)
+
+
+def test_shuffled_labels_keep_the_answers_and_the_labels_of_each_set():
+    results = [_result([name], "named", [name]) for name in list(EFFECTS)[:12]]
+    mixed = score.shuffled(results)
+    assert [r.answer for r in mixed] == [r.answer for r in results]
+    assert sorted(next(iter(r.truth)) for r in mixed) == sorted(next(iter(r.truth)) for r in results)
+    assert score.of_set(mixed)["top1"]["value"] < 0.5
+
+
+def test_the_tool_cannot_read_the_labels(tmp_path):
+    if not tool._namespaces():
+        pytest.skip("no user namespaces on this machine")
+    labels = tmp_path / "labels"
+    labels.mkdir()
+    (labels / "labels.json").write_text("secret", encoding="utf-8")
+    reading = [sys.executable, "-c", f"print(open({str(labels / 'labels.json')!r}).read())"]
+    assert subprocess.run(reading, capture_output=True, text=True, check=True).stdout.strip() == "secret"
+    concealed = subprocess.run(tool.concealed(reading, labels), capture_output=True, text=True)
+    assert concealed.returncode != 0
+    assert "secret" not in concealed.stdout
+    assert (labels / "labels.json").read_text(encoding="utf-8") == "secret"
+
+
+def test_the_seals_are_those_of_the_labels():
+    known = dict(line.split()[::-1] for line in SEALS.read_text(encoding="utf-8").splitlines())
+    assert known == {split: cases.seal(cases.labels_text(cases.all_cases(split))) for split in cases.SEEDS}
+
+
+@pytest.mark.parametrize("split", cases.SEEDS)
+def test_a_split_has_what_the_examination_asks_for(split):
+    every = cases.all_cases(split)
+    for manoeuvres in ("rich", "everyday", "cruise"):
+        single = [c.hidden for c in every if c.kind == "effect" and c.manoeuvres == manoeuvres]
+        assert sorted({h[0][0] for h in single}) == sorted(EFFECTS)
+        assert len({h[0] for h in single}) == 3 * len(EFFECTS)
+    count = {kind: sum(c.kind == kind for c in every) for kind in ("nothing", "double", "outside", "inseparable")}
+    assert count["nothing"] >= 60
+    assert count["double"] >= 30
+    assert count["outside"] >= 20
+    assert count["inseparable"] > 0
+    assert len({c.plant for c in every}) >= 2
+    assert len({c.tyre for c in every}) >= 4
+    assert len({(c.hidden, c.seed) for c in every}) == len(every)
+
+
+def test_the_splits_share_no_case():
+    seeds = [{c.seed for c in cases.all_cases(split)} for split in cases.SEEDS]
+    assert not set.intersection(*seeds)
+
+
+def test_effects_have_the_ids_that_the_tool_answers_with():
+    assert len(EFFECTS) == 35
+    assert not set(EFFECTS) & set(OUTSIDE)
+
+
+def test_an_answer_that_is_there_is_not_asked_for_again(tmp_path):
+    report = tmp_path / "report"
+    report.mkdir()
+    stored = {"explain": {"verdict": "named"}, "cpu": 3.0, "fault": ""}
+    (report / "answer.json").write_text(json.dumps(stored), encoding="utf-8")
+    assert tool.explain(Path("none"), report, tmp_path) == Answer({"verdict": "named"}, 3.0)
+
+
+def test_a_tool_that_fails_is_reported_with_what_it_printed(tmp_path):
+    report = tmp_path / "report"
+    report.mkdir()
+    answer = tool._run([sys.executable, "-c", "raise SystemExit('no such option')"], report)
+    assert answer.explain == {}
+    assert "no such option" in answer.fault
