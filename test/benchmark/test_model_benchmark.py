@@ -1,12 +1,7 @@
-"""What one evaluation of the car costs: compiled, on the virtual machine, and beside general rigid-body libraries.
-
-The libraries compute the forward dynamics of the same tree of bodies from given forces; ours also makes the forces:
-contact geometry, tyres, springs.
-"""
+"""What one evaluation of the car costs: compiled, and on the virtual machine."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -53,59 +48,3 @@ def test_model(benchmark, vehicle, name, way):
     benchmark.group = name
     benchmark(kernel.call)
     assert all(np.all(np.isfinite(result)) for result in kernel.results)
-
-
-def bodies(vehicle: Vehicle) -> list[tuple[str, tuple[float, float, float], float, float]]:
-    """Name, place, mass of the hub and mass of the wheel of each corner."""
-    physics = vehicle.physics
-    result = []
-    for i, name in enumerate(("fl", "fr", "rl", "rr")):
-        axle = physics.front if i < 2 else physics.rear
-        along = physics.chassis.cog_to_front_axle if i < 2 else -physics.chassis.cog_to_rear_axle
-        result.append((name, (along, (0.5 - i % 2) * axle.track, -0.3), axle.hub_mass, axle.wheel_mass))
-    return result
-
-
-def pinocchio(vehicle: Vehicle) -> Callable[[], object]:
-    pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed (pip install pin)")
-    chassis = vehicle.physics.chassis
-    model = pin.Model()
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "chassis")
-    inertia = np.diag([chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia])
-    model.appendBodyToJoint(root, pin.Inertia(chassis.mass, np.zeros(3), inertia), pin.SE3.Identity())
-    for name, place, hub_mass, wheel_mass in bodies(vehicle):
-        hub = model.addJoint(root, pin.JointModelPZ(), pin.SE3(np.eye(3), np.array(place)), f"hub_{name}")
-        model.appendBodyToJoint(hub, pin.Inertia(hub_mass, np.zeros(3), np.eye(3) * 0.1), pin.SE3.Identity())
-        wheel = model.addJoint(hub, pin.JointModelRY(), pin.SE3.Identity(), f"wheel_{name}")
-        model.appendBodyToJoint(wheel, pin.Inertia(wheel_mass, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    data = model.createData()
-    q, v, tau = pin.neutral(model), np.ones(model.nv), np.ones(model.nv)
-    return lambda: pin.aba(model, data, q, v, tau)
-
-
-def mujoco(vehicle: Vehicle) -> Callable[[], object]:
-    mj = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install mujoco)")
-    chassis = vehicle.physics.chassis
-
-    def inertial(mass: float, x: float, y: float, z: float) -> str:
-        return f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{x} {y} {z}"/>'
-
-    corners = "".join(
-        f'<body pos="{place[0]} {place[1]} {place[2]}">{inertial(hub, 0.1, 0.1, 0.1)}'
-        f'<joint type="slide" axis="0 0 1"/><body>{inertial(wheel, 1, 1, 1)}'
-        '<joint type="hinge" axis="0 1 0"/></body></body>'
-        for _, place, hub, wheel in bodies(vehicle)
-    )
-    whole = inertial(chassis.mass, chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia)
-    model = mj.MjModel.from_xml_string(
-        f"<mujoco><worldbody><body>{whole}<freejoint/>{corners}</body></worldbody></mujoco>"
-    )
-    data = mj.MjData(model)
-    data.qvel[:] = 1.0
-    return lambda: mj.mj_forward(model, data)
-
-
-@pytest.mark.parametrize("library", [pinocchio, mujoco])
-def test_library(benchmark, vehicle, library):
-    benchmark.group = "dynamics"
-    benchmark(library(vehicle))

@@ -71,6 +71,16 @@ def test_other_expressions_are_other_libraries(cache):
     assert_allclose(value(two), 2 * value(one))
 
 
+@pytest.mark.usefixtures("compiler")
+def test_a_function_that_solves_linear_equations_is_compiled_like_any_other():
+    a, b = ca.MX.sym("a", 3, 3), ca.MX.sym("b", 3)
+    solve = ca.Function("solve", [a, b], [ca.solve(a, b, "qr")], ["a", "b"], ["x"])
+    (made,) = codegen.compiled("solve", [solve])
+    assert made.is_a("External", False)
+    matrix = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 4.0]])
+    assert_allclose(np.asarray(made(matrix, [1.0, 2.0, 3.0]))[:, 0], np.linalg.solve(matrix, [1.0, 2.0, 3.0]))
+
+
 @pytest.mark.usefixtures("compiler", "cache")
 def test_processes_that_build_at_once_all_succeed():
     processes = [

@@ -29,7 +29,7 @@ from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 
-FLAGS = ("-O2", "-std=c99", "-Wall", "-Wextra", "-pedantic")
+FLAGS = ("-O3", "-std=c99", "-Wall", "-Wextra", "-pedantic")
 _KEPT = 2000  # copies of the struct, for late measurements
 
 

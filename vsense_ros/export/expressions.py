@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from vsense_ros.model import codegen
+
 _OPERATIONS = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -61,7 +63,7 @@ def c_function(function: ca.Function, results: Sequence[str]) -> str:
 
     Matrices are column-major, results dense. Raises `NotImplementedError` for an operation that C's library lacks.
     """
-    f = function if function.is_a("SXFunction", False) else function.expand()
+    f = codegen.expanded(function)
     arguments = [f.name_in(i) for i in range(f.n_in())]
     body: list[str] = []
     used: set[int] = set()

@@ -90,6 +90,11 @@ def _processor() -> str:
         return platform.machine()
 
 
+def expanded(function: ca.Function) -> ca.Function:
+    """The same function as straight code on scalars, common subexpressions computed once."""
+    return function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
+
+
 def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = False) -> list[ca.Function]:
     """The same functions, compiled together into one library where that is possible, else as they are.
 
@@ -100,8 +105,7 @@ def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = Fals
         return list(functions)
     generator = ca.CodeGenerator("model.c", {"with_header": False})
     for function in functions:
-        as_is = not expand or function.is_a("SXFunction", False)
-        generator.add(function if as_is else function.expand(function.name(), {"cse": True}))
+        generator.add(expanded(function) if expand else function)
     built = library(name, generator.dump())
     if built is None:
         return list(functions)
