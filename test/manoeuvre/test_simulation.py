@@ -15,12 +15,12 @@ from vsense_ros.model.vehicle import Vehicle
 
 @pytest.fixture(scope="module")
 def bicycle(plant) -> Vehicle:
-    """The car without what the linear bicycle model leaves out: aligning moments, and resistances, against which the
-    rear wheels would drive and load themselves."""
+    """The car without what the linear bicycle model leaves out: aligning moments, suspensions that steer as the car
+    rolls, and resistances, against which the rear wheels would drive and load themselves."""
     changes = {"aerodynamics.drag_area": 0.0}
     for axle in ("front", "rear"):
         changes |= {f"{axle}.tyre.pneumatic_trail": 0.0, f"{axle}.rolling_resistance": 0.0}
-    return plant.with_parameters(changes)
+    return plant.with_parameters(changes).model_copy(update={"suspension": None})
 
 
 def steered(vehicle: Vehicle, speed: float, angle: float, duration: float):

@@ -27,9 +27,17 @@ from vsense_ros.model.vehicle import Vehicle
 G = 9.80665
 LIMIT = 0.33  # [rad] of the steering
 LOW, HIGH = -0.05, 0.07  # [m] of the travel
+DESIGN = (LOW + HIGH) / (LOW - HIGH)  # position on the scale of the tables
 
 seeds = st.integers(0, 2**32 - 1)
 relaxed = settings(deadline=None, max_examples=25)
+
+
+def spring_slope(c: np.ndarray) -> float:
+    """Per travel, in the design position."""
+    return float(
+        np.polynomial.polynomial.polyval2d(DESIGN, 0.0, np.polynomial.polynomial.polyder(c)) * 2 / (HIGH - LOW)
+    )
 
 
 def axle_table(random: np.random.Generator, steered: bool) -> AxleTable:
@@ -39,13 +47,12 @@ def axle_table(random: np.random.Generator, steered: bool) -> AxleTable:
     columns = {}
     for name, largest in size.items():
         c = random.uniform(-largest, largest, shape)
-        if name == "spring":
-            c[1, 0] = (HIGH - LOW) / 2
+        if name == "spring":  # which moves with the wheel in the design position
+            c[1, 0] += (HIGH - LOW) / 2 * (1 - spring_slope(c))
         if name == "toe" and steered:
             c[0, 1] = LIMIT
         if name in ("x", "y", "spring"):
-            c[0, 0] = 0
-            c[0, 0] = -np.polynomial.polynomial.polyval2d((-LOW - HIGH) / (HIGH - LOW), 0.0, c)
+            c[0, 0] -= np.polynomial.polynomial.polyval2d(DESIGN, 0.0, c)
         columns[name] = tuple(map(tuple, c.tolist()))
     return AxleTable(**columns)
 
@@ -374,7 +381,15 @@ def changed(tables: SuspensionTables, **top: object) -> dict[str, object]:
         ({"front__toe": ((0.0, 1.0), (0.0,))}, r"toe must have rows of one length, .* found rows of 2, 1"),
         ({"front__toe": ()}, r"toe must have rows of one length, .* found rows of none"),
         ({"rear__x": ((0.01,), (0.02,))}, r"rear\.x is 0\.0\d+ m in the design position, where it must be 0"),
-        ({"rear__spring": ((0.0,),)}, r"rear\.spring moves by 0 of the wheel's travel at -50 mm; at least 0\.05"),
+        (
+            {"rear__spring": ((0.011,), (0.072,), (0.036,))},
+            r"rear\.spring moves by .* of the wheel's travel at -50 mm; at least 0\.05 is needed",
+        ),
+        ({"rear__spring": ((0.02,), (0.06,))}, r"rear\.spring is 0\.0\d+ m in the design position, where it must be 0"),
+        (
+            {"rear__spring": ((0.005,), (0.03,))},
+            r"rear\.spring moves by 0\.5 of the wheel's travel in the design position, .* 1 is expected",
+        ),
         ({"steering": 0.0}, "greater than 0"),
     ],
 )

@@ -265,7 +265,7 @@ class Car:
         lift = design.subspace[5] + ca.cross(design.subspace[:3], -corner.loaded_radius * upward)[2]
         # In the design position the spring carries what the load on the contact point leaves of the weight of the hub.
         preload = corner.static_load * lift - (a.hub_mass + a.wheel_mass) * GRAVITY * design.subspace[5]
-        spring = preload + a.suspension_stiffness * hub.spring
+        spring = preload / design.spring_ratio + a.suspension_stiffness * hub.spring
         damper = a.suspension_damping * hub.spring_ratio * self.u[TRAVEL][i]
         bar = a.antiroll_stiffness * (self.q[TRAVEL][i] - self.q[TRAVEL][corner.opposite])
         return -(spring + damper) * hub.spring_ratio - bar

@@ -83,12 +83,17 @@ class SuspensionTables(Part):
                     raise ValueError(
                         f"{axle}.{name} is {place[name][0]:g} m in the design position, where it must be 0"
                     )
+            if abs(place["spring"][1] - 1) > 0.01:
+                raise ValueError(
+                    f"{axle}.spring moves by {place['spring'][1]:.3g} of the wheel's travel in the design position, "
+                    "where it is measured by that: 1 is expected"
+                )
             for travel in np.linspace(low, high, 9):
                 slope = self.columns(axle, float(travel), 0.0)["spring"][1]
                 if not slope > 0.05:
                     raise ValueError(
                         f"{axle}.spring moves by {slope:.3g} of the wheel's travel at {1e3 * travel:.3g} mm; at least "
-                        "0.05 is needed, 1 in the design position"
+                        "0.05 is needed"
                     )
         return self
 
