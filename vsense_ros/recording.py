@@ -113,6 +113,20 @@ class Channel:
             columns={name: column[rows] for name, column in self.columns.items()},
         )
 
+    def in_order(self) -> Channel:
+        """The same channel with its rows in order of arrival."""
+        if np.all(self.received[1:] >= self.received[:-1]):
+            return self
+        return self.select(np.argsort(self.received, kind="stable"))
+
+    def __iter__(self) -> Iterator[Sample]:
+        """All rows as samples."""
+        fields, frames = tuple(self.columns), (self.frame_id, self.names, self.child_frame_id)
+        for stamp, received, *row in zip(
+            self.stamp.tolist(), self.received.tolist(), *self.columns.values(), strict=True
+        ):
+            yield Sample(self.topic, self.kind, stamp, dict(zip(fields, row, strict=True)), *frames, received)
+
     def sample(self, row: int) -> Sample:
         """One row as a `Sample`."""
         return Sample(
@@ -156,11 +170,11 @@ class Recording:
 
     def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
         """All messages in order of arrival, ties in the order of the channels."""
-        chosen = [c for topic, c in self.channels.items() if topics is None or topic in topics]
+        chosen = [c.in_order() for topic, c in self.channels.items() if topics is None or topic in topics]
         if not chosen:
             return
         received = np.concatenate([c.received for c in chosen])
         source = np.repeat(np.arange(len(chosen)), [len(c) for c in chosen])
-        row = np.concatenate([np.arange(len(c)) for c in chosen])
-        for index in np.argsort(received, kind="stable"):
-            yield chosen[source[index]].sample(int(row[index]))
+        streams = [iter(c) for c in chosen]
+        for index in source[np.argsort(received, kind="stable")].tolist():
+            yield next(streams[index])

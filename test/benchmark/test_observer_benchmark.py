@@ -81,7 +81,7 @@ def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recordi
 )
 def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
     ekf = observer.filter
-    decay, noise = ekf._process(0.004)
+    process = ekf._process(0.004)
     before = ekf.memory.copy()
     ekf._h[0] = 0.004
     index = observer.names.index(part.split()[-1]) if part.startswith("correct") else 0
@@ -93,7 +93,7 @@ def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
         "linearize": ekf.linearize,
         "transition": lambda: ekf._kalman.transition(0.004),
         "advance": ekf._advance.call,
-        "propagate": lambda: ekf._kalman.propagate(0.004, decay, noise),
+        "propagate": lambda: ekf._kalman.propagate(0.004, process.decay, process.noise),
         "estimate": lambda: estimate_samples(observer.snapshot()),
     }
     ekf._kalman.transition(0.004)

@@ -10,7 +10,7 @@ import pytest
 
 from drives import FIX, IMU, SECOND, SENSORS, STEERING, VELOCITY, WHEELS, distance, feed, follow, messages, seconds
 from vsense_ros.errors import InputError
-from vsense_ros.manoeuvre import generate
+from vsense_ros.manoeuvre import MANOEUVRES, drive, generate
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.model.simulate import simulate
 from vsense_ros.model.vehicle import Vehicle
@@ -277,7 +277,7 @@ def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_cha
     assert done == sorted(done)
     assert result.realtime_factor > 0
     assert result.step_us_median > 0
-    expected = {"odometry", "acceleration", "sideslip", "parameters"}
+    expected = {"odometry", "acceleration", "sideslip", "parameters", "wheel_torques"}
     expected |= {f"wheel_{what}/{wheel}" for what in ("force", "slip") for wheel in ("fl", "fr", "rl", "rr")}
     assert set(result.output.channels) == {f"vsense/{name}" for name in expected}
     rows = {len(channel) for channel in result.output.channels.values()}
@@ -285,3 +285,20 @@ def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_cha
     for channel in result.output.channels.values():
         assert np.all(np.diff(channel.stamp) > 0)
         assert not any(np.isnan(column).any() for column in channel.columns.values())
+
+
+def test_wheel_torques_that_no_sensor_tells_are_found(vehicle: Vehicle, plant: Vehicle) -> None:
+    """What the observer's car, 17 % heavier than the one that drives, needs for the same deceleration."""
+    manoeuvre, truth = MANOEUVRES["brake_in_turn"], drive("brake_in_turn", plant)
+    recording = record(truth, plant, 1, name=manoeuvre.name, about="")
+    torques = run(recording, vehicle).output["vsense/wheel_torques"]
+    since = (torques.stamp - recording.start) / SECOND
+    braked = (since > 6.5) & (since < 9)
+    found = torques.columns["effort"][braked].mean(axis=0)
+    expected = truth.inputs[(truth.t > 6.5) & (truth.t < 9), 1:].mean(axis=0)
+    heavier = vehicle.physics.chassis.mass / plant.physics.chassis.mass
+    assert found.sum() == pytest.approx(heavier * expected.sum(), rel=0.15)
+    assert found[:2].sum() < found[2:].sum() < 0  # the front brakes do more
+    assert (
+        abs(torques.columns["effort"][(since > 2) & (since < 5)].sum(axis=1)).max() < 250
+    )  # a constant speed needs little

@@ -7,6 +7,7 @@ Set `VSENSE_COMPILE=0` to stay on the virtual machine.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import logging
 import os
@@ -16,6 +17,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -26,6 +28,7 @@ from platformdirs import user_cache_path
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 log = logging.getLogger(__name__)
 
+_libraries: WeakKeyDictionary[ca.Function, Path] = WeakKeyDictionary()  # where functions are that were compiled
 _broken: set[str] = set()  # compilers that failed in this process: reported once, not tried again
 
 
@@ -110,10 +113,18 @@ def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = Fals
     if built is None:
         return list(functions)
     try:
-        return [ca.external(function.name(), str(built)) for function in functions]
+        loaded = [ca.external(function.name(), str(built)) for function in functions]
     except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
         log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
         return list(functions)
+    _libraries.update(dict.fromkeys(loaded, built))
+    return loaded
+
+
+class Entry(ctypes.Structure):
+    """A compiled function with its arguments, results and working memory, for C: `struct kernel` of step.c."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("function", "arguments", "results", "integers", "numbers")]
 
 
 class Kernel:
@@ -142,6 +153,7 @@ class Kernel:
         self.results = [part.reshape(shape, order="F") for part, shape in zip(flat, shapes, strict=True)]
         self._buffer, self.call = function.buffer()
         self._keep = (function, list(arguments))
+        self._flat = flat
         for i, argument in enumerate(arguments):
             if argument.size:
                 self._buffer.set_arg(i, memoryview(argument))  # type: ignore[call-arg, arg-type]
@@ -151,6 +163,25 @@ class Kernel:
             self._buffer.set_res(i, memoryview(flat[i]))  # type: ignore[call-arg, arg-type]
 
     call: Callable[[], None]
+
+    def entry(self) -> Entry | None:
+        """The same for C, or None if the function is not compiled. It is valid as long as the kernel lives."""
+        function, arguments = self._keep
+        path = _libraries.get(function)
+        if path is None:
+            return None
+        library = ctypes.CDLL(str(path))
+        sizes = [ctypes.c_longlong() for _ in range(4)]
+        getattr(library, f"{function.name()}_work")(*map(ctypes.byref, sizes))
+        count_in, count_out, integers, numbers = (size.value for size in sizes)
+        self._work = (
+            (ctypes.c_void_p * count_in)(*(a.ctypes.data for a in arguments)),
+            (ctypes.c_void_p * count_out)(*(r.ctypes.data for r in self._flat)),
+            (ctypes.c_longlong * max(integers, 1))(),
+            (ctypes.c_double * max(numbers, 1))(),
+        )
+        address = ctypes.cast(getattr(library, function.name()), ctypes.c_void_p).value
+        return Entry(address, *(ctypes.addressof(part) for part in self._work))
 
 
 def function(name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX], names: Sequence[str]) -> ca.Function:

@@ -12,6 +12,7 @@ model step, so that the tyres' damping of side slip and yaw is known to the filt
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.sensors import Bias, SensorBase
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.compiled_step import CompiledStep
 from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kalman
 
 Array = NDArray[np.float64]
@@ -95,6 +97,15 @@ def rolling_state(vehicle: Vehicle, speed: float) -> Array:
     return state
 
 
+class _Process(NamedTuple):
+    """Decay and added variance of the states behind the velocities (n - 28) within some time, and where they stand."""
+
+    decay: Array
+    noise: Array
+    decay_address: int
+    noise_address: int
+
+
 class ErrorEkf:
     """The filter of one vehicle with one set of sensors.
 
@@ -146,11 +157,18 @@ class ErrorEkf:
                 mounting = np.asarray(sensor.mounting(), dtype=float)
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
+        self._in_c = CompiledStep.of(
+            self._kalman,
+            [self._kinematics, self._advance, self._force],
+            self.state,
+            self._h,
+            list(zip(self._sense, self._uses_acceleration, self.layout.biases, strict=True)),
+        )
         self.prior = Prior.of(vehicle, sensors)
-        self._processes: dict[int, tuple[Array, Array]] = {}
+        self._processes: dict[int, _Process] = {}
 
-    def _process(self, h: float) -> tuple[Array, Array]:
-        """Decay and added variance over `h` [s] of the states behind the velocities.
+    def _process(self, h: float) -> _Process:
+        """What happens within `h` [s] to the states behind the velocities.
 
         Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
         """
@@ -161,7 +179,7 @@ class ErrorEkf:
             prior = self.prior
             decay = np.exp(-h * prior.rate[28:])
             noise = prior.deviation[28:] ** 2 * (1 - decay**2) + prior.density[28:] * h
-            known = self._processes[length] = (decay, noise)
+            known = self._processes[length] = _Process(decay, noise, decay.ctypes.data, noise.ctypes.data)
         return known
 
     def start(self, speed: float) -> None:
@@ -183,15 +201,18 @@ class ErrorEkf:
 
     def predict(self, h: float) -> None:
         """Move model and covariance ahead by `h` [s], from the last linearisation."""
+        process = self._process(h)
+        if self._in_c is not None:
+            self._in_c.predict(h, process.decay_address, process.noise_address)
+            return
         self._kalman.transition(h)
         self._kinematics.call()
         self._h[0] = h
         self._advance.call()
-        decay, noise = self._process(h)
-        self._kalman.propagate(h, decay, noise)
+        self._kalman.propagate(h, process.decay, process.noise)
         state = self.state
         state[Q], state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
-        state[28:] *= decay
+        state[28:] *= process.decay
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
         """Correct by a measurement of sensor `index` unless its normalized innovation squared exceeds `limit`.
@@ -200,6 +221,8 @@ class ErrorEkf:
         Returns the normalized innovation squared, negative where no component was present. The correction of the
         accelerations becomes one of the generalized forces, ΔQ = M Δu̇ (Rodríguez 2020, step 4 of the errorEKF).
         """
+        if self._in_c is not None:
+            return self._in_c.correct(index, value, variance, limit, scale)
         kernel = self._sense[index]
         assert kernel is not None, "inputs have no innovation"
         kernel.call()

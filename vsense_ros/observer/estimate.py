@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.model.car import PITCH, ROLL, SURROUNDINGS, WHEELS, YAW, X, Y
+from vsense_ros.model.car import SPIN, SURROUNDINGS, WHEELS, YAW, Y
+from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.model.vehicle import Chassis
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND
@@ -19,50 +20,102 @@ from vsense_ros.recording import Sample
 Array = NDArray[np.float64]
 
 _STEERING_OFFSET = SURROUNDINGS.index("steering_offset")
+_NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """State of the car at one time."""
+    """State of the car at one time, or at many: then all arrays have one more axis in front (`stacked`).
+
+    What follows from the filter's state is computed when it is asked for.
+    """
 
     stamp: int  # [ns]
-    position: Array  # (3,) of cog in the map [m]
-    attitude: Array  # (3,) roll, pitch, yaw [rad]
-    velocity: Array  # (3,) of cog in body axes [m/s]
-    rates: Array  # (3,) body rates [rad/s]
-    acceleration: Array  # (3,) kinematic, of cog in body axes [m/s²]
-    angular_acceleration: Array  # (3,) [rad/s²]
-    wheels: Array  # (7, 4) as Car.wheel_outputs, lateral forces with the error that the filter found
+    state: Array  # (n,) of the filter
+    inputs: Array  # (5,) as model.car.INPUTS
+    udot: Array  # (14,) derivatives of the velocities
+    model_wheels: Array  # (7, 4) as Car.wheel_outputs
     pose_covariance: Array  # (6, 6) position, attitude
     twist_covariance: Array  # (6, 6) velocity, rates
-    parameter_names: tuple[str, ...]
-    parameters: Array  # (k,)
-    parameter_deviations: Array  # (k,)
+    variance: Array  # (n,) of the filter's errors
+    names: tuple[str, ...]  # of the filter's state
+    chassis: Chassis
 
     @classmethod
     def of(cls, stamp: int, ekf: ErrorEkf) -> Estimate:
         """Read a filter, and leave it as it is."""
-        state, covariance = ekf.state, ekf.covariance
-        velocity, rates = state[14:17].copy(), state[17:20].copy()
+        covariance = ekf.covariance
         udot, wheels = ekf.present()
-        slow = slice(SURROUND.start, len(state))
-        steering = float(ekf.inputs[0] - state[SURROUND][_STEERING_OFFSET])
         return cls(
-            stamp=stamp,
-            position=state[X : X + 3].copy(),
-            attitude=state[[ROLL, PITCH, YAW]].copy(),
-            velocity=velocity,
-            rates=rates,
-            acceleration=udot[:3] + _cross(rates, velocity),
-            angular_acceleration=udot[3:6].copy(),
-            wheels=with_lateral_error(wheels, state[FORCE], steering, ekf.vehicle.physics.chassis),
-            pose_covariance=covariance[:6, :6].copy(),
-            twist_covariance=covariance[14:20, 14:20].copy(),
-            parameter_names=ekf.layout.names[slow],
-            parameters=state[slow].copy(),
-            parameter_deviations=np.sqrt(np.maximum(covariance.diagonal()[slow], 0)),
+            stamp,
+            ekf.state.copy(),
+            ekf.inputs.copy(),
+            udot.copy(),
+            wheels.copy(),
+            covariance[:6, :6].copy(),
+            covariance[14:20, 14:20].copy(),
+            covariance.diagonal().copy(),
+            ekf.layout.names,
+            ekf.vehicle.physics.chassis,
         )
+
+    @property
+    def position(self) -> Array:
+        """Of cog in the map, (3,) [m]."""
+        return self.state[..., 0:3]
+
+    @property
+    def attitude(self) -> Array:
+        """Roll, pitch, yaw, (3,) [rad]."""
+        return self.state[..., 3:6]
+
+    @property
+    def velocity(self) -> Array:
+        """Of cog in body axes, (3,) [m/s]."""
+        return self.state[..., 14:17]
+
+    @property
+    def rates(self) -> Array:
+        """Of the body, (3,) [rad/s]."""
+        return self.state[..., 17:20]
+
+    @property
+    def acceleration(self) -> Array:
+        """Kinematic, of cog in body axes, (3,) [m/s²]."""
+        return self.udot[..., 0:3] + _cross(self.rates, self.velocity)
+
+    @property
+    def angular_acceleration(self) -> Array:
+        """Of the body, (3,) [rad/s²]."""
+        return self.udot[..., 3:6]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Of the slowly varying quantities, (k,)."""
+        return self.names[SURROUND.start :]
+
+    @property
+    def parameters(self) -> Array:
+        """Slowly varying quantities, (k,)."""
+        return self.state[..., SURROUND.start :]
+
+    @property
+    def parameter_deviations(self) -> Array:
+        """Standard deviations of the parameters, (k,)."""
+        return np.sqrt(np.maximum(self.variance[..., SURROUND.start :], 0))
+
+    @property
+    def wheels(self) -> Array:
+        """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
+        steering = self.inputs[..., 0] - self.state[..., SURROUND.start + _STEERING_OFFSET]
+        return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.chassis)
+
+    @property
+    def wheel_torques(self) -> Array:
+        """Drive minus brake of each wheel, (4,) [N m]: what the inputs tell, and what the wheels' spins showed to be
+        missing. Where the inputs tell nothing, errors of tyre force and rolling resistance are among it."""
+        return self.inputs[..., 1:] + self.state[..., FORCE][..., SPIN]
 
     @property
     def side_slip(self) -> Array:
@@ -71,33 +124,39 @@ class Estimate:
         forward, lateral = self.velocity[..., 0], self.velocity[..., 1]
         square = forward**2 + lateral**2
         rests = square < _SMALLEST_SPEED**2
-        across = np.stack([-lateral, forward], axis=-1)
-        gradient = across / np.where(rests, 1.0, square)[..., None]
-        variance = np.einsum("...i,...ij,...j", gradient, self.twist_covariance[..., :2, :2], gradient)
-        deviation = np.where(rests, np.inf, np.sqrt(np.maximum(variance, 0.0)))
-        body_rate = self.acceleration[..., :2] - self.rates[..., 2:3] * across
-        rate = (gradient * body_rate).sum(axis=-1)
-        angle = np.arctan2(lateral, forward)
-        return np.stack([np.where(rests, 0.0, angle), deviation, np.where(rests, 0.0, rate)], axis=-1)
+        divisor = np.maximum(square, _SMALLEST_SPEED**2)
+        by_forward, by_lateral = -lateral / divisor, forward / divisor
+        covariance = self.twist_covariance
+        variance = by_forward**2 * covariance[..., 0, 0] + by_lateral**2 * covariance[..., 1, 1]
+        variance += 2 * by_forward * by_lateral * covariance[..., 0, 1]
+        acceleration, yaw_rate = self.acceleration, self.rates[..., 2]
+        rate = by_forward * (acceleration[..., 0] + yaw_rate * lateral)
+        rate += by_lateral * (acceleration[..., 1] - yaw_rate * forward)
+        result = np.empty((*np.shape(rests), 3))
+        result[..., 0] = np.where(rests, 0.0, np.arctan2(lateral, forward))
+        result[..., 1] = np.where(rests, np.inf, np.sqrt(np.maximum(variance, 0.0)))
+        result[..., 2] = np.where(rests, 0.0, rate)
+        return result
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Of two vectors, in a tenth of the time that `numpy.cross` takes."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    """Of vectors along the last axis, in a fraction of the time that `numpy.cross` takes."""
+    result = a[..., _NEXT] * b[..., _AFTER_NEXT]
+    result -= a[..., _AFTER_NEXT] * b[..., _NEXT]
+    return result
 
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
-    """Many estimates as one, whose arrays have one more axis in front; its stamp is that of the first."""
+    """Many estimates of one filter as one, whose stamp is that of the first."""
     arrays: dict[str, Any] = {
         f.name: np.array([getattr(e, f.name) for e in estimates])
         for f in fields(Estimate)
-        if f.name not in ("stamp", "parameter_names")
+        if f.name not in ("stamp", "names", "chassis")
     }
     return replace(estimates[0], **arrays)
 
 
-def with_lateral_error(wheels: Array, force: Array, steering: float, chassis: Chassis) -> Array:
+def with_lateral_error(wheels: Array, force: Array, steering: Array | float, chassis: Chassis) -> Array:
     """Outputs of the wheels (7, 4) as the model has them, with its lateral force error given to the tyres.
 
     `force` (14) are the generalized forces that the filter found missing, `steering` is the road-wheel angle [rad].
@@ -111,18 +170,21 @@ def with_lateral_error(wheels: Array, force: Array, steering: float, chassis: Ch
     measured, and a wrong guess is worse than none.
     """
     to_front, to_rear = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
-    front = (to_rear * force[Y] + force[YAW]) / (to_front + to_rear)
+    lateral, yaw = force[..., Y], force[..., YAW]
+    front = (to_rear * lateral + yaw) / (to_front + to_rear)
     corrected = wheels.copy()
-    for axle, error in ((slice(0, 2), front / np.cos(steering)), (slice(2, 4), force[Y] - front)):
-        load = wheels[2, axle]
-        if load.sum() > 0:
-            corrected[1, axle] += error * load / load.sum()
+    for axle, error in ((slice(0, 2), front / np.cos(steering)), (slice(2, 4), lateral - front)):
+        load = wheels[..., 2, axle]
+        total = load.sum(axis=-1, keepdims=True)
+        share = np.divide(load, total, out=np.zeros_like(load), where=total > 0)
+        corrected[..., 1, axle] += error[..., None] * share
     return corrected
 
 
 def estimate_samples(e: Estimate) -> list[Sample]:
     """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each."""
     rows = e.velocity.shape[:-1]
+    wheels, absent = e.wheels, np.zeros((*rows, 0))
     samples = [
         Sample(
             "vsense/odometry",
@@ -151,23 +213,30 @@ def estimate_samples(e: Estimate) -> list[Sample]:
             "vsense/parameters",
             "sensor_msgs/msg/JointState",
             e.stamp,
-            {"position": e.parameters, "velocity": e.parameter_deviations, "effort": np.zeros((*rows, 0))},
+            {"position": e.parameters, "velocity": e.parameter_deviations, "effort": absent},
             names=e.parameter_names,
+        ),
+        Sample(
+            "vsense/wheel_torques",
+            "sensor_msgs/msg/JointState",
+            e.stamp,
+            {"position": absent, "velocity": absent, "effort": e.wheel_torques},
+            names=WHEEL_NAMES,
         ),
     ]
     for i, wheel in enumerate(WHEELS):
         frame = f"contact_{wheel}"
         torque = np.zeros((*rows, 3))
-        torque[..., 2] = e.wheels[..., 3, i]
+        torque[..., 2] = wheels[..., 3, i]
         samples.append(
             Sample(
                 f"vsense/wheel_force/{wheel}",
                 "geometry_msgs/msg/WrenchStamped",
                 e.stamp,
-                {"force": e.wheels[..., :3, i], "torque": torque},
+                {"force": wheels[..., :3, i], "torque": torque},
                 frame,
             )
         )
-        slips = {"vector": e.wheels[..., 4:, i]}
+        slips = {"vector": wheels[..., 4:, i]}
         samples.append(Sample(f"vsense/wheel_slip/{wheel}", "geometry_msgs/msg/Vector3Stamped", e.stamp, slips, frame))
     return samples

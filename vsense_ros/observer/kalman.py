@@ -169,7 +169,7 @@ class Kalman:
         return nis
 
 
-class _Model(ctypes.Structure):
+class ModelStructure(ctypes.Structure):
     """`struct model` of kalman.c."""
 
     _fields_ = [
@@ -181,7 +181,7 @@ class _Model(ctypes.Structure):
     ]
 
 
-class _Sensed(ctypes.Structure):
+class SensedStructure(ctypes.Structure):
     """`struct sensed` of kalman.c."""
 
     _fields_ = [
@@ -198,6 +198,7 @@ class CompiledKalman(Kalman):
         self, library: ctypes.CDLL, model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array
     ) -> None:
         super().__init__(model, by_angles, by_velocity, covariance)
+        self.library = library
         number, address = ctypes.c_double, ctypes.c_void_p
         self._transition, self._propagate = library.vsense_transition, library.vsense_propagate
         self._correct = library.vsense_correct
@@ -206,18 +207,18 @@ class CompiledKalman(Kalman):
         self._propagate.restype = None
         self._correct.argtypes = [address, address, number, number]
         self._correct.restype = number
-        self._structure = _Model(
+        self.structure = ModelStructure(
             *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
             *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
             model.udot.ctypes.data,
         )
-        self._model = ctypes.byref(self._structure)
+        self._model = ctypes.byref(self.structure)
         # Copying into these is quicker than asking an array for its address.
         self._value, self._variance = np.zeros(_COMPONENTS), np.zeros(_COMPONENTS)
         self._decay, self._added = np.zeros(len(covariance) - U.stop), np.zeros(len(covariance) - U.stop)
         self._process = self._decay.ctypes.data, self._added.ctypes.data
         # By identity; the arrays are kept with it, so that no other object can come to have the same.
-        self._sensed: dict[tuple[int, bool, int, int], tuple[object, list[Array], _Sensed]] = {}
+        self._sensed: dict[tuple[int, bool, int, int], tuple[object, list[Array], SensedStructure]] = {}
 
     def transition(self, h: float) -> None:
         if not self._transition(self._model, h, GAMMA):
@@ -240,20 +241,29 @@ class CompiledKalman(Kalman):
         key = (id(sensed), uses_acceleration, biases.start, biases.stop)
         known = self._sensed.get(key)
         if known is None:
-            structure = _Sensed(
-                *(len(value), uses_acceleration, biases.start, biases.stop - biases.start),
-                *(self._value.ctypes.data, self._variance.ctypes.data),
-                *(a.ctypes.data for a in sensed),
-            )
+            structure = self.bound(sensed, uses_acceleration, biases)
             known = self._sensed[key] = (ctypes.byref(structure), sensed, structure)
+        self.measured(value, variance)
+        return self._correct(self._model, known[0], scale, limit)
+
+    def bound(self, sensed: list[Array], uses_acceleration: bool, biases: slice) -> SensedStructure:
+        """What C needs of a sensor's results, which must stay where they are; the measurement is that of `measured`."""
+        return SensedStructure(
+            *(len(sensed[0]), uses_acceleration, biases.start, biases.stop - biases.start),
+            *(self._value.ctypes.data, self._variance.ctypes.data),
+            *(a.ctypes.data for a in sensed),
+        )
+
+    def measured(self, value: Array, variance: Array) -> None:
+        """Keep the measurement (m,) that comes next."""
         count = len(value)
         self._value[:count], self._variance[:count] = value, variance
-        return self._correct(self._model, known[0], scale, limit)
 
 
 def kalman(model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
     """The compiled algebra where there is a compiler, else NumPy's."""
-    source = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
+    folder = resources.files("vsense_ros.observer")
+    source = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in ("kalman.c", "step.c"))
     library = codegen.library("kalman", f"#define STATES {len(covariance)}\n{source}")
     if library is None:
         return Kalman(model, by_angles, by_velocity, covariance)

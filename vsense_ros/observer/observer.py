@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import YAW, X, Y
+from vsense_ros.model.car import ROLL, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase, Steering
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
@@ -357,16 +357,16 @@ class Observer:
 
     def _sane(self) -> bool:
         """Whether the state is a car's."""
-        state = self.filter.state
-        roll, pitch, *_, forward, lateral, _, _, _, yaw_rate = state[3:20].tolist()
+        f = self.filter
+        tail = f.state[ROLL:20].tolist()  # roll, pitch, … forward and lateral velocity, …, yaw rate
         return (
-            abs(roll) < 1.5
-            and abs(pitch) < 1.4
-            and abs(forward) < 150
-            and abs(lateral) < 150
-            and abs(yaw_rate) < 20
-            and self.filter.covariance[14, 14] > 0
-            and state.dot(state) < 1e30  # false for NaN
+            abs(tail[0]) < 1.5
+            and abs(tail[1]) < 1.4
+            and abs(tail[11]) < 150
+            and abs(tail[12]) < 150
+            and abs(tail[16]) < 20
+            and f.covariance.item(14, 14) > 0
+            and f.state.dot(f.state) < 1e30  # false for NaN
         )
 
     def _recover(self) -> None:
