@@ -51,6 +51,10 @@ class Car:
     front_brake: float  # [-] share of the brake torque
     front: Axle
     rear: Axle
+    # No car is as its model says; the following are in no vehicle file, and never the answer.
+    torque_gain: float = 1.0  # [-] torque at the wheels over what the network tells
+    damper_asymmetry: float = 0.0  # [-] share that moves from compression to rebound
+    spring_progression: float = 0.0  # [1/m] relative increase of the spring rate with travel
 
     @property
     def wheelbase(self) -> float:
@@ -111,6 +115,9 @@ def drawn(rng: np.random.Generator) -> Car:
         cog_height=varied(car.cog_height, 0.03),
         front=axle(car.front),
         rear=axle(car.rear),
+        torque_gain=varied(1.0, 0.015),
+        damper_asymmetry=rng.uniform(-0.05, 0.25),
+        spring_progression=rng.uniform(0.0, 2.0),
     )
 
 

@@ -5,7 +5,8 @@ Steering programmes say the lateral acceleration [m/s²] that a linear car would
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +34,8 @@ class Course:
     follow: np.ndarray  # share of steering by the path, 0 … 1
     forward: np.ndarray  # acceleration asked for by programme [m/s²]
     hold: np.ndarray  # share of holding the path's speed, 0 … 1
+    roughness: float = 0.0  # of the road, rms [m]
+    seed: int = 0  # of the road's unevenness
 
 
 def _time(duration):
@@ -249,4 +252,14 @@ def steady(rng) -> tuple[list[Course], list[Course]]:
     return courses[:3], courses[3:]
 
 
-SETS = {"rich": rich, "everyday": everyday, "cruise": cruise, "steady": steady}
+SETS: dict[str, Callable] = {"rich": rich, "everyday": everyday, "cruise": cruise, "steady": steady}
+ROUGHNESS = {"rich": 0.0010, "everyday": 0.0025, "cruise": 0.0015, "steady": 0.0015}  # [m] rms
+
+
+def drawn(name: str, rng: np.random.Generator) -> tuple[list[Course], list[Course]]:
+    """Courses of a set, to train on and held out, on roads as they are."""
+    train, held_out = SETS[name](rng)
+    return tuple(
+        [replace(course, roughness=ROUGHNESS[name], seed=int(rng.integers(2**31))) for course in courses]
+        for courses in (train, held_out)
+    )

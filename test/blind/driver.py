@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from blind.courses import TABLE_STEP
+from blind.physics.road import ROUGH_WAVES
 
 PREVIEW = 0.85  # [s]
 SPEED_GAIN = 0.6  # [1/s]
@@ -29,6 +30,8 @@ class Drivers:
             name: np.stack([_extended(getattr(c, name), steps, hold=True) for c in courses], axis=1)
             for name in ("lateral", "follow", "forward", "hold")
         }
+        phases = [np.random.default_rng(c.seed).uniform(0, 2 * np.pi, (2, len(ROUGH_WAVES))) for c in courses]
+        self.surface = SimpleNamespace(rms=np.array([c.roughness for c in courses]), phase=np.stack(phases, axis=-1))
         self.lanes = np.arange(len(courses))
         self.along = np.zeros(len(courses))
         self.gradient = _understeer_gradient(cars)
@@ -42,6 +45,7 @@ class Drivers:
         share = along - row
         return SimpleNamespace(
             along=along,
+            surface=self.surface,
             **{
                 name: table[row, self.lanes] * (1 - share) + table[row + 1, self.lanes] * share
                 for name, table in self.path.items()

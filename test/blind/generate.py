@@ -30,7 +30,7 @@ class Lane:
 
 def lanes_of(case: Case) -> list[Lane]:
     manoeuvres = "rich" if case.manoeuvres == BLIND_TO_VELOCITY else case.manoeuvres
-    train, held_out = courses.SETS[manoeuvres](case.rng("courses"))
+    train, held_out = courses.drawn(manoeuvres, case.rng("courses"))
     roles = [("train", course) for course in train] + [("held_out", course) for course in held_out]
     return [Lane(case, course, i, role) for i, (role, course) in enumerate(roles)]
 

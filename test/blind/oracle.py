@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from blind import tool
+from blind import reading, tool
 
 DETECTABLE = (
     0.03  # gain on training and held-out manoeuvres that nothing-hidden recordings do not give (mismatch study)
@@ -31,5 +31,5 @@ def best(case: Path, report: Path, hidden: Path, effects: list[str]) -> Best | N
     found = answer.get("effects", [])[: len(effects)]
     if not found:
         return None
-    gain = max(min(e["gain_training"], e["gain_held_out"]) for e in found)
-    return Best(gain, {s: e["held_out"]["after"] for s, e in answer["fit"].items()})
+    after = {signal: after for signal, (_, after) in reading.errors(answer).items()}
+    return Best(max(reading.gain(effect) for effect in found), after)

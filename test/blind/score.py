@@ -10,6 +10,7 @@ from statistics import median
 
 import numpy as np
 
+from blind import reading
 from blind.oracle import Best
 from blind.tool import Answer
 
@@ -39,23 +40,19 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        return self.answer.explain.get("verdict", "no_answer")
+        return reading.verdict(self.answer.explain)
 
     @property
     def ranked(self) -> list[str]:
-        return [effect["id"] for effect in self.answer.explain.get("effects", [])]
+        return reading.ranked(self.answer.explain)
 
     @property
     def accepted(self) -> list[str]:
-        """What the tool says is there, if it says so: the effects marked `accepted`, or the first."""
-        if self.verdict != "named":
-            return []
-        effects = self.answer.explain["effects"]
-        return [e["id"] for e in effects if e.get("accepted")] or self.ranked[:1]
+        return reading.accepted(self.answer.explain)
 
     @property
     def answer_set(self) -> list[str]:
-        return list(self.answer.explain.get("answer_set", []))
+        return reading.answer_set(self.answer.explain)
 
     @property
     def detectable(self) -> bool:
@@ -89,25 +86,24 @@ def parameter_error(result: Result) -> float | None:
     """Relative error of the estimated parameters of a rightly named effect, over the comparable ones."""
     hidden = result.label["hidden"][0]
     expected = hidden["parameters"]
-    for effect in result.answer.explain.get("effects", [])[:1]:
-        if effect["id"] != hidden["id"] or not expected:
-            return None
-        found = {p["name"]: p["value"] for p in effect["parameters"]}
-        wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
-        return sqrt(wrong / sum(value**2 for value in expected.values()))
-    return None
+    if not expected or result.ranked[:1] != [hidden["id"]]:
+        return None
+    found = reading.parameters(result.answer.explain["effects"][0])
+    wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
+    return sqrt(wrong / sum(value**2 for value in expected.values()))
 
 
 def recovery(result: Result) -> float | None:
-    """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before."""
-    fit = result.answer.explain.get("fit", {})
-    if result.best is None or not fit:
+    """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before.
+
+    None where not even the true effect makes the fit better by 2 % of a signal.
+    """
+    if result.best is None:
         return None
     gained, possible = 0.0, 0.0
-    for signal, errors in fit.items():
-        before = errors["held_out"]["before"]
+    for signal, (before, after) in reading.errors(result.answer.explain).items():
         if before > 0 and signal in result.best.errors:
-            gained += 1 - errors["held_out"]["after"] / before
+            gained += 1 - after / before
             possible += 1 - result.best.errors[signal] / before
     return gained / possible if possible > 0.02 else None
 
@@ -117,9 +113,8 @@ def located_right(result: Result) -> bool | None:
     hidden = result.label["hidden"][0]
     if not hidden["where"] or len(hidden["parameters"]) != 1 or result.ranked[:1] != [hidden["id"]]:
         return None
-    values = {p["name"]: abs(p["value"]) for p in result.answer.explain["effects"][0]["parameters"]}
-    known = set(hidden["parameters"])
-    return bool(values) and max(values, key=values.__getitem__) in known
+    found = reading.parameters(result.answer.explain["effects"][0])
+    return bool(found) and max(found, key=lambda name: abs(found[name])) in hidden["parameters"]
 
 
 def of_set(results: list[Result]) -> dict:

@@ -16,7 +16,7 @@ def told(car, demand):
 
 def at_wheels(car, knobs, motion, extra, rate, told_torque, handwheel, lateral_acceleration):
     """With all that is not told."""
-    torque = told_torque
+    torque = car.torque_gain * told_torque
     if knobs.any("shaft_frequency"):
         torque = _through_shafts(knobs, extra, rate, torque)
     if knobs.any("brake_fade"):

@@ -12,6 +12,22 @@ WAVE = 260.0  # [m]
 ROUGH = 7.0  # [m]
 
 
+ROUGH_WAVES = np.geomspace(3.0, 40.0, 7)  # [m] of a paved road; a height goes with the root of its length (ISO 8608)
+
+
+def roughness(surface, along, wheel_side):
+    """Height of unevenness that no one intends [m], different under left and right wheels (4, lanes).
+
+    surface: `rms` [m] (lanes,) and `phase` (2, waves, lanes).
+    """
+    height = np.zeros_like(along)
+    scale = np.sqrt(ROUGH_WAVES / (ROUGH_WAVES.sum() / 2))
+    for i, (length, share) in enumerate(zip(ROUGH_WAVES, scale, strict=True)):
+        phase = np.where(wheel_side > 0, surface.phase[0, i], surface.phase[1, i])
+        height += share * np.sin(2 * np.pi * along / length + phase)
+    return surface.rms * height
+
+
 def slopes(knobs, along):
     """Grade along the path and bank across it (positive: left side higher) [rad], at a distance along it [m]."""
     wave = 2 * np.pi * along / WAVE

@@ -9,7 +9,9 @@ def forces(car, knobs, motion, lateral_acceleration):
     travel, speed = motion.travel, motion.travel_rate
     damper = car.damper * (1 - knobs.damper_loss)
     opposite = travel[[1, 0, 3, 2]]
-    force = car.preload + car.spring * travel + damper * speed + car.antiroll * (travel - opposite)
+    spring = car.spring * travel * (1 + car.spring_progression * travel)
+    damping = damper * speed * (1 - car.damper_asymmetry * np.tanh(speed / 0.08))
+    force = car.preload + spring + damping + car.antiroll * (travel - opposite)
     if knobs.any("strut_friction"):
         force = force + knobs.strut_friction * np.tanh(speed / 0.006)
     if knobs.any("bump_stiffness"):

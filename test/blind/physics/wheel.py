@@ -76,6 +76,8 @@ def contacts(car, knobs, motion, extra, angle):
     else:
         normal = np.repeat(to_map[2][:, None, :], 4, axis=1)
         above = motion.position[2] + arm[2]
+    if path.surface.rms.any():
+        above = above - road.roughness(path.surface, along, car.side)
     axle = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)])
     ahead = cross(axle, normal)
     ahead = ahead / np.sqrt(dot(ahead, ahead))
