@@ -8,6 +8,7 @@ import numpy as np
 
 from blind.courses import TABLE_STEP
 from blind.physics.road import ROUGH_WAVES
+from blind.plants.log import SETTLING
 
 PREVIEW = 0.85  # [s]
 SPEED_GAIN = 0.6  # [1/s]
@@ -53,7 +54,8 @@ class Drivers:
         )
 
     def command(self, time, motion):
-        """Nearest point of the path, and what driver and programme ask for."""
+        """Nearest point of the path, and what driver and programme ask for; programmes begin when the log does."""
+        time = max(time - SETTLING, 0.0)
         point = self._at(self.along)
         for _ in range(2):
             forward = (motion.position[0] - point.x) * np.cos(point.heading)

@@ -1,7 +1,7 @@
 """The vehicle file that a case gives to the tool: what an engineer would have of this car, and 10 to 15 % wrong.
 
 Geometry, springs and sensors are known. The tyre is one of the tool's models, fitted to the plant's tyre by least
-squares of the pure-slip curves at the nominal load and at twice that load, slips up to 0.3: a test bench gives that.
+squares of the pure-slip curves at the nominal load and at twice that load, slips up to 0.3, small slips weighing more.
 Then mass and inertia (±10 %), stiffness and friction of the tyres of each axle (±15 %) and the place of the centre of
 gravity (±3 %) are drawn off, so that a re-fit is needed, and can hide what is hidden.
 """
@@ -20,6 +20,7 @@ from blind.sensors import GRADES, Mounting
 from blind.tyres import FORMULAS
 
 SLIPS = np.linspace(0.004, 0.3, 75)
+WEIGHTS = 1 / (SLIPS + 0.02)  # most driving is at small slip
 WRONG = {"mass": 0.10, "inertia": 0.10, "stiffness": 0.15, "friction": 0.15, "cog_height": 0.03, "cog_along": 0.03}
 
 
@@ -163,7 +164,7 @@ def _fitted_curves(forces: list[np.ndarray]) -> list[np.ndarray]:
 
     def error(x):
         fitted = parameters(x)
-        return np.concatenate([(tmeasy_curve(fitted[i], SLIPS) - forces[i]) / peaks[i] for i in (0, 1)])
+        return np.concatenate([WEIGHTS * (tmeasy_curve(fitted[i], SLIPS) - forces[i]) / peaks[i] for i in (0, 1)])
 
     start = [1.1, 1.1, 1.0, 1.0, 1.5, 0.05, 3.0, 0.15]
     bounds = ([0.7, 0.7, 0.7, 0.7, 0.02, 0.0, 1.5, 0.0], [3.0, 3.0, 1.3, 1.3, 12.0, 0.4, 12.0, 0.6])
@@ -214,7 +215,7 @@ def _fitted_sine(axle: Axle, formula: str, direction: str) -> dict[str, float]:
     lower = [1.01, 0.5, -0.25, -6.0, 0.3 * slope, -0.8 if longitudinal else 0.8]
     upper = [1.95, 1.8, 0.1, 0.95, 4.0 * slope, 0.2 if longitudinal else 6.0]
     fit = least_squares(
-        lambda p: np.concatenate([force(p, r) - f for r, f in zip(ratios, forces, strict=True)]),
+        lambda p: np.concatenate([WEIGHTS * (force(p, r) - f) for r, f in zip(ratios, forces, strict=True)]),
         start,
         bounds=(lower, upper),
         x_scale=np.abs(start),

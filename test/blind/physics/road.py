@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-WAVE = 260.0  # [m]
-ROUGH = 7.0  # [m]
+WAVE = 260.0  # [m] of grade and bank
+ROUGH = 7.0  # [m] of an undulation
+PATCHES = 130.0  # [m] from one wet patch to the next; half of the road is wet
 
 
 ROUGH_WAVES = np.geomspace(3.0, 40.0, 7)  # [m] of a paved road; a height goes with the root of its length (ISO 8608)
@@ -50,7 +51,8 @@ def grip(knobs, along, speed, wheel_side):
     """Friction relative to the dry road at four wheels (4, lanes)."""
     share = np.ones((4, 1))
     if knobs.any("friction_drop"):
-        share = share * (1 - knobs.friction_drop / (1 + np.exp(np.clip((knobs.friction_place - along) / 1.5, -40, 40))))
+        wave = np.sin(2 * np.pi * (along - knobs.friction_place) / PATCHES)
+        share = share * (1 - knobs.friction_drop / (1 + np.exp(np.clip(-wave / 0.05, -40, 40))))
     if knobs.any("friction_drop_left"):
         share = share * np.where(wheel_side > 0, 1 - knobs.friction_drop_left, 1.0)
     if knobs.any("friction_fall_with_speed"):

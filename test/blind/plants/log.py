@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 PERIOD = 0.005  # [s]
+SETTLING = 1.5  # [s] of driving before a log begins: cars start level, on a road that may not be
 
 COLUMNS = {
     "position": 3,  # of cog in the map [m]

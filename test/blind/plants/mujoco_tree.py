@@ -16,7 +16,7 @@ from blind.driver import Drivers
 from blind.physics import state
 from blind.physics.actions import actions
 from blind.physics.wheel import cross
-from blind.plants.log import PERIOD, Log, Recorder
+from blind.plants.log import PERIOD, SETTLING, Log, Recorder
 
 STEP = 0.001  # [s]
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -52,7 +52,7 @@ def simulate(cars, knobs, courses, formula, tick=lambda seconds: None) -> Log:
     data = mujoco.MjData(first)
     centre = np.stack([model.body_ipos[1] for model in models], axis=1)
     with rollout.Rollout(nthread=0) as engine:
-        for k in range(round(duration / STEP) + 1):
+        for k in range(round((SETTLING + duration) / STEP) + 1):
             q, v = full[:, position].T, full[:, velocity].T
             matrix = _matrix(q[3:7])
             motion = SimpleNamespace(
@@ -65,7 +65,7 @@ def simulate(cars, knobs, courses, formula, tick=lambda seconds: None) -> Log:
             engine.rollout(models, [data], full, control, control_spec=CONTROL, skip_checks=True, nstep=1, state=states)
             change = (states[:, 0, velocity].T - v) / STEP
             specific = np.einsum("jin,jn->in", matrix, change[:3] + np.array([0, 0, GRAVITY])[:, None])
-            if k % every == 0:
+            if k % every == 0 and k * STEP >= SETTLING:
                 recorder.add(motion, act, extra[state.PLACES["hands"].start], specific, change[3:6])
                 tick(PERIOD)
             full[...] = states[:, 0]

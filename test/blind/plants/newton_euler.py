@@ -14,7 +14,7 @@ from blind.driver import Drivers
 from blind.physics import state
 from blind.physics.actions import actions
 from blind.physics.wheel import cross, dot
-from blind.plants.log import PERIOD, Log, Recorder, rotation
+from blind.plants.log import PERIOD, SETTLING, Log, Recorder, rotation
 
 STEP = 0.001  # [s]
 POSITION, ANGLES, VELOCITY, RATES = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
@@ -32,12 +32,12 @@ def simulate(cars, knobs, courses, formula, tick=lambda seconds: None) -> Log:
     force = np.zeros((3, cars.lanes))
     force[2] = GRAVITY
     every = round(PERIOD / STEP)
-    for k in range(round(duration / STEP) + 1):
+    for k in range(round((SETTLING + duration) / STEP) + 1):
         motion = plant.motion(x, None)
         path, command = drivers.command(k * STEP, motion)
         first, linear, turning, action = plant.derivative(x, path, command, force)
         force = linear
-        if k % every == 0:
+        if k % every == 0 and k * STEP >= SETTLING:
             recorder.add(plant.motion(x, path), action, x[EXTRA][state.PLACES["hands"].start], linear, turning)
             tick(PERIOD)
         second = plant.derivative(x + STEP / 2 * first, path, command, force)[0]
