@@ -489,6 +489,32 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
 
 
 @main.command()
+@click.option(
+    "--vehicle", default="prototype_real", show_default=True, metavar="FILE", help="With linkages and tables."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("docs"), show_default=True, help="Folder.")
+def simplification(vehicle: str, out: Path) -> None:
+    """Compare the simplified car with the one that has all its bodies, on each generated manoeuvre.
+
+    Writes simplification.md with tables and pictures: on suspension tables, and on straight guides.
+
+    \b
+    Examples:
+      vsense simplification
+      vsense simplification --vehicle my_car_with_tables.yaml --out out
+    """
+    from vsense_ros import simplification as job
+    from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    with progress("driving") as done:
+        document = job.write(car, out, done)
+    click.echo(document)
+
+
+@main.command()
 @click.option("--json", "as_json", is_flag=True, help="JSON schema instead of a Markdown table.")
 def schema(as_json: bool) -> None:
     """Print the parameters of a vehicle file: keys, units, ranges, defaults.
