@@ -144,8 +144,8 @@ def page(vehicle: Vehicle, comparisons: list[Comparison], pictures: dict[str, st
         "inertia of uprights, the speed of the rack; and that the two integrators differ, with steps of\n"
         f"{1e3 * FULL_STEP:g} and {1e3 * SIMPLIFIED_STEP:g} ms. A driver who follows a path or keeps a speed makes up\n"
         "for some differences: look at the steering too. The slip angle holds what toe does. Where the car is\n"
-        "about to spin, as at the end of braking in a turn, small differences grow. RMSE is over the whole manoeuvre and all\n"
-        "wheels, in brackets as a share of the largest value in the full car.\n\n"
+        "about to spin, as at the end of braking in a turn, small differences grow. RMSE is over the whole\n"
+        "manoeuvre and all wheels, in brackets as a share of the largest value in the full car.\n\n"
         f"Vehicle: {vehicle.name}. This page and its pictures are made by `vsense simplification`.\n"
     ]
     for comparison in comparisons:
