@@ -384,8 +384,11 @@ def export() -> None:
 @click.option(
     "--output", required=True, type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Folder."
 )
+@click.option(
+    "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
+)
 @click.option("--check", metavar="BAG", type=_EXISTING, help="Compile, and compare with the Python observer on BAG.")
-def export_c(vehicle: str, output: Path, check: Path | None) -> None:
+def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path | None) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
     With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
@@ -395,6 +398,7 @@ def export_c(vehicle: str, output: Path, check: Path | None) -> None:
     Examples:
       vsense export c prototype_model --output out/c
       vsense export c rav4 --output out/rav4 --check segment/
+      vsense export c rav4 --output out/small --sensor imu --sensor wheel_speeds --sensor steering
     """
     from vsense_ros.evaluate.terminal import console, progress, waiting
     from vsense_ros.export import c
@@ -402,6 +406,8 @@ def export_c(vehicle: str, output: Path, check: Path | None) -> None:
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
+    if sensors:
+        car = c.with_sensors(car, sensors)
     with waiting("writing C"):
         files = c.write(car, output)
     console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)

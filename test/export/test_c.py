@@ -239,6 +239,18 @@ def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tm
         c.write(blind, tmp_path)
 
 
+def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Path) -> None:
+    chosen = ["--sensor", "wheel_speeds", "--sensor", "steering"]
+    arguments = ["export", "c", "prototype_model", "--output", str(tmp_path)]
+    assert CliRunner().invoke(main, [*arguments, *chosen]).exit_code == 0
+    header = (tmp_path / "vsense.h").read_text(encoding="ascii")
+    assert re.findall(r"double vsense_correct_(\w+)\(", header) == ["wheel_speeds"]
+    assert "VSENSE_STATES = 46" in header
+    result = CliRunner().invoke(main, [*arguments, "--sensor", "lidar"])
+    assert result.exit_code == 2
+    assert "has no sensor lidar; it has imu, wheel_speeds" in result.output
+
+
 def test_without_a_compiler_the_sources_are_written_and_the_check_says_what_it_needs(tmp_path: Path) -> None:
     arguments = ["export", "c", "prototype_model", "--output", str(tmp_path), "--check", str(ROOT / "bags/step_steer")]
     result = CliRunner(env={"VSENSE_COMPILE": "0"}).invoke(main, arguments)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -115,6 +116,14 @@ class Observer:
             "decay": size - U.stop,
             "noise": size - U.stop,
         }
+
+
+def with_sensors(vehicle: Vehicle, names: Sequence[str]) -> Vehicle:
+    """The vehicle with some of its sensors alone. Raises `InputError` for one that it does not have."""
+    if unknown := [name for name in names if name not in vehicle.sensors]:
+        raise InputError(f"{vehicle.name} has no sensor {', '.join(unknown)}; it has {', '.join(vehicle.sensors)}")
+    kept = {name: sensor for name, sensor in vehicle.sensors.items() if name in names}
+    return vehicle.model_copy(update={"sensors": kept})
 
 
 def identifier(name: str) -> str:
