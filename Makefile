@@ -47,15 +47,15 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/vsense genesis
 
-# The examination of `vsense explain`: BLIND="--cases 40" for a part of it. Ablations are run on a sample.
+# BLIND="--cases 40" examines with a part of the cases. Ablations are run on a sample.
 BLIND ?=
-blind: export PYTHONPATH := test
-blind: venv ## hidden physics in cars that are not our model: cases, answers and scores to out/blind and out/blind.json
-	$(VENV)/bin/python -m blind $(BLIND) make
-	$(VENV)/bin/python -m blind $(BLIND) run
+BLIND_RUN := PYTHONPATH=test $(VENV)/bin/python -m blind
+blind: venv ## examine vsense explain: physics hidden in cars that are not our model, scores to out/blind.json
+	$(BLIND_RUN) $(BLIND) make
+	$(BLIND_RUN) $(BLIND) run
 	for ablation in no_refit no_projection chi2_thresholds; do \
-	    $(VENV)/bin/python -m blind --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
-	$(VENV)/bin/python -m blind $(BLIND) score
+	    $(BLIND_RUN) --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
+	$(BLIND_RUN) $(BLIND) score
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags

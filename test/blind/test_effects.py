@@ -48,7 +48,7 @@ def drives():
 
 
 def _change(drives, name: str, course: str) -> float:
-    """Largest root mean square change of a signal that the sensors give, over its noise."""
+    """Largest root mean square change of a signal that the sensors give, over its noise; a driver may steer it away."""
     grade, noise = GRADES["automotive"], np.random.default_rng
     found = []
     for hidden in (None, name):
@@ -61,6 +61,7 @@ def _change(drives, name: str, course: str) -> float:
                 imu["linear_acceleration"] / grade.accelerometer,
                 recording["vehicle/wheel_speeds"].columns["velocity"] / grade.wheel,
                 recording["gps/velocity"].columns["linear"][:, :2] / grade.velocity,
+                recording["vehicle/steering"].columns["position"] / grade.handwheel,
             ]
         )
     return max(float(np.sqrt(np.mean((a - b) ** 2, axis=0)).max()) for a, b in zip(*found, strict=True))
