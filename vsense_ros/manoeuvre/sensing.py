@@ -20,7 +20,16 @@ import numpy as np
 import pymap3d
 
 from vsense_ros.model.car import WHEELS, car_of
-from vsense_ros.model.sensors import GnssPosition, GnssVelocity, Imu, SensorBase, Steering, Suspension, WheelSpeeds
+from vsense_ros.model.sensors import (
+    GnssPosition,
+    GnssVelocity,
+    Imu,
+    SensorBase,
+    Steering,
+    Suspension,
+    WheelSpeeds,
+    WheelTorques,
+)
 from vsense_ros.model.simulate import Array, Trajectory
 from vsense_ros.model.steps import sensor_functions
 from vsense_ros.model.vehicle import Vehicle
@@ -51,6 +60,7 @@ _SAMPLING: Mapping[str, _Sampling] = {
     "wheel_speeds": _Sampling(10, 1, 2, (2**-6,)),
     "steering": _Sampling(10, 2, 2, (2**-10,)),
     "suspension": _Sampling(10, 3, 2, (2**-13,)),
+    "wheel_torques": _Sampling(10, 2, 2, (2**-4,)),
     "gnss_position": _Sampling(100, 0, 100, (2**-27, 2**-27, 2**-10)),  # latitude, longitude [deg], height [m]
     "gnss_velocity": _Sampling(100, 0, 100, (2**-10,)),
 }
@@ -61,7 +71,8 @@ def record(
 ) -> Recording:
     """Messages of the vehicle's sensors on a trajectory with steps of 1 ms, and the truth below `reference/`.
 
-    `biased=False` leaves the constant errors out. Sensors of other kinds (torques, a second antenna) give nothing.
+    `biased=False` leaves the constant errors out. A sensor of another kind (a second antenna) gives nothing,
+    and torques are told as they are.
     """
     rng = np.random.RandomState(seed)
     channels = []
@@ -178,6 +189,14 @@ def _steering(sensor: Steering, m: _Measuring) -> Channel:
     return _channel(sensor, rows, columns, ("steering_wheel",))
 
 
+def _torques(sensor: WheelTorques, m: _Measuring) -> Channel:
+    sampling = _SAMPLING[sensor.kind]
+    rows = m.rows(sampling)
+    columns = {"effort": quantized(m.trajectory.inputs[rows, 1:], sampling.quantum[0])}
+    columns |= {name: np.zeros((len(rows), 0)) for name in ("position", "velocity")}
+    return _channel(sensor, rows, columns, tuple(f"wheel_{wheel}" for wheel in WHEELS))
+
+
 def _position(sensor: GnssPosition, m: _Measuring) -> Channel:
     sampling = _SAMPLING[sensor.kind]
     rows = m.rows(sampling)
@@ -219,6 +238,7 @@ _MESSAGES: Mapping[str, Callable] = {
     WheelSpeeds.model_fields["kind"].default: _joints("velocity", "wheel"),
     Suspension.model_fields["kind"].default: _joints("position", "suspension"),
     Steering.model_fields["kind"].default: _steering,
+    WheelTorques.model_fields["kind"].default: _torques,
     GnssPosition.model_fields["kind"].default: _position,
     GnssVelocity.model_fields["kind"].default: _velocity,
 }

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+from pydantic import Field, model_validator
+
 from vsense_ros.model.parameter import Part, parameter
 
 
@@ -35,8 +39,34 @@ class Surroundings(Part):
     radius_error_drift: float = parameter("-", "its change in one second", ge=0, default=1e-6)
 
 
+class EstimatedParameter(Part):
+    """A physical parameter that the observer estimates along with the state; the file's value is its mean at start."""
+
+    deviation: float = parameter("of the parameter", "standard deviation of the file's value", gt=0)
+    lower: float | None = Field(
+        description="least value; default: four standard deviations below the file's", default=None,
+        json_schema_extra={"unit": "of the parameter"},
+    )  # fmt: skip
+    upper: float | None = Field(
+        description="largest value; default: four standard deviations above the file's", default=None,
+        json_schema_extra={"unit": "of the parameter"},
+    )  # fmt: skip
+    drift: float = parameter("of the parameter", "standard deviation of its change in one second", ge=0, default=0.0)
+
+    @model_validator(mode="after")
+    def _bounds_in_order(self) -> EstimatedParameter:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"lower {self.lower:g} must be less than upper {self.upper:g}")
+        return self
+
+    def bounds(self, value: float) -> tuple[float, float]:
+        """Least and largest value of a parameter whose value in the file is this."""
+        lower = value - 4 * self.deviation if self.lower is None else self.lower
+        return lower, value + 4 * self.deviation if self.upper is None else self.upper
+
+
 class ObserverSettings(Part):
-    """The errorEKF's settings."""
+    """The observer's settings: the errorEKF's, and which physical parameters a second filter estimates beside it."""
 
     longest_step: float = parameter("s", "longest time step of the prediction", gt=0, le=0.05, default=0.01)
     merge_window: float = parameter(
@@ -47,3 +77,10 @@ class ObserverSettings(Part):
     )
     force_errors: ForceErrors = ForceErrors()
     surroundings: Surroundings = Surroundings()
+    parameters: dict[str, EstimatedParameter] = Field(
+        description="physical parameters to be estimated, by their names below `physics`", default_factory=dict
+    )
+    parameter_filter: Literal["ekf", "ukf"] = Field(
+        description="how the sensitivities to these parameters are found: exact derivatives, or sigma points",
+        default="ekf",
+    )

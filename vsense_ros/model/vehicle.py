@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from vsense_ros.model.linkage import Linkages
 from vsense_ros.model.observer_settings import ObserverSettings
@@ -156,6 +156,24 @@ class Vehicle(Part):
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()
 
+    @model_validator(mode="after")
+    def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
+        known = self.values()
+        for name, settings in self.observer.parameters.items():
+            where = f"observer.parameters: {name}"
+            if name not in known:
+                alike = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]] or list(known)
+                raise ValueError(f"{where} is no physical parameter; known are {', '.join(alike)}")
+            lower, upper = settings.bounds(known[name])
+            if not lower <= known[name] <= upper:
+                raise ValueError(f"{where} is {known[name]:g} in the file, outside its bounds {lower:g} to {upper:g}")
+            for bound in (lower, upper):
+                try:
+                    with_values(self.physics, {name: bound})
+                except ValueError as error:
+                    raise ValueError(f"{where} cannot be {bound:g}, one of its bounds: {_reason(error)}") from None
+        return self
+
     def values(self) -> dict[str, float]:
         """Physical parameters by dotted name."""
         return dict(numbers(self.physics))
@@ -167,3 +185,9 @@ class Vehicle(Part):
     def with_parameters(self, changes: dict[str, float]) -> Vehicle:
         """A copy with other physical parameters, by dotted name (as in `values`)."""
         return self.model_copy(update={"physics": with_values(self.physics, changes)})
+
+
+def _reason(error: ValueError) -> str:
+    """What the schema has against a value."""
+    faults = error.errors() if isinstance(error, ValidationError) else []
+    return str(faults[0]["msg"]).removeprefix("Value error, ") if faults else str(error)

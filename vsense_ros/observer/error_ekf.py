@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.model.car import INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
 from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.sensors import Bias, SensorBase
+from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.compiled_step import CompiledStep
@@ -63,14 +63,18 @@ class Prior:
         """Of a vehicle with these sensors."""
         where, kinds = layout(sensors), {sensor.kind for sensor in sensors.values()}
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
-        spin = errors.wheel_spin if "wheel_speeds" in kinds else 0.0
+        spin = [errors.wheel_spin if "wheel_speeds" in kinds else 0.0] * 4
+        for sensor in sensors.values():
+            if isinstance(sensor, WheelTorques):
+                axles = (vehicle.physics.front, vehicle.physics.rear)
+                spin = [sensor.noise / axle.wheel_spin_inertia for axle in axles for _ in range(2)]
         body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
         deviation = np.zeros(where.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
         deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
         if "gnss_velocity" not in kinds:
             deviation[[X, Y, YAW]] = 1e-6  # the map is laid by where the car is at start
-        deviation[FORCE] = body + [errors.suspension] * 4 + [spin] * 4
+        deviation[FORCE] = body + [errors.suspension] * 4 + spin
         deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
         time_constant = np.full(where.size, np.inf)
         time_constant[FORCE] = errors.time_constant
@@ -112,10 +116,10 @@ class ErrorEkf:
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
     the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
     model. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
-    was, to the last bit.
+    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there.
     """
 
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], extra: int = 0) -> None:
         self.vehicle = vehicle
         self.sensors = tuple(sensors.values())
         self.layout = layout(sensors)
@@ -123,14 +127,16 @@ class ErrorEkf:
         car = car_of(vehicle)
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
-        self.memory = np.zeros(n + inputs + n * n + jacobians)
-        self.state, self.inputs, covariance, linearization = np.split(
-            self.memory, np.cumsum([n, inputs, n * n]).tolist()
+        physical = vehicle.parameter_vector()
+        self.memory = np.zeros(n + inputs + n * n + jacobians + len(physical) + extra)
+        self.state, self.inputs, covariance, linearization, self.parameters, self.extra = np.split(
+            self.memory, np.cumsum([n, inputs, n * n, jacobians, len(physical)]).tolist()
         )
         self.covariance = covariance.reshape(n, n)
+        self.parameters[:] = physical
+        self._distances = [car.parameter_names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")]
         q, u, force, around = (self.state[s] for s in (Q, U, FORCE, SURROUND))
-        parameters = vehicle.parameter_vector()
-        arguments = [q, u, force, around, self.inputs, parameters]
+        arguments = [q, u, force, around, self.inputs, self.parameters]
         self._linearize = Kernel(functions["linearize"], arguments, linearization)
         self.udot, by_q, by_u, by_surroundings, by_q_rates = self._linearize.results
         self._kinematics = Kernel(functions["kinematics"], [q, u])
@@ -141,7 +147,7 @@ class ErrorEkf:
         flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
         self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
         self._error = self._kalman.error
-        self._force = Kernel(functions["force"], [q, self.inputs, around, parameters, self._error[FORCE]])
+        self._force = Kernel(functions["force"], [q, self.inputs, around, self.parameters, self._error[FORCE]])
         error, slow = self._error, slice(FORCE.stop, None)
         self._corrections = (
             (self.state[: FORCE.start], error[: FORCE.start]),
@@ -233,6 +239,24 @@ class ErrorEkf:
             for part, by in self._corrections:
                 part += by
         return nis
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all that is estimated: of the state, and of what a filter built upon this one adds."""
+        return self.layout.names
+
+    def estimated(self) -> tuple[Array, Array]:
+        """Values of all that is estimated (m,), and the covariance of their errors (m, m)."""
+        return self.state, self.covariance
+
+    @property
+    def axle_distances(self) -> Array:
+        """Of the front and the rear axle from cog, (2,) [m]."""
+        return self.parameters[self._distances]
+
+    def lose_trust(self) -> None:
+        """Forget how errors belong together, and double their standard deviations."""
+        self.covariance[:] = np.diag(np.clip(np.diag(self.covariance), 1e-12, 1e8) * 4)
 
     def present(self) -> tuple[Array, Array]:
         """Derivatives of the velocities (14,), and forces and slips of the wheels as `Car.wheel_outputs` (7×4).

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.model.car import SPIN, SURROUNDINGS, WHEELS, YAW, Y
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
-from vsense_ros.model.vehicle import Chassis
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND
 from vsense_ros.recording import Sample
@@ -32,32 +31,32 @@ class Estimate:
     """
 
     stamp: int  # [ns]
-    state: Array  # (n,) of the filter
+    state: Array  # (n,) all that the filter estimates
     inputs: Array  # (5,) as model.car.INPUTS
     udot: Array  # (14,) derivatives of the velocities
     model_wheels: Array  # (7, 4) as Car.wheel_outputs
     pose_covariance: Array  # (6, 6) position, attitude
     twist_covariance: Array  # (6, 6) velocity, rates
-    variance: Array  # (n,) of the filter's errors
-    names: tuple[str, ...]  # of the filter's state
-    chassis: Chassis
+    variance: Array  # (n,) of the errors of the state
+    names: tuple[str, ...]  # of the state
+    axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
 
     @classmethod
     def of(cls, stamp: int, ekf: ErrorEkf) -> Estimate:
         """Read a filter, and leave it as it is."""
-        covariance = ekf.covariance
+        state, covariance = ekf.estimated()
         udot, wheels = ekf.present()
         return cls(
             stamp,
-            ekf.state.copy(),
+            state.copy(),
             ekf.inputs.copy(),
             udot.copy(),
             wheels.copy(),
             covariance[:6, :6].copy(),
             covariance[14:20, 14:20].copy(),
             covariance.diagonal().copy(),
-            ekf.layout.names,
-            ekf.vehicle.physics.chassis,
+            ekf.names,
+            ekf.axle_distances,
         )
 
     @property
@@ -109,7 +108,7 @@ class Estimate:
     def wheels(self) -> Array:
         """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
         steering = self.inputs[..., 0] - self.state[..., SURROUND.start + _STEERING_OFFSET]
-        return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.chassis)
+        return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.axle_distances)
 
     @property
     def wheel_torques(self) -> Array:
@@ -156,10 +155,11 @@ def stacked(estimates: Sequence[Estimate]) -> Estimate:
     return replace(estimates[0], **arrays)
 
 
-def with_lateral_error(wheels: Array, force: Array, steering: Array | float, chassis: Chassis) -> Array:
+def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axle_distances: Array) -> Array:
     """Outputs of the wheels (7, 4) as the model has them, with its lateral force error given to the tyres.
 
-    `force` (14) are the generalized forces that the filter found missing, `steering` is the road-wheel angle [rad].
+    `force` (14) are the generalized forces that the filter found missing, `steering` is the road-wheel angle [rad],
+    `axle_distances` (2) are those of the front and the rear axle from cog [m].
 
     The filter finds what the model's lateral force and yaw moment lack, but not which force element they belong to. Of
     all that acts across the car (tyres, wind, the road's slope) the tyres are by far the largest and the least known,
@@ -169,7 +169,7 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, cha
     The longitudinal error stays where it is: torque and force of a wheel cannot be told apart where neither is
     measured, and a wrong guess is worse than none.
     """
-    to_front, to_rear = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+    to_front, to_rear = axle_distances[..., 0], axle_distances[..., 1]
     lateral, yaw = force[..., Y], force[..., YAW]
     front = (to_rear * lateral + yaw) / (to_front + to_rear)
     corrected = wheels.copy()

@@ -22,8 +22,8 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
-from vsense_ros.observer.kalman import SURROUND
 from vsense_ros.observer.reading import Event, Map, Reader
+from vsense_ros.observer.spi import Spi
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
@@ -61,7 +61,8 @@ class Observer:
     def __init__(self, vehicle: Vehicle, map_origin: tuple[float, float, float] | None = None) -> None:
         self.vehicle = vehicle
         self.sensors = sensors_of(vehicle)
-        self.filter = ErrorEkf(vehicle, self.sensors)
+        kind = Spi if vehicle.observer.parameters else ErrorEkf
+        self.filter: ErrorEkf = kind(vehicle, self.sensors)
         self.names = tuple(self.sensors)
         self._list = tuple(self.sensors.values())
         self._by_topic: dict[str, list[int]] = {}
@@ -103,7 +104,7 @@ class Observer:
         """Whether velocity, yaw rate and side slip are known well enough to be used."""
         if not self.started or not self.heading_known:
             return False
-        deviation = np.sqrt(np.diag(self.filter.covariance)[[14, 15, 19]])
+        deviation = np.sqrt(self.filter.estimated()[1].diagonal()[[14, 15, 19]])
         return bool(self.stamp - self._started_at > 1e9 and np.all(deviation < (0.5, 0.5, 0.02)))
 
     def add(self, sample: Sample) -> None:
@@ -221,7 +222,7 @@ class Observer:
     def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
         f.start(speed)
-        if (wheels := kinds.get("wheel_speeds")) is not None:
+        if (wheels := kinds.get("wheel_speeds")) is not None and speed > _MOVING:  # at rest, their noise would be slip
             f.state[24:28] = np.where(np.isfinite(wheels.value), wheels.value, f.state[24:28])
         if (imu := kinds.get("imu")) is not None and np.isfinite(imu.value[2]):
             f.state[19] = imu.value[2]
@@ -376,8 +377,7 @@ class Observer:
             self.filter.memory[:] = instant.memory
             if self._sane():
                 break
-        f = self.filter
-        f.covariance[:] = np.diag(np.clip(np.diag(f.covariance), 1e-12, 1e8) * 4)
+        self.filter.lose_trust()
 
     def _remember(self, stamp: int) -> _Instant:
         """Begin a new instant with the filter's present state; the oldest beyond reach is reused."""
@@ -404,20 +404,32 @@ class Observer:
 
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""
-        f = self.filter
-        deviation = np.sqrt(np.maximum(np.diag(f.covariance), 0))
-        first = SURROUND.start
-        return {
-            name: (float(f.state[i]), float(deviation[i])) for i, name in enumerate(f.layout.names[first:], start=first)
-        }
+        e = self.snapshot()
+        values = zip(e.parameters.tolist(), e.parameter_deviations.tolist(), strict=True)
+        return dict(zip(e.parameter_names, values, strict=True))
 
     def diagnostics(self, now: int | None = None) -> list[Diagnostic]:
         """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
         now = self._newest_arrival if now is None else now
         lines = [self._own_diagnostic()]
+        if isinstance(self.filter, Spi):
+            lines.append(self._parameter_diagnostic(self.filter))
         for name, sensor, health in zip(self.names, self._list, self.health, strict=True):
             lines.append(health.diagnostic(name, sensor, now))
         return lines
+
+    def _parameter_diagnostic(self, spi: Spi) -> Diagnostic:
+        seen = spi.observability()
+        values = {
+            name: f"{value:.6g} ± {deviation:.2g}, {share:.0%} of the deviation at start"
+            for name, value, deviation, share in zip(seen.names, spi.values, seen.deviation, seen.share, strict=True)
+        }
+        values["independent combinations told"] = f"{seen.rank} of {len(seen.names)}"
+        closest = np.abs(np.triu(seen.correlation, 1))
+        if closest.max(initial=0.0) > 0.9:
+            i, j = np.unravel_index(closest.argmax(), closest.shape)
+            values["hard to tell apart"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
+        return Diagnostic("parameters", Level.OK, str(seen), values)
 
     def _own_diagnostic(self) -> Diagnostic:
         values = {"faults": str(self._faults), "restarts": str(self._restarts)}

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
 from vsense_ros.model.sensors.wheel_speeds import NAMES
 
@@ -20,6 +21,7 @@ class WheelTorques(SensorBase):
 
     kind: Literal["wheel_torques"] = "wheel_torques"
     topic: str = "vehicle/wheel_torques"
+    noise: float = parameter("N m", "standard deviation of the slowly varying error of each torque", gt=0, default=20.0)
 
     def deviations(self) -> Vector:
         return np.zeros(4)

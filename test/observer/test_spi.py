@@ -1,0 +1,285 @@
+"""State, parameter and input together: the algebra against a joint filter, the functions against differences, the UKF
+against filterpy, and both against cars whose parameters are known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from drives import feed, messages
+from test_kalman import N, problem
+from vsense_ros.errors import InputError
+from vsense_ros.model.car import car_of
+from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.sensors import Imu
+from vsense_ros.model.steps import model_functions
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.kalman import GAIN_COLUMNS, Kalman
+from vsense_ros.observer.parameter_ekf import ParameterEkf
+from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
+from vsense_ros.observer.spi import Spi
+
+Array = NDArray[np.float64]
+MASS, FRICTION = "chassis.mass", "road.friction"
+BIASES = slice(46, 52)
+BOTH: dict[str, dict[str, float]] = {MASS: {"deviation": 100.0}, FRICTION: {"deviation": 0.2, "lower": 0.1}}
+
+
+def estimating(vehicle: Vehicle, parameters: dict[str, dict[str, float]], kind: str = "ekf") -> Vehicle:
+    """A vehicle whose file declares these parameters."""
+    raw = vehicle.model_dump()
+    raw["observer"] |= {"parameters": parameters, "parameter_filter": kind}
+    return Vehicle.model_validate(raw)
+
+
+def spi_of(vehicle: Vehicle, kind: str = "ekf", parameters: dict[str, dict[str, float]] | None = None) -> Spi:
+    made = Observer(estimating(vehicle, BOTH if parameters is None else parameters, kind)).filter
+    assert isinstance(made, Spi)
+    return made
+
+
+def cornering(spi: Spi) -> Spi:
+    """A filter amid a turn, linearised there."""
+    spi.start(15.0)
+    spi.state[15], spi.state[19] = -0.3, 0.4
+    spi.state[6:10] = 0.012, -0.012, 0.01, -0.01
+    spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
+    spi.linearize()
+    return spi
+
+
+class TestLinearCase:
+    """The algebra on a random linear model with two parameters, beside one Kalman filter of all."""
+
+    @pytest.fixture
+    def functions(self, vehicle: Vehicle) -> Any:
+        made = ParameterEkf(car_of(vehicle), (0, 1), N)
+        return made.predict(), made.seen("seen", Imu(), BIASES), made.learn()
+
+    @pytest.mark.parametrize("seed", range(3))
+    @pytest.mark.parametrize("drift", [0.0, 0.3])
+    def test_two_coupled_filters_are_the_joint_kalman_filter(self, functions: Any, seed: int, drift: float) -> None:
+        predict, seen, learn = functions
+        p = problem(seed)
+        random, h, decay, noise = p.random, 0.01, np.full(N - 28, 0.97), np.full(N - 28, 1e-3)
+        kalman = p.build(Kalman)
+        effect = random.normal(size=(14, 2))
+        theta, m = random.normal(size=2), np.diag([2.0, 0.5])
+        s, information = np.zeros((N, 2)), np.zeros((2, 2))
+        state = random.normal(size=N)
+        joint, spread = np.append(state, theta), np.zeros((N + 2, N + 2))
+        spread[:N, :N], spread[N:, N:] = kalman.covariance, m
+        kalman.transition(h)
+        f = joint_transition(kalman, h, decay, effect)
+        model = [kalman.model.udot, kalman.model.by_q, kalman.model.by_u, kalman.model.by_surroundings]
+        unused = [np.zeros(k) for k in (14, 14, 14, 4, 5, int(seen.size1_in(5)))]
+        for _ in range(4):
+            state = f[:N] @ np.append(state, theta)
+            kalman.propagate(h, decay, noise)
+            s, m, added = (
+                np.array(r)
+                for r in predict(
+                    s, m, effect, np.full(2, drift), kalman.gain.T, kalman.by_angles, kalman.by_velocity, h, decay
+                )
+            )
+            kalman.covariance += added @ added.T
+            joint = f @ joint
+            spread = f @ spread @ f.T
+            spread[range(28, N), range(28, N)] += noise
+            spread[range(N, N + 2), range(N, N + 2)] += drift * h
+
+            sensed = p.sensed()
+            jacobian = p.jacobian(sensed)
+            variance = random.uniform(0.1, 2.0, 6) * np.diag(jacobian @ kalman.covariance @ jacobian.T)
+            direct = sensed[3] @ effect
+            value = random.normal(size=6) * 3
+            value[seed] = np.nan
+            sensed[0][:, 0] = jacobian @ state + direct @ theta
+            kalman.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
+            told = seen(*unused, *model, s, m, effect, np.zeros(6), np.zeros(6), value, variance, *sensed)
+            of, plain, right, d = (np.array(r) for r in told)
+            new, m, s, information, change, _ = (
+                np.array(r)
+                for r in learn(
+                    *unused, *model, s, m, effect, of, of @ kalman.covariance, plain, right, d, kalman.error,
+                    information, theta, np.full(2, -1e9), np.full(2, 1e9),
+                )
+            )  # fmt: skip
+            state = state + kalman.error + change[:, 0]
+            theta = new[:, 0]
+
+            here = np.isfinite(value)
+            whole = np.hstack([jacobian, direct])[here]
+            gain = spread @ whole.T @ np.linalg.inv(whole @ spread @ whole.T + np.diag(variance[here]))
+            joint = joint + gain @ (value[here] - whole @ joint)
+            spread = spread - gain @ whole @ spread
+
+        np.testing.assert_allclose(np.append(state, theta), joint, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(m, spread[N:, N:], rtol=1e-8)
+        scale = np.sqrt(np.diag(spread)[:N])
+        both = kalman.covariance + s @ m @ s.T
+        assert np.abs((both - spread[:N, :N]) / np.outer(scale, scale)).max() < 1e-8
+        assert np.abs((s @ m - spread[:N, N:]) / np.outer(scale, np.sqrt(np.diag(m)))).max() < 1e-8
+
+    def test_without_drift_the_information_is_what_the_covariance_gained(self, vehicle: Vehicle) -> None:
+        spi = cornering(spi_of(vehicle))
+        prior = np.linalg.inv(spi.parameter_covariance)
+        for _ in range(50):
+            spi.predict(0.004)
+            spi.linearize()
+            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
+        gained = np.linalg.inv(spi.parameter_covariance) - prior
+        np.testing.assert_allclose(spi.information, gained, rtol=1e-6)
+
+
+def joint_transition(kalman: Kalman, h: float, decay: Array, effect: Array) -> Array:
+    """(n + 2, n + 2) transition of state and parameters, from the blocks that the errorEKF has."""
+    f = np.eye(N + 2)
+    f[14:28, :] = 0.0
+    f[14:28, GAIN_COLUMNS] = kalman.gain
+    f[14:28, N:] = kalman.gain[:, 21:35] @ effect
+    velocities = f[14:28].copy()
+    f[:6, 3:6] += h * kalman.by_angles
+    f[:6] += h * kalman.by_velocity @ velocities[:6]
+    f[6:14] += h * velocities[6:]
+    f[range(28, N), range(28, N)] = decay
+    return f
+
+
+FIVE = (MASS, FRICTION, "chassis.cog_to_front_axle", "chassis.yaw_inertia", "rear.tyre.lateral.nominal.initial_slope")
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehicle, kind: str) -> None:
+    values = {name: vehicle.values()[name] for name in FIVE}
+    spi = cornering(spi_of(vehicle, kind, {name: {"deviation": 1e-3 * value} for name, value in values.items()}))
+    accelerations = model_functions(car_of(vehicle))["dynamics"]
+    q, u, force, around = (spi.state[s] for s in (slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)))
+
+    def at(name: str, changed: float) -> Array:
+        parameters = vehicle.with_parameters({name: changed}).parameter_vector()
+        return np.array(accelerations(q, u, force, around, spi.inputs, parameters)[0])[:, 0]
+
+    for i, (name, value) in enumerate(values.items()):
+        step = 1e-4 * value
+        expected = (at(name, value + step) - at(name, value - step)) / (2 * step)
+        found = spi._effect.results[0][:, i]
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+
+
+def test_sigma_points_and_weights_are_those_of_julier(vehicle: Vehicle) -> None:
+    made = ParameterUkf(car_of(vehicle), (0, 1), N)
+    covariance = np.array([[4.0, 1.0], [1.0, 3.0]])
+    m = ca.SX.sym("m", 2, 2)
+    points = np.array(ca.Function("points", [m], [ca.densify(made.points(m))])(covariance)).T
+    julier = JulierSigmaPoints(2, kappa=KAPPA)
+    expected = julier.sigma_points(np.zeros(2), covariance)
+    assert {tuple(p.round(12) + 0.0) for p in points} == {tuple(p.round(12) + 0.0) for p in expected}
+    np.testing.assert_allclose(sorted(made.weights), sorted(julier.Wm), rtol=1e-14)
+
+
+def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Vehicle) -> None:
+    spi = cornering(spi_of(vehicle, "ukf"))
+    spi.covariance[:] = 0.0
+    prior = spi.parameter_covariance.copy()
+    start = spi.values.copy()
+    car = car_of(vehicle)
+    dynamics = model_functions(car)["dynamics"]
+    columns = [car.parameter_names.index(name) for name in (MASS, FRICTION)]
+    state = spi.state.copy()
+    sense = spi._sense[0]
+    assert sense is not None
+
+    def measured(theta: Array) -> Array:
+        parameters = vehicle.parameter_vector()
+        parameters[columns] = theta
+        udot = dynamics(state[:14], state[14:28], state[28:42], state[42:46], spi.inputs, parameters)[0]
+        function = sense._keep[0]
+        mounting = vehicle.sensors["imu"].mounting()
+        return np.array(function(state[:14], state[14:28], udot, state[42:46], spi.inputs, np.zeros(6), mounting)[0])[
+            :, 0
+        ]
+
+    value, variance = measured(np.array([640.0, 0.85])), np.array([1e-6, 1e-6, 1e-6, 0.2, 0.2, 0.2])
+    oracle = UnscentedKalmanFilter(2, 6, 1.0, measured, lambda x, _: x, JulierSigmaPoints(2, kappa=KAPPA))
+    oracle.x, oracle.P, oracle.R, oracle.Q = start, prior.copy(), np.diag(variance), np.zeros((2, 2))
+    oracle.predict()
+    oracle.update(value)
+    spi.correct(0, value, variance, np.inf)
+    np.testing.assert_allclose(spi.values, oracle.x, rtol=1e-9)
+    np.testing.assert_allclose(spi.parameter_covariance, oracle.P, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> None:
+    spi = cornering(spi_of(vehicle, kind, {MASS: {"deviation": 100.0, "lower": 690.0, "upper": 710.0}}))
+    for sign in (1, -1):
+        for _ in range(200):
+            spi.predict(0.004)
+            spi.linearize()
+            spi.correct(0, np.array([0.0, 0.0, 0.4, sign * 3.0, 5.0, 9.8]), np.full(6, 1e-3), np.inf)
+            assert 690.0 <= spi.values[0] <= 710.0
+            assert spi.parameters[spi._columns][0] == spi.values[0]
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str) -> None:
+    spi = cornering(spi_of(vehicle, kind))
+
+    def go_on() -> Array:
+        for _ in range(10):
+            spi.linearize()
+            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
+            spi.predict(0.004)
+        return spi.memory.copy()
+
+    before = spi.memory.copy()
+    first = go_on()
+    spi.memory[:] = before
+    np.testing.assert_array_equal(go_on(), first)
+
+
+def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell_what_is_known(
+    lane_change: Any, vehicle: Vehicle
+) -> None:
+    observer = feed(Observer(estimating(vehicle, BOTH)), messages(lane_change, until=3.0))
+    sample = next(s for s in observer.estimate() if s.topic == "vsense/parameters")
+    known = dict(zip(sample.names, sample.values["velocity"], strict=True))
+    assert 0 < known[MASS] < 100
+    assert 0 < known[FRICTION] <= 0.2
+    diagnostic = next(d for d in observer.diagnostics() if d.name == "parameters")
+    assert MASS in diagnostic.values
+    assert "of 2" in diagnostic.values["independent combinations told"]
+    assert MASS in diagnostic.message
+
+
+class TestRefusals:
+    def test_a_name_that_the_vehicle_file_does_not_know(self, vehicle: Vehicle) -> None:
+        with pytest.raises(
+            ValidationError, match=r"chassis\.weight is no physical parameter; known are .*chassis\.mass"
+        ):
+            estimating(vehicle, {"chassis.weight": {"deviation": 10.0}})
+
+    def test_bounds_in_the_wrong_order(self) -> None:
+        with pytest.raises(ValidationError, match="lower 2 must be less than upper 1"):
+            EstimatedParameter(deviation=0.1, lower=2.0, upper=1.0)
+
+    def test_a_value_outside_its_bounds(self, vehicle: Vehicle) -> None:
+        with pytest.raises(ValidationError, match=r"road\.friction is 1 in the file, outside its bounds 0.1 to 0.9"):
+            estimating(vehicle, {FRICTION: {"deviation": 0.1, "lower": 0.1, "upper": 0.9}})
+
+    def test_a_bound_that_no_car_can_have(self, vehicle: Vehicle) -> None:
+        with pytest.raises(ValidationError, match=r"chassis\.mass cannot be 100, one of its bounds: hubs and wheels"):
+            estimating(vehicle, {MASS: {"deviation": 50.0, "lower": 100.0}})
+
+    @pytest.mark.parametrize("kind", ["ekf", "ukf"])
+    def test_a_parameter_without_effect_on_anything_that_is_measured(self, vehicle: Vehicle, kind: str) -> None:
+        with pytest.raises(InputError, match=r"steering\.ratio cannot be estimated: it changes nothing"):
+            Observer(estimating(vehicle, {"steering.ratio": {"deviation": 1.0}}, kind))

@@ -1,0 +1,44 @@
+"""The parameter filter as an EKF: exact derivatives by the parameters, of which the observer's future work in
+Rodríguez 2020 speaks."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from vsense_ros.model import codegen
+from vsense_ros.model.car import COORDINATES
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.observer.kalman import SURROUND, Q, U
+from vsense_ros.observer.parameter_filter import ParameterFilter
+
+
+class ParameterEkf(ParameterFilter):
+    """Sensitivities by automatic differentiation of the car's dynamics, of the columns that are wanted alone."""
+
+    @property
+    def width(self) -> int:
+        return self.count
+
+    def effect(self) -> ca.Function:
+        # Column by column: the whole Jacobian, of which few columns are wanted, would share its work among all.
+        seeds = [ca.SX.eye(self.car.p.numel())[:, column] for column in self.columns]
+        effect = ca.horzcat(*(ca.jtimes(self.car.dynamics, self.car.p, seed) for seed in seeds))
+        return codegen.function("parameters_effect", self.arguments, [effect], [f"i{i}" for i in range(12)])
+
+    def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
+        m, k, s = len(sensor.deviations()), self.count, self.sensitivity
+        effect = ca.SX.sym("effect", COORDINATES, k)
+        bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
+        by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
+        by_surroundings = ca.SX.sym("by_surroundings", m, 4)
+        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_surroundings @ s[SURROUND, :]
+        if sensor.uses_acceleration:
+            innovation += by_udot @ (self.through(s) + effect)
+        if biases.stop > biases.start:
+            innovation += s[biases, :]
+        root = ca.chol(self.covariance).T
+        return ca.Function(
+            "spread",
+            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_surroundings],
+            [ca.densify(innovation @ root), ca.densify(root)],
+        )

@@ -1,0 +1,121 @@
+"""The parameter filter as a UKF (Julier & Uhlmann 1997), as Rodríguez 2020 has it: sigma points instead of derivatives.
+
+Every sigma point is a car with other parameters, in the state in which the errorEKF would then have it.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.model import codegen
+from vsense_ros.model.car import COORDINATES, Motion
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
+from vsense_ros.observer.parameter_filter import ParameterFilter
+
+KAPPA = 1.0  # positive, so that all weights are; with two parameters the points have the kurtosis of the normal one
+
+
+class ParameterUkf(ParameterFilter):
+    """Sensitivities by regression over 2k + 1 sigma points, and what they leave out as additional noise."""
+
+    @property
+    def width(self) -> int:
+        return 2 * self.count + 1
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the sigma points (p,): the mean, then above and below it along each column of the root."""
+        return np.array([KAPPA, *[0.5] * (2 * self.count)]) / (self.count + KAPPA)
+
+    @property
+    def displacement(self) -> float:
+        return float(self.weights[0] ** -0.5)
+
+    def points(self, covariance: ca.SX) -> ca.SX:
+        """Deviations of the sigma points from the mean (k×p)."""
+        step = (self.count + KAPPA) ** 0.5 * ca.chol(covariance).T
+        return ca.horzcat(ca.SX.zeros(self.count, 1), step, -step)
+
+    def _cars(self, arguments: list[ca.MX]) -> tuple[ca.MX, ca.MX, ca.MX]:
+        """Of all sigma points: deviations of the parameters (k×p) and of the state (n×p), and accelerations (14×p)
+        without what errors of the forces add."""
+        p = self.width
+        m = ca.SX.sym("m", self.count, self.count)
+        deviation = ca.Function("points", [m], [ca.densify(self.points(m))])(arguments[11])
+        of_state = arguments[10] @ deviation
+        names = ca.DM.zeros(self.car.p.numel(), self.count)
+        for i, column in enumerate(self.columns):
+            names[column, i] = 1
+        q, u, force, around, inputs, parameters = (ca.repmat(a, 1, p) for a in arguments[:6])
+        dynamics = ca.Function("f", self.state, [self.car.dynamics], {"cse": True})
+        accelerations = dynamics.map(p)(
+            q + of_state[Q, :],
+            u + of_state[U, :],
+            force,
+            around + of_state[SURROUND, :],
+            inputs,
+            parameters + names @ deviation,
+        )
+        return deviation, of_state, accelerations
+
+    def _sensor(self, sensor: SensorBase) -> ca.Function:
+        """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m)."""
+        bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
+        motion = Motion(self.car.q, self.car.u, self.udot, self.car.surroundings, self.car.inputs)
+        arguments = [motion.q, motion.u, motion.udot, motion.surroundings, motion.inputs, bias, mounting]
+        return ca.Function("h", arguments, [ca.densify(sensor.equation(motion, bias, mounting))], {"cse": True})
+
+    def effect(self) -> ca.Function:
+        arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
+        deviation, _, accelerations = self._cars(arguments)
+        _, by_q, by_u, by_surroundings = arguments[6:10]
+        known = ca.Function(
+            "known",
+            [self.by_q, self.by_u, self.by_surroundings, self.sensitivity],
+            [ca.densify(self.through(self.sensitivity) - self.sensitivity[FORCE, :])],
+        )(by_q, by_u, by_surroundings, arguments[10])
+        beyond = accelerations - known @ deviation
+        weighted = ca.DM(np.diag(self.weights)) @ deviation.T
+        m = ca.SX.sym("m", self.count, self.count)
+        x = ca.SX.sym("x", COORDINATES, self.count)
+        factor = ca.chol(m)
+        regress = ca.Function("regress", [x, m], [ca.solve(factor, ca.solve(factor.T, x.T)).T])
+        return codegen.function(
+            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], [f"i{i}" for i in range(12)]
+        )
+
+    def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
+        p, m = self.width, len(sensor.deviations())
+        arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
+        effect = ca.MX.sym("effect", COORDINATES, self.count)
+        bias, mounting = ca.MX.sym("biases", len(sensor.biases())), ca.MX.sym("mounting", len(sensor.mounting()))
+        jacobians = [ca.MX.sym("by", m, columns) for columns in (14, 14, 14, 4)]
+        q, u, _, around, inputs = (ca.repmat(a, 1, p) for a in arguments[:5])
+        udot = ca.repmat(arguments[6], 1, p)
+        if sensor.uses_acceleration:
+            deviation, of_state, accelerations = self._cars(arguments)
+            udot += accelerations - ca.repmat(accelerations[:, 0], 1, p) + of_state[FORCE, :]
+        else:
+            covariance = ca.SX.sym("m", self.count, self.count)
+            deviation = ca.Function("points", [covariance], [ca.densify(self.points(covariance))])(arguments[11])
+            of_state = arguments[10] @ deviation
+        shifted = ca.repmat(bias, 1, p)
+        if biases.stop > biases.start:
+            shifted += of_state[biases, :]
+        measured = self._sensor(sensor).map(p)(
+            q + of_state[Q, :],
+            u + of_state[U, :],
+            udot,
+            around + of_state[SURROUND, :],
+            inputs,
+            shifted,
+            ca.repmat(mounting, 1, p),
+        )
+        weights = ca.DM(self.weights)
+        scale = ca.DM(np.diag(self.weights**0.5))
+        columns = (measured - ca.repmat(measured @ weights, 1, p)) @ scale
+        return ca.Function(
+            "spread", [*arguments, effect, bias, mounting, *jacobians], [columns, deviation @ scale], {"cse": True}
+        )
