@@ -84,21 +84,34 @@ def _make(batch: list[cases.Case], folder: Path, steps) -> None:
 def run(options: dict, ablation: str | None, ask: bool) -> None:
     """Let the tool answer; answers that are there are kept."""
     _check_seal(options)
+    if not tool.can_conceal():
+        raise click.ClickException(
+            f"labels cannot be concealed from the tool here: `{' '.join(tool.UNSHARE)} true` fails; "
+            "run as root or allow user namespaces (on Ubuntu: kernel.apparmor_restrict_unprivileged_userns=0)"
+        )
+    chosen = options["chosen"]
+    _all(options, "answers", _answer, [(case.number, options["out"], ablation) for case in chosen])
+    told = [(case.number, options["out"], _truth(case)) for case in chosen if _truth(case)]
+    if ask and not ablation:
+        _all(options, "true effects", _ask_oracle, told)
+
+
+def _all(options: dict, title: str, job, arguments: list[tuple]) -> None:
     with _progress() as progress, ProcessPoolExecutor(options["processes"]) as pool:
-        bar = progress.add_task("cases", total=len(options["chosen"]))
-        futures = [pool.submit(_answer, case, options["out"], ablation, ask) for case in options["chosen"]]
-        for future in as_completed(futures):
+        bar = progress.add_task(title, total=len(arguments))
+        for future in as_completed([pool.submit(job, *each) for each in arguments]):
             future.result()
             progress.advance(bar)
 
 
-def _answer(case: cases.Case, out: Path, ablation: str | None, ask: bool) -> None:
-    folder, labels = out / "cases" / case.number, out / "labels"
+def _answer(number: str, out: Path, ablation: str | None) -> None:
     words = ("--ablation", ablation) if ablation else ()
-    tool.explain(folder, out / _answers(ablation) / case.number, labels, *words)
-    truth = _truth(case)
-    if ask and truth and not ablation:
-        oracle.best(folder, out / "oracle" / case.number, labels, truth)
+    tool.explain(out / "cases" / number, out / _answers(ablation) / number, *words, hidden=out / "labels")
+
+
+def _ask_oracle(number: str, out: Path, truth: list[str]) -> None:
+    """Its reports tell what is hidden, so they lie with the labels."""
+    oracle.ask(out / "cases" / number, out / "labels" / "oracle" / number, truth)
 
 
 def _truth(case: cases.Case) -> list[str]:
@@ -118,9 +131,9 @@ def score_command(options: dict, target: Path) -> None:
     results = _results(options, None)
     if not results:
         raise click.ClickException(f"no answers in {options['out'] / 'answers'}; `python -m blind run` gives them")
-    figures = {
+    sets = score.all_sets(results)
+    figures = sets | {
         "split": options["split"],
-        "sets": score.all_sets(results),
         "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
         "confusion": score.confusion(results),
     }
@@ -129,8 +142,8 @@ def score_command(options: dict, target: Path) -> None:
             figures["ablations"][ablation] = score.all_sets(found)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    for name, scores in figures["sets"].items():
-        _print(name, scores, {a: sets.get(name, {}) for a, sets in figures["ablations"].items()})
+    for name, scores in sets.items():
+        _print(name, scores, {ablation: other.get(name, {}) for ablation, other in figures["ablations"].items()})
     _print_confusion(figures["confusion"])
 
 
@@ -138,13 +151,10 @@ def _results(options: dict, ablation: str | None) -> list[score.Result]:
     labels = json.loads((options["out"] / "labels" / "labels.json").read_text(encoding="utf-8"))
     results = []
     for case in options["chosen"]:
-        report = options["out"] / _answers(ablation) / case.number
-        if not (report / "answer.json").exists():
-            continue
-        answer = tool.explain(Path(), report, Path())
-        truth, asked = _truth(case), options["out"] / "oracle" / case.number
-        best = oracle.best(Path(), asked, Path(), truth) if truth and (asked / "answer.json").exists() else None
-        results.append(score.Result(labels[case.number], answer, best))
+        answer = tool.earlier(options["out"] / _answers(ablation) / case.number)
+        if answer:
+            best = oracle.best(options["out"] / "labels" / "oracle" / case.number, _truth(case))
+            results.append(score.Result(labels[case.number], answer, best))
     return results
 
 

@@ -24,12 +24,16 @@ class Best:
         return self.gain >= DETECTABLE
 
 
-def best(case: Path, report: Path, hidden: Path, effects: list[str]) -> Best | None:
-    """`vsense explain … --assume EFFECT…`; None where the tool gives no answer."""
-    options = [word for effect in effects for word in ("--assume", effect)]
-    answer = tool.explain(case, report, hidden, *options).explain
-    found = answer.get("effects", [])[: len(effects)]
-    if not found:
+def ask(case: Path, report: Path, effects: list[str]) -> None:
+    """`vsense explain … --assume EFFECT…`: the tool told the answer, and left with the fitting."""
+    tool.explain(case, report, *(word for effect in effects for word in ("--assume", effect)), hidden=None)
+
+
+def best(report: Path, effects: list[str]) -> Best | None:
+    """From the answer that `ask` has left in `report`; None where there is none."""
+    answer = tool.earlier(report)
+    found = answer.explain.get("effects", [])[: len(effects)] if answer else []
+    if not answer or not found:
         return None
-    after = {signal: after for signal, (_, after) in reading.errors(answer).items()}
+    after = {signal: after for signal, (_, after) in reading.errors(answer.explain).items()}
     return Best(max(reading.gain(effect) for effect in found), after)

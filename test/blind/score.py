@@ -55,6 +55,13 @@ class Result:
         return reading.answer_set(self.answer.explain)
 
     @property
+    def wrong(self) -> bool:
+        """A name is said that is not right, or a choice is given in which none is."""
+        if self.verdict == "ambiguous":
+            return not set(self.answer_set) & self.right
+        return not set(self.accepted) <= self.right
+
+    @property
     def detectable(self) -> bool:
         return self.best is None or self.best.detectable
 
@@ -120,7 +127,7 @@ def located_right(result: Result) -> bool | None:
 def of_set(results: list[Result]) -> dict:
     """All scores of one manoeuvre set."""
     single = [r for r in results if r.kind == "effect" and r.detectable]
-    named = [r for r in results if r.verdict == "named"]
+    answers = [r for r in results if r.verdict in ("named", "ambiguous")]
     spoken = [r for r in single if r.verdict in ("named", "ambiguous")]
     doubles = [r for r in results if r.kind == "double" and r.detectable]
     kinds = {kind: [r for r in results if r.kind == kind] for kind in ("nothing", "outside", "inseparable")}
@@ -129,7 +136,7 @@ def of_set(results: list[Result]) -> dict:
     return {
         "top1": share(r.verdict in ("named", "ambiguous") and r.ranked[:1] == list(r.truth) for r in single),
         "top2": share(r.verdict in ("named", "ambiguous") and r.truth <= set(r.ranked[:2]) for r in single),
-        "wrong_among_answers": share(not set(r.accepted) <= r.right for r in named),
+        "wrong_among_answers": share(r.wrong for r in answers),
         "false_alarms": share(r.verdict not in QUIET for r in kinds["nothing"]),
         "answer_set_coverage": share(r.truth <= set(r.answer_set) for r in spoken),
         "answer_set_size": number((len(r.answer_set) for r in spoken), np.mean),

@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from scipy.stats import binomtest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
 from blind import cases, score, tool
-from blind.__main__ import SEALS
+from blind.__main__ import SEALS, main
 from blind.effects import EFFECTS
 from blind.oracle import Best
 from blind.outside import OUTSIDE
@@ -88,6 +89,18 @@ def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_c
     assert found["inseparable_covered"]["value"] == 0.5
 
 
+def test_a_choice_without_the_truth_is_wrong():
+    found = score.of_set(
+        [
+            _result(["aero_drag"], "ambiguous", ["road_grade", "brake_drag"]),
+            _result(["aero_drag"], "ambiguous", ["road_grade", "aero_drag"]),
+        ]
+    )
+    assert found["wrong_among_answers"]["value"] == 0.5
+    assert found["answer_set_coverage"]["value"] == 0.5
+    assert found["answer_set_size"]["value"] == 2.0
+
+
 def test_both_of_a_double_must_be_accepted():
     one, both = (_result(["gyro_bias", "aero_drag"], "named", ["gyro_bias", "aero_drag"], kind="double") for _ in "ab")
     for effect in both.answer.explain["effects"]:
@@ -114,7 +127,7 @@ def test_shuffled_labels_keep_the_answers_and_the_labels_of_each_set():
 
 
 def test_the_tool_cannot_read_the_labels(tmp_path):
-    if not tool._namespaces():
+    if not tool.can_conceal():
         pytest.skip("no user namespaces on this machine")
     labels = tmp_path / "labels"
     labels.mkdir()
@@ -164,7 +177,7 @@ def test_an_answer_that_is_there_is_not_asked_for_again(tmp_path):
     report.mkdir()
     stored = {"explain": {"verdict": "named"}, "cpu": 3.0, "fault": ""}
     (report / "answer.json").write_text(json.dumps(stored), encoding="utf-8")
-    assert tool.explain(Path("none"), report, tmp_path) == Answer({"verdict": "named"}, 3.0)
+    assert tool.explain(Path("none"), report, hidden=tmp_path) == Answer({"verdict": "named"}, 3.0)
 
 
 def test_a_tool_that_fails_is_reported_with_what_it_printed(tmp_path):
@@ -173,3 +186,47 @@ def test_a_tool_that_fails_is_reported_with_what_it_printed(tmp_path):
     answer = tool._run([sys.executable, "-c", "raise SystemExit('no such option')"], report)
     assert answer.explain == {}
     assert "no such option" in answer.fault
+
+
+STUB = """
+import json, pathlib, sys
+words = sys.argv[1:]
+report = pathlib.Path(words[words.index("--report") + 1])
+name = words[words.index("--assume") + 1] if "--assume" in words else "gyro_bias"
+effect = {"id": name, "parameters": [], "gain_training": 0.4, "gain_held_out": 0.3}
+fit = {"yaw_rate": {"held_out": {"before": 2.0, "after": 1.0}}}
+said = {"verdict": "named", "effects": [effect], "answer_set": [name], "fit": fit}
+(report / "explain.json").write_text(json.dumps(said))
+"""
+
+
+def test_the_runner_goes_from_cases_to_figures(tmp_path, monkeypatch):
+    if not tool.can_conceal():
+        pytest.skip("no user namespaces on this machine")
+    out = tmp_path / "public"
+    (out / "labels").mkdir(parents=True)
+    every = cases.all_cases("public")
+    (out / "labels" / "labels.json").write_text(cases.labels_text(every), encoding="utf-8")
+    monkeypatch.setattr(
+        tool, "command", lambda case, report, *o: [sys.executable, "-c", STUB, "--report", str(report), *o]
+    )
+    words = ["--out", str(tmp_path), "--cases", "8", "--processes", "1"]
+    run = CliRunner().invoke(main, [*words, "run"], catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    scored = CliRunner().invoke(main, [*words, "score", "--json", str(tmp_path / "blind.json")], catch_exceptions=False)
+    assert scored.exit_code == 0, scored.output
+    figures = json.loads((tmp_path / "blind.json").read_text(encoding="utf-8"))
+    single = [c for c in every[:8] if c.kind == "effect" and c.manoeuvres == "rich"]
+    right = sum(c.hidden[0][0] == "gyro_bias" for c in single)
+    assert figures["rich"]["top1"]["n"] == len(single)
+    assert figures["rich"]["top1"]["value"] == pytest.approx(right / len(single))
+    assert "shuffled_labels" in figures["ablations"]
+
+
+def test_changed_labels_are_not_scored(tmp_path):
+    labels = tmp_path / "public" / "labels"
+    labels.mkdir(parents=True)
+    (labels / "labels.json").write_text("{}", encoding="utf-8")
+    result = CliRunner().invoke(main, ["--out", str(tmp_path), "score"])
+    assert result.exit_code == 1
+    assert "missing or changed" in result.output

@@ -8,11 +8,13 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
 TIMEOUT = 1800  # [s]
+KEPT = "answer.json"
+UNSHARE = ("unshare", "--user", "--map-root-user", "--mount")
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 
 
@@ -36,17 +38,24 @@ def command(case: Path, report: Path, *options: str) -> list[str]:
     return [*line, "--report", str(report), *options]
 
 
-def explain(case: Path, report: Path, hidden: Path, *options: str) -> Answer:
+def explain(case: Path, report: Path, *options: str, hidden: Path | None) -> Answer:
     """Run the tool, or take its earlier answer from `report`. `hidden` is a folder that it must not see."""
-    kept = report / "answer.json"
-    if kept.exists():
-        stored = json.loads(kept.read_text(encoding="utf-8"))
-        return Answer(stored["explain"], stored["cpu"], stored["fault"])
+    if answer := earlier(report):
+        return answer
     shutil.rmtree(report, ignore_errors=True)
     report.mkdir(parents=True)
-    answer = _run(concealed(command(case, report, *options), hidden), report)
-    kept.write_text(json.dumps({"explain": answer.explain, "cpu": answer.cpu, "fault": answer.fault}), encoding="utf-8")
+    line = command(case, report, *options)
+    answer = _run(concealed(line, hidden) if hidden else line, report)
+    (report / KEPT).write_text(json.dumps(asdict(answer)), encoding="utf-8")
     return answer
+
+
+def earlier(report: Path) -> Answer | None:
+    """The answer that `explain` has left in a folder, if there is one."""
+    try:
+        return Answer(**json.loads((report / KEPT).read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
 
 
 def _run(line: list[str], report: Path) -> Answer:
@@ -70,20 +79,15 @@ def _run(line: list[str], report: Path) -> Answer:
 
 
 def concealed(line: list[str], hidden: Path) -> list[str]:
-    """A command line under which the folder `hidden` is empty: it is covered in a mount namespace of its own.
-
-    Raises `RuntimeError` where the machine has no such namespaces.
-    """
-    if not _namespaces():
-        raise RuntimeError("labels cannot be concealed here: `unshare --user --mount` does not work on this machine")
+    """A command line under which the folder `hidden` is empty: covered in a mount namespace of its own."""
     script = 'mount -t tmpfs -o ro none "$0" && exec "$@"'
-    return ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script, str(hidden.resolve()), *line]
+    return [*UNSHARE, "sh", "-c", script, str(hidden.resolve()), *line]
 
 
 @cache
-def _namespaces() -> bool:
+def can_conceal() -> bool:
+    """Whether this machine lets its users have mount namespaces."""
     try:
-        done = subprocess.run(["unshare", "--user", "--map-root-user", "--mount", "true"], capture_output=True)
+        return subprocess.run([*UNSHARE, "true"], capture_output=True).returncode == 0
     except FileNotFoundError:
         return False
-    return done.returncode == 0
