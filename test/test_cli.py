@@ -264,6 +264,27 @@ def test_suspension_tables_of_a_vehicle_without_linkages_are_refused(tmp_path):
     assert not (tmp_path / "car.yaml").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("    tie_rod: {", "    tie_rod_length: 0.9\n    tie_rod: {", "linkage 'front' does not close: .* tie rod by"),
+        ("[-0.14, -0.352, -0.0654]", "[-0.09, -0.32, 0.0996]", "12 constraints of which only .* are independent"),
+        ("    steered: true\n", "", "cannot be steered: set `steered: true`"),
+    ],
+)
+def test_suspension_tables_of_a_linkage_that_cannot_be_are_refused(tmp_path, old, new, complaint):
+    text = (shared_folder("config") / "vehicles" / "prototype_real.yaml").read_text(encoding="utf-8")
+    assert old in text
+    text = text.replace(old, new, 1)
+    if "-0.0654" in old:  # the fifth link where the fourth one is already
+        text = text.replace("outer: [-0.14, -0.065, -0.068]", "outer: [-0.015, -0.085, 0.125]", 1)
+    (tmp_path / "car.yaml").write_text(text, encoding="utf-8")
+    result = vsense("suspension", tmp_path / "car.yaml")
+    assert result.exit_code == 2
+    assert re.search(complaint, result.output), result.output
+    assert (tmp_path / "car.yaml").read_text(encoding="utf-8") == text
+
+
 def test_datasets_that_are_not_here_are_listed_as_such(tmp_path):
     result = vsense("datasets", VSENSE_DATA=str(tmp_path))
     assert result.exit_code == 0

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
+from stepping import Stepper
 from vsense_ros.model.car import Car, kinematics
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.steps import DYNAMIC_COORDINATES, dynamics_function, force_function, linearize_function
@@ -157,16 +158,23 @@ class Bodies:
     def own_forces(self) -> ca.Function:
         """(q, steering, derivatives of q) → generalized forces of weight, springs, dampers and bars."""
         q, rate = self.q, ca.SX.sym("rate", 14)
-        potential, force = G * self.height, ca.SX(14, 1)
+        force = ca.SX(14, 1)
+        for axle, c in zip(self.axles, self.springs, strict=True):
+            by_q = ca.jacobian(c, q).T
+            force -= axle.suspension_damping * by_q * ca.dot(by_q, rate)
+        return ca.Function("own", [q, self.steering, rate], [force - ca.gradient(self.potential, q)])
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Of weight, springs and bars [J]."""
+        q, potential = self.q, G * self.height
         for i, axle in enumerate(self.axles):
             preload = self.loads[i] * self._lift(i) - (axle.hub_mass + axle.wheel_mass) * G
             c = self.springs[i]
             potential += preload * c + axle.suspension_stiffness * c**2 / 2
-            by_q = ca.jacobian(c, q).T
-            force -= axle.suspension_damping * by_q * ca.dot(by_q, rate)
         for left in (0, 2):
             potential += self.axles[left].antiroll_stiffness * (q[6 + left] - q[7 + left]) ** 2 / 2
-        return ca.Function("own", [q, self.steering, rate], [force - ca.gradient(potential, q)])
+        return potential
 
     def _lift(self, i: int) -> float:
         """How much a point of the hub at the contact of the design position rises, per travel."""
@@ -174,7 +182,7 @@ class Bodies:
         rest = np.zeros(14)
         centre, frame = (np.asarray(r) for r in hub(rest, 0))
         down = np.cross(frame[:, 1], [1.0, 0.0, 0.0])
-        down *= (self.axles[i].unloaded_radius - self.loads[i] / self.axles[i].tyre_stiffness) / 1.0
+        down *= self.axles[i].unloaded_radius - self.loads[i] / self.axles[i].tyre_stiffness
         point = frame.T @ down
         ends = []
         for travel in (-1e-5, 1e-5):
@@ -360,6 +368,38 @@ def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, tabl
     state["force"] = state["force"] + np.asarray(more)[:, 0]
     after = np.asarray(dynamics(*state.values())[0])[:, 0]
     assert_allclose(after - before, wish, atol=1e-9 * (1 + np.abs(before).max()))
+
+
+def test_energy_of_a_thrown_car_without_dampers_is_kept_to_second_order_of_the_step(tabled, monkeypatch):
+    """Kinetic energy from places by finite differences."""
+    monkeypatch.setenv("VSENSE_COMPILE", "0")  # for a thousand steps
+    none = {f"{axle}.{name}": 0.0 for axle in ("front", "rear") for name in ("suspension_damping", "tyre_damping")}
+    lossless = tabled.with_parameters(none | {"aerodynamics.drag_area": 0.0})
+    bodies, steering = Bodies(lossless), 0.1
+    holding = np.zeros(14)
+    holding[6:10] = np.array(bodies.loads) - [(a.hub_mass + a.wheel_mass) * G for a in bodies.axles]
+    place = ca.Function("place", [bodies.q, bodies.steering], [bodies.places])
+    potential = ca.Function("potential", [bodies.q, bodies.steering], [bodies.potential])
+    speeds = ca.SX.sym("u", 14)
+    rate_of = ca.Function("rate", [bodies.q, speeds], [kinematics(bodies.q, speeds)])
+
+    def energy(q: np.ndarray, u: np.ndarray) -> float:
+        step = 1e-6 * np.asarray(rate_of(q, u))[:, 0]
+        velocity = (np.asarray(place(q + step, steering)) - np.asarray(place(q - step, steering)))[:, 0] / 2e-6
+        return float(bodies.weights @ velocity**2 / 2 + potential(q, steering) - holding @ q)
+
+    q = np.array([0, 0, 5.0, 0.3, -0.2, 0.7, 0.02, -0.03, 0.01, 0.03, 0, 0, 0, 0])
+    u = np.array([15.0, -3.0, 4.0, 1.5, -0.4, 1.0, 0.5, -0.4, 0.3, -0.2, 60.0, 40.0, 50.0, -30.0])
+    start, drift = energy(q, u), []
+    for h in (2e-3, 1e-3, 5e-4):
+        stepper = Stepper(lossless, q, u)
+        stepper.inputs[0], stepper.force[:] = steering, holding
+        stepper.run(0.3, h)
+        assert np.abs(stepper.q[6:10] - q[6:10]).max() > 0.01
+        drift.append(abs(energy(stepper.q, stepper.u) - start))
+    assert drift[-1] < 1e-5 * start
+    assert drift[0] / drift[1] > 3.5
+    assert drift[1] / drift[2] > 3.5
 
 
 def changed(tables: SuspensionTables, **top: object) -> dict[str, object]:
