@@ -19,8 +19,8 @@ LARGEST_HANDWHEEL = 7.0  # [rad]
 class Drivers:
     """What each lane's driver asks for."""
 
-    def __init__(self, cars, knobs, courses) -> None:
-        self.car, self.knobs = cars, knobs
+    def __init__(self, cars, courses) -> None:
+        self.car = cars
         length = max(len(course.path.x) for course in courses)
         self.path = {
             name: np.stack([_extended(getattr(c.path, name), length) for c in courses], axis=1)
@@ -31,8 +31,9 @@ class Drivers:
             name: np.stack([_extended(getattr(c, name), steps, hold=True) for c in courses], axis=1)
             for name in ("lateral", "follow", "forward", "hold")
         }
-        phases = [np.random.default_rng(c.seed).uniform(0, 2 * np.pi, (2, len(ROUGH_WAVES))) for c in courses]
-        self.surface = SimpleNamespace(rms=np.array([c.roughness for c in courses]), phase=np.stack(phases, axis=-1))
+        phases = [np.random.default_rng(c.seed).uniform(0, 2 * np.pi, (len(ROUGH_WAVES), 2)) for c in courses]
+        left_and_right = np.tile(np.stack(phases, axis=-1), (1, 2, 1))
+        self.surface = SimpleNamespace(rms=np.array([c.roughness for c in courses]), phase=left_and_right)
         self.lanes = np.arange(len(courses))
         self.along = np.zeros(len(courses))
         self.gradient = _understeer_gradient(cars)

@@ -13,7 +13,8 @@ pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv ins
 
 from blind import cars, courses, knobs
 from blind.cars import CARS, GRAVITY
-from blind.physics import state
+from blind.driver import Drivers
+from blind.physics import road, state
 from blind.plants import mujoco_tree, newton_euler
 from blind.tyres import FORMULAS
 
@@ -153,3 +154,22 @@ def test_states_beside_the_bodies_do_not_overlap():
     assert rows[0][0] == 0
     assert rows[-1][1] == state.SIZE
     assert all(a[1] == b[0] for a, b in pairwise(rows))
+
+
+def test_the_slope_of_a_road_is_the_derivative_of_its_height():
+    hidden = knobs.side_by_side([{"grade": 0.03, "bank": -0.04, "undulation": 0.005}])
+    along, across, step = np.linspace(0, 400, 50)[:, None], 3.0, 1e-4
+    grade, bank = road.slopes(hidden, along, across)
+    change = road.height(hidden, along + step, across) - road.height(hidden, along - step, across)
+    assert grade == pytest.approx(change / (2 * step), abs=1e-7)
+    change = road.height(hidden, along, across + step) - road.height(hidden, along, across - step)
+    assert bank == pytest.approx(change / (2 * step), abs=1e-7)
+
+
+def test_an_uneven_road_has_the_roughness_that_is_asked_for():
+    course = replace(courses.coast_down(20.0), roughness=0.002, seed=7)
+    surface = Drivers(cars.side_by_side([CARS[0]]), [course]).surface
+    height = road.roughness(surface, np.linspace(0, 40_000, 400_000)[:, None, None] * np.ones((4, 1)))
+    assert height.std(axis=0)[0] == pytest.approx(0.002, rel=0.02)
+    assert np.all(height[:, 0] == height[:, 2])
+    assert abs(np.corrcoef(height[:, 0, 0], height[:, 1, 0])[0, 1]) < 1

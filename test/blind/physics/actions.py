@@ -32,7 +32,7 @@ def actions(car, knobs, motion, extra_array, command, acceleration, formula):
     told = driveline.told(car, command.acceleration)
     torque = driveline.at_wheels(car, knobs, motion, extra, rate, told, handwheel, acceleration[1])
     angle = wheel.steer_angles(car, knobs, extra, handwheel, motion.travel, torque)
-    contact = wheel.contacts(car, knobs, motion, extra, angle)
+    contact = wheel.contacts(car, knobs, motion, angle)
     force, moment, spin_torque, force_x, force_y = wheel.tyres(car, knobs, motion, extra, contact, formula, rate)
     body_force, body_moment = body.forces(car, knobs, motion, extra, rate, acceleration)
     return SimpleNamespace(

@@ -1,7 +1,6 @@
 """The road as a surface over the map: height, slope and grip as functions of place, the same on every pass.
 
-Place is distance along the lane's path and offset to its left. Free of drifts: no grade at the start of a recording
-would be absorbed by the first seconds, so profiles have a constant part and a wave.
+Place is distance along the lane's path and offset to its left. Grade and bank have a constant part and a wave.
 """
 
 from __future__ import annotations
@@ -9,42 +8,37 @@ from __future__ import annotations
 import numpy as np
 
 WAVE = 260.0  # [m] of grade and bank
-ROUGH = 7.0  # [m] of an undulation
+UNDULATION = 7.0  # [m]
 PATCHES = 130.0  # [m] from one wet patch to the next; half of the road is wet
+ROUGH_WAVES = np.array([3.1, 6.9, 15.7, 37.0])  # [m] of a paved road; a height goes with the root of its length
+_ROUGH_SHARES = np.sqrt(ROUGH_WAVES / (ROUGH_WAVES.sum() / 2))
 
 
-ROUGH_WAVES = np.geomspace(3.0, 40.0, 7)  # [m] of a paved road; a height goes with the root of its length (ISO 8608)
+def roughness(surface, along):
+    """Height of the unevenness of every road [m] (4, lanes).
 
-
-def roughness(surface, along, wheel_side):
-    """Height of unevenness that no one intends [m], different under left and right wheels (4, lanes).
-
-    surface: `rms` [m] (lanes,) and `phase` (2, waves, lanes).
+    surface: `rms` [m] (lanes,) and `phase` (waves, 4, lanes), which differs between left and right.
     """
     height = np.zeros_like(along)
-    scale = np.sqrt(ROUGH_WAVES / (ROUGH_WAVES.sum() / 2))
-    for i, (length, share) in enumerate(zip(ROUGH_WAVES, scale, strict=True)):
-        phase = np.where(wheel_side > 0, surface.phase[0, i], surface.phase[1, i])
-        height += share * np.sin(2 * np.pi * along / length + phase)
+    for length, share, phase in zip(ROUGH_WAVES, _ROUGH_SHARES, surface.phase, strict=True):
+        height += share * np.sin(2 * np.pi / length * along + phase)
     return surface.rms * height
 
 
-def slopes(knobs, along):
-    """Grade along the path and bank across it (positive: left side higher) [rad], at a distance along it [m]."""
-    wave = 2 * np.pi * along / WAVE
-    grade = knobs.grade * (0.6 + 0.4 * np.sin(wave)) + knobs.undulation * 2 * np.pi / ROUGH * np.cos(
-        2 * np.pi * along / ROUGH
-    )
+def slopes(knobs, along, across):
+    """Grade along the path and bank across it (positive: left side higher) [rad]."""
+    wave, short = 2 * np.pi * along / WAVE, 2 * np.pi * along / UNDULATION
+    grade = knobs.grade * (0.6 + 0.4 * np.sin(wave)) + knobs.undulation * 2 * np.pi / UNDULATION * np.cos(short)
     bank = knobs.bank * (0.6 + 0.4 * np.cos(wave))
-    return grade, bank
+    twist = -knobs.bank * 0.4 * 2 * np.pi / WAVE * np.sin(wave)  # [rad/m]
+    return grade + across * twist, bank
 
 
 def height(knobs, along, across):
     """Height of the road [m] that belongs to `slopes`."""
-    wave = 2 * np.pi * along / WAVE
+    wave, short = 2 * np.pi * along / WAVE, 2 * np.pi * along / UNDULATION
     profile = knobs.grade * (0.6 * along + 0.4 * WAVE / (2 * np.pi) * (1 - np.cos(wave)))
-    profile = profile + knobs.undulation * np.sin(2 * np.pi * along / ROUGH)
-    return profile + across * knobs.bank * (0.6 + 0.4 * np.cos(wave))
+    return profile + knobs.undulation * np.sin(short) + across * knobs.bank * (0.6 + 0.4 * np.cos(wave))
 
 
 def grip(knobs, along, speed, wheel_side):

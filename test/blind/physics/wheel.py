@@ -55,7 +55,7 @@ def steer_angles(car, knobs, extra, handwheel, travel, axle_torque):
     return angle
 
 
-def contacts(car, knobs, motion, extra, angle):
+def contacts(car, knobs, motion, angle):
     """Geometry and velocities at the contact points, in body axes (3, 4, lanes), and the wheel loads."""
     centre = car.centre + car.guide * motion.travel
     to_map = motion.rotation  # body → map (3, 3, lanes)
@@ -66,7 +66,7 @@ def contacts(car, knobs, motion, extra, angle):
     cosine, sine = np.cos(path.heading), np.sin(path.heading)
     along, across = path.along + dx * cosine + dy * sine, -dx * sine + dy * cosine
     if knobs.any("grade", "bank", "undulation"):
-        grade, bank = road.slopes(knobs, along)
+        grade, bank = road.slopes(knobs, along, across)
         ground = road.height(knobs, along, across)
         slope_x = cosine * grade - sine * bank
         slope_y = sine * grade + cosine * bank
@@ -77,7 +77,7 @@ def contacts(car, knobs, motion, extra, angle):
         normal = np.repeat(to_map[2][:, None, :], 4, axis=1)
         above = motion.position[2] + arm[2]
     if path.surface.rms.any():
-        above = above - road.roughness(path.surface, along, car.side)
+        above = above - road.roughness(path.surface, along)
     axle = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)])
     ahead = cross(axle, normal)
     ahead = ahead / np.sqrt(dot(ahead, ahead))
@@ -94,8 +94,7 @@ def contacts(car, knobs, motion, extra, angle):
     load = stiffness * deflection - car.tyre_damping * dot(normal, velocity)
     load = np.where(deflection > 0, np.maximum(load, 0.0), 0.0)
     if knobs.any("imbalance"):
-        phase = motion.spin_angle
-        load = load + knobs.imbalance * motion.spin**2 * np.sin(phase)
+        load = load + knobs.imbalance * motion.spin**2 * np.sin(motion.spin_angle)
     return SimpleNamespace(
         centre=centre, point=point, normal=normal, ahead=ahead, sideways=sideways, axle=axle, load=load, along=along,
         loaded=loaded, effective=radius - deflection / 3, camber=dot(normal, axle),

@@ -40,7 +40,7 @@ def simulate(cars, knobs, courses, formula, tick=lambda seconds: None) -> Log:
     rolling = speed / (cars.radius - cars.static_load / cars.tyre_vertical / 3)
     full[:, [velocity.start + 6 + i for i in SPINS]] = rolling.T
 
-    drivers = Drivers(cars, knobs, courses)
+    drivers = Drivers(cars, courses)
     duration = max(course.duration for course in courses)
     recorder = Recorder(duration, lanes)
     extra = state.zeros(lanes)

@@ -25,7 +25,7 @@ EXTRA = slice(28, 28 + state.SIZE)
 def simulate(cars, knobs, courses, formula, tick=lambda seconds: None) -> Log:
     """Drive every lane its course; `tick` is told the seconds of simulated time that have passed."""
     plant = _Plant(cars, knobs, formula)
-    drivers = Drivers(cars, knobs, courses)
+    drivers = Drivers(cars, courses)
     duration = max(course.duration for course in courses)
     recorder = Recorder(duration, cars.lanes)
     x = plant.start(np.array([course.speed for course in courses]))
