@@ -202,7 +202,9 @@ def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: V
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "bag"), [("prototype_model", ROOT / "bags/double_lane_change"), ("rav4", DATA / "comma2k19_rav4")]
+    ("name", "bag"),
+    [("prototype_model", ROOT / "bags/double_lane_change"), ("rav4", DATA / "comma2k19_rav4")],
+    ids=["double lane change", "RAV4"],
 )
 def test_on_a_recording_it_computes_what_the_one_in_python_does(name: str, bag: Path, tmp_path: Path) -> None:
     if not bag.exists():

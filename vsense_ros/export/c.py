@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.export.expressions import c_function, number
+from vsense_ros.export.expressions import c_function, number, wrapped
 from vsense_ros.model import steps
 from vsense_ros.model.car import INPUTS, SURROUNDINGS, WHEELS, Car, car_of
 from vsense_ros.model.parameter import units
@@ -227,7 +227,7 @@ class _Contents:
     def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
         places = _ARGUMENTS | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
-        return f"{function.name()}({', '.join([*arguments, *results])});"
+        return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
 
     def _sensor(self, name: str) -> dict[str, Any]:
         sensor = self.observer.sensors[name]
@@ -244,6 +244,7 @@ class _Contents:
             "gate": sensor.gate,
             "limit": number(limit),
             "mounting": _table(mounting) if mounting.size else "",
+            "offset": _table(sensor.offsets()),
             "variance": _table(deviations**2),
             "uses_acceleration": int(sensor.uses_acceleration),
             "first_bias": where.start,

@@ -7,6 +7,7 @@ functions that describe each function. Here a function is what an engineer would
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 import casadi as ca
@@ -58,6 +59,12 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
+def wrapped(text: str, indent: str = "") -> str:
+    """A line of C as several of at most 120 characters; the first begins where it is put, behind `indent`."""
+    lines = textwrap.wrap(text, 120, initial_indent=indent, subsequent_indent=indent + "    ")
+    return "\n".join(lines).removeprefix(indent)
+
+
 def c_function(function: ca.Function, results: Sequence[str]) -> str:
     """A static C99 function that does what `function` does; its arguments and then `results` name its parameters.
 
@@ -89,8 +96,8 @@ def c_function(function: ca.Function, results: Sequence[str]) -> str:
     ]
     work = [f"w{i}" for i in range(f.sz_w())]
     lines = [
-        f"/* {', '.join(shapes)} -> {', '.join(made)} */",
-        f"static void {f.name()}({', '.join(parameters)}) {{",
+        wrapped(f"/* {', '.join(shapes)} -> {', '.join(made)} */"),
+        wrapped(f"static void {f.name()}({', '.join(parameters)}) {{"),
         *(f"    double {', '.join(work[i : i + 16])};" for i in range(0, len(work), 16)),
         *(f"    (void){name};" for i, name in enumerate(arguments) if i not in used),
         *(f"    {line}" for line in body),

@@ -72,6 +72,10 @@ class SensorBase(Part):
         """Standard deviation of each component where a message does not give one, (m,)."""
         raise NotImplementedError
 
+    def offsets(self) -> Vector:
+        """Known errors of the components, which `read` takes off, (m,)."""
+        return np.zeros(len(self.deviations()))
+
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         """Fill `out` (m,) and `variance` (m,) from the fields of a message; NaN marks an absent component."""
         raise NotImplementedError

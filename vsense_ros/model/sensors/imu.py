@@ -60,10 +60,13 @@ class Imu(SensorBase):
     def deviations(self) -> Vector:
         return np.array([*self.rate_noise, *self.force_noise])
 
+    def offsets(self) -> Vector:
+        return _joined(self.rate_offset, self.force_offset)
+
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[:3] = values["angular_velocity"]
         out[3:] = values["linear_acceleration"]
-        out -= _joined(self.rate_offset, self.force_offset)
+        out -= self.offsets()
         for part, field in (
             (slice(0, 3), "angular_velocity_covariance"),
             (slice(3, 6), "linear_acceleration_covariance"),
