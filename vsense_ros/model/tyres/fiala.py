@@ -14,7 +14,7 @@ import casadi as ca
 from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
 
 
 class Fiala(Part):
@@ -61,9 +61,7 @@ def forces(
     side: float = 1.0,
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     """Forces and slips as `tyres.forces` describes them; `camber` and `side` are without effect."""
-    travel = transport_speed(speed_x, p.standstill_speed)
-    slip_x = (rolling_speed - speed_x) / travel
-    slip_y = -speed_y / travel
+    travel, slip_x, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
     size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SMALLEST_SLIP**2), 1)
     coefficient = friction * (p.static_friction - (p.static_friction - p.sliding_friction) * size)
     limit = coefficient * ca.fmax(load, SMALLEST_LOAD)

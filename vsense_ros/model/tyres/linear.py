@@ -11,7 +11,7 @@ from typing import Literal
 import casadi as ca
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.tyres.slip import contact, transport_speed
+from vsense_ros.model.tyres.slip import contact, slips
 
 
 class Linear(Part):
@@ -49,12 +49,10 @@ def forces(
     side: float = 1.0,
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     """Forces and slips as `tyres.forces` describes them; `friction` and `side` are without effect."""
-    travel = transport_speed(speed_x, p.standstill_speed)
+    travel, _, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
     # Braking counts against the speed over ground, driving against that of the tread (Leung's eq. 3.15).
-    slip_x = (rolling_speed - speed_x) / transport_speed(
-        ca.fmax(ca.fabs(speed_x), ca.fabs(rolling_speed)), p.standstill_speed
-    )
-    slip_y = -speed_y / travel
+    faster = ca.fmax(ca.fabs(speed_x), ca.fabs(rolling_speed))
+    _, slip_x, _ = slips(faster, speed_x, speed_y, rolling_speed, p.standstill_speed)
     on_road = contact(load)
     force_x = on_road * p.slip_stiffness * slip_x
     from_slip = on_road * p.cornering_stiffness * ca.atan(slip_y)

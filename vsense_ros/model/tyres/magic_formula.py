@@ -20,7 +20,7 @@ import casadi as ca
 from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.tyres.slip import SMALLEST_SLIP, transport_speed
+from vsense_ros.model.tyres.slip import SMALLEST_SLIP, slips
 
 # Coefficients without which a tyre would be the same on the left and on the right of the car.
 ASYMMETRIC = (
@@ -402,9 +402,7 @@ def forces(
     At standstill, where slip says nothing about rolling, the shifts of the curves fade away; so does what they come
     from, the asymmetry of a rolling tyre.
     """
-    travel = transport_speed(speed_x, p.standstill_speed)
-    slip_x = (rolling_speed - speed_x) / travel
-    slip_y = -speed_y / travel
+    travel, slip_x, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
     mirrored = side * p.measured_side
     later = p.version > 6
     across = mirrored * speed_y / travel

@@ -13,7 +13,7 @@ from typing import Literal
 import casadi as ca
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips, transport_speed
 
 
 class Similarity(Part):
@@ -52,9 +52,7 @@ def forces(
     side: float = 1.0,
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
     """Forces and slips as `tyres.forces` describes them; no aligning moment; `camber` and `side` are without effect."""
-    travel = transport_speed(speed_x, p.standstill_speed)
-    slip_x = (rolling_speed - speed_x) / travel
-    slip_y = -speed_y / travel
+    _, slip_x, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
     limit = friction * ca.fmax(load, SMALLEST_LOAD)
     k_x = p.stiffness / limit * p.longitudinal_ratio * slip_x
     k_y = p.stiffness / limit * slip_y

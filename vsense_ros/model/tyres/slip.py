@@ -14,6 +14,14 @@ def transport_speed(speed: ca.SX | float, standstill_speed: ca.SX | float) -> ca
     return ca.sqrt(speed**2 + standstill_speed**2)
 
 
+def slips(
+    over: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, standstill_speed: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Transport speed of the velocity `over` [m/s]; longitudinal and lateral slip: sliding velocities over it [-]."""
+    transport = transport_speed(over, standstill_speed)
+    return transport, (rolling_speed - speed_x) / transport, -speed_y / transport
+
+
 def contact(load: ca.SX) -> ca.SX:
     """1 on the road, 0 in the air [-]."""
     return ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)

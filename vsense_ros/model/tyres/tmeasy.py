@@ -14,7 +14,7 @@ import casadi as ca
 from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, transport_speed
+from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
 
 LARGEST_LOAD_RATIO = 2.5  # the force curves are those of this ratio to the nominal load beyond it
 
@@ -187,14 +187,17 @@ def forces(
     average as by a third of the slip at the ends (Hirschberg et al. 2007, section 2.6). That deflection is symmetric
     and has no trail.
     """
-    transport = transport_speed(rolling_speed, p.standstill_speed)
-    slip_x = (rolling_speed - speed_x) / transport
-    slip_y = -speed_y / transport
-    by_camber = -p.camber_slip * ca.sin(camber) * (rolling_speed / transport) ** 2
+    transport, slip_x, slip_y = slips(rolling_speed, speed_x, speed_y, rolling_speed, p.standstill_speed)
+    by_camber = _camber_slip(p, camber, rolling_speed / transport)
     over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
     # The trail points against the direction of rolling.
     moment = -_trail(p, load, slip_y) * (rolling_speed / transport) * over_y * slip_y
     return over_x * slip_x, over_y * (slip_y + by_camber), moment, slip_x, slip_y
+
+
+def _camber_slip(p: SimpleNamespace, camber: ca.SX | float, rolling: ca.SX) -> ca.SX:
+    """Lateral slip to which inclination is equivalent; `rolling` is the rolling over the transport speed."""
+    return -p.camber_slip * ca.sin(camber) * rolling**2
 
 
 def _trail(p: SimpleNamespace, load: ca.SX, slip_y: ca.SX) -> ca.SX:
@@ -225,7 +228,7 @@ def relaxation_lengths(
     Force over slip over the stiffness of the carcass, so shorter the more the tyre slides (Hirschberg et al. 2007,
     section 3, with the carcass's damping left out).
     """
-    transport = transport_speed(rolling_speed, p.standstill_speed)
-    slip_y = -speed_y / transport - p.camber_slip * ca.sin(camber) * (rolling_speed / transport) ** 2
-    over_x, over_y = _forces_over_slips(p, load, (rolling_speed - speed_x) / transport, slip_y, friction)
+    transport, slip_x, slip_y = slips(rolling_speed, speed_x, speed_y, rolling_speed, p.standstill_speed)
+    by_camber = _camber_slip(p, camber, rolling_speed / transport)
+    over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
     return over_x / p.longitudinal_stiffness, over_y / p.lateral_stiffness
