@@ -9,6 +9,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from vsense_ros.evaluate.picture import ESTIMATE, MUTED, STYLE
+
 
 @dataclass(frozen=True)
 class Step:
@@ -42,6 +49,7 @@ processor is another; its times are here for context.
 | | median | smallest | at most | thesis |
 |---|---|---|---|---|"""
 
+PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
 
 Made by `make bench`; the figures are those of the machine they were made on, single thread. Median and smallest of all
@@ -95,10 +103,47 @@ def steps(benchmarks: list[dict[str, Any]]) -> list[str]:
     return [STEPS_HEAD, *rows, ""] if rows else []
 
 
-def render(results: dict[str, Any]) -> str:
-    """The page for one run of pytest-benchmark."""
+def bodies(benchmarks: list[dict[str, Any]]) -> dict[str, tuple[list[int], list[float]]]:
+    """Numbers of bodies and smallest times [s] of the groups whose benchmarks tell how many bodies they have."""
+    found: dict[str, tuple[list[int], list[float]]] = {}
+    for b in sorted(benchmarks, key=lambda b: (b["group"] or "", b["extra_info"].get("bodies", 0))):
+        if "bodies" in b["extra_info"]:
+            counts, times = found.setdefault(b["group"], ([], []))
+            counts.append(b["extra_info"]["bodies"])
+            times.append(b["stats"]["min"])
+    return found
+
+
+def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
+    """Draws the time of a step over the number of bodies, and says how far it is from a straight line."""
+    groups = bodies(benchmarks)
+    if not groups:
+        return []
+    lines = ["## Cost of more and more bodies", "", f"![Time over the number of bodies]({picture.as_posix()})", ""]
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(9, 3.2), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(1, len(groups), squeeze=False)[0]
+        for panel, (group, (counts, times)) in zip(panels, groups.items(), strict=True):
+            slope, rest = np.polyfit(counts, times, 1, w=1 / np.array(times))
+            line = slope * np.array(counts) + rest
+            off = float(np.abs(np.array(times) / line - 1).max())
+            title = f"{group[0].upper()}{group[1:]}"
+            panel.plot(counts, 1e6 * line, color=MUTED, linewidth=0.9, label="straight line")
+            panel.plot(counts, 1e6 * np.array(times), "o", color=ESTIMATE, label="measured")
+            panel.set(title=title, xlabel="bodies", ylabel="µs", xlim=(0, None), ylim=(0, None))
+            panel.legend(loc="upper left")
+            lines.append(f"{title}: {duration(slope)} a body, within {100 * off:.1f} % of a straight line.")
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(picture, dpi=90)
+    return [*lines, ""]
+
+
+def render(results: dict[str, Any], picture: Path) -> str:
+    """The page for one run of pytest-benchmark; draws its `picture`, named as seen from the page."""
     lines = [HEAD + f"Machine: {machine(results['machine_info'])}.", ""]
     lines += steps(results["benchmarks"])
+    lines += growth(results["benchmarks"], picture)
     others = [b for b in results["benchmarks"] if b["name"] not in {step.benchmark for step in STEPS}]
     ordered = sorted(others, key=lambda b: b["group"] or "")
     for group, benchmarks in groupby(ordered, key=lambda b: b["group"] or "other"):
@@ -113,5 +158,5 @@ def render(results: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     source, target = (Path(argument) for argument in sys.argv[1:3])
-    target.write_text(render(json.loads(source.read_text(encoding="utf-8"))), encoding="utf-8")
+    target.write_text(render(json.loads(source.read_text(encoding="utf-8")), PICTURE), encoding="utf-8")
     print(f"wrote {target}")

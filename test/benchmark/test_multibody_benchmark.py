@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from vsense_ros.model import codegen, spatial
 from vsense_ros.model.car import WHEELS
 from vsense_ros.model.full_car import FullCar
 from vsense_ros.model.full_car_simulation import FullCarPlant
@@ -21,6 +22,8 @@ from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.multibody.joints import Revolute, Universal
 from vsense_ros.model.multibody.mechanism import BASE, Base, Body, Distance, Linkage, Mechanism, Point
 from vsense_ros.model.simulate import rolling_straight
+from vsense_ros.model.tree import Body as TreeBody
+from vsense_ros.model.tree import Tree
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -72,7 +75,7 @@ def loop(name: str, mass: float) -> Linkage:
     )
 
 
-@pytest.mark.benchmark(group="bodies on a floating base")
+@pytest.mark.benchmark(group="steps of loops on a floating base")
 @pytest.mark.parametrize("branches", [2, 4, 8, 16])
 def test_step_of_mechanisms_with_more_and_more_bodies(benchmark: Any, branches: int) -> None:
     linkage = loop("loop", 1.0)
@@ -86,6 +89,34 @@ def test_step_of_mechanisms_with_more_and_more_bodies(benchmark: Any, branches: 
     integrator.settle()
     benchmark.extra_info["bodies"] = mechanism.bodies
     benchmark.pedantic(integrator.step, rounds=200, iterations=5, warmup_rounds=10)
+
+
+def spread_tree(branches: int, random: np.random.Generator) -> Tree:
+    """Branches of four bodies on a floating root, one joint each."""
+    bodies = []
+    for _ in range(branches):
+        for i in range(4):
+            axis = random.normal(size=6)
+            rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
+            inertia = spatial.rigid_inertia(ca.SX(1.0), ca.SX(random.normal(size=3) * 0.1), ca.SX.eye(3) * 0.05)
+            place = ca.SX(random.normal(size=3))
+            bodies.append(TreeBody("b", len(bodies) - 1 if i else -1, ca.SX(axis), ca.SX(rotation), place, inertia))
+    return Tree(spatial.rigid_inertia(ca.SX(10.0), ca.SX(3, 1), ca.SX.eye(3)), tuple(bodies))
+
+
+@pytest.mark.benchmark(group="forward dynamics of open trees")
+@pytest.mark.parametrize("branches", [2, 4, 8, 16])
+def test_forward_dynamics_of_trees_with_more_and_more_bodies(benchmark: Any, branches: int) -> None:
+    tree = spread_tree(branches, np.random.default_rng(1))
+    n = len(tree.bodies)
+    velocity, rates, efforts = ca.SX.sym("v", 6), ca.SX.sym("rates", n), ca.SX.sym("efforts", n)
+    root, joints = tree.forward_dynamics(velocity, rates, efforts, ca.SX(6, 1), [ca.SX(6, 1)] * n)
+    function = codegen.function("tree", [velocity, rates, efforts], [root, joints], ("v", "rates", "efforts"))
+    (function,) = codegen.compiled(f"tree_{n}", [function])
+    kernel = codegen.Kernel(function, [np.ones(6), np.ones(n), np.ones(n)])
+    benchmark.extra_info["bodies"] = n + 1
+    benchmark.pedantic(kernel.call, rounds=300, iterations=100, warmup_rounds=10)
+    assert np.all(np.isfinite(kernel.results[1]))
 
 
 @pytest.mark.benchmark(group="full car, 29 bodies")
