@@ -57,6 +57,9 @@ blind: venv ## examine vsense explain: physics hidden in cars that are not our m
 	    $(BLIND_RUN) --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
 	$(BLIND_RUN) $(BLIND) score
 
+thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
+	$(VENV)/bin/vsense thesis
+
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags
 

@@ -307,10 +307,10 @@ def genesis(out: Path, identify: Path | None, sweeps: int) -> None:
 
 @main.command()
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/thesis_errorekf.json"), show_default=True, help="File."
+    "--out", type=click.Path(path_type=Path), default=Path("out/thesis.json"), show_default=True, help="File."
 )
 def thesis(out: Path) -> None:
-    """Repeat the errorEKF's table of Rodríguez 2020: plant and observer of different mass and friction.
+    """Repeat the tables of Rodríguez 2020: a full car of 600 kg, observers that believe in 700 kg and more grip.
 
     \b
     Examples:

@@ -1,12 +1,20 @@
-"""Rodríguez's table."""
+"""Rodríguez's tables: a full car, observed by a simplified model of another mass on another road."""
 
 from __future__ import annotations
 
+import io
 import json
 
 import pytest
+from rich.console import Console
 
-from vsense_ros.thesis import ROWS, repeat, write
+from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
+from vsense_ros.thesis import HIS_PERCENT, KINDS, ROWS, STEPS, repeat, show, write
+
+pytestmark = pytest.mark.slow
+FORCES = ("wheel_force_rr_x", "wheel_force_rr_y", "wheel_force_rr_z")
+SPI = ("SPI_UKF", "SPI_EKF")
+FRICTION = {m.name: m.friction for m in MANOEUVRES}
 
 
 @pytest.fixture(scope="module")
@@ -14,25 +22,51 @@ def results(plant, model):
     return repeat(plant, model, seeds=(0,))
 
 
-def test_lateral_dynamics_and_forces_are_better_known_than_in_the_thesis(results):
-    for number, found in enumerate(results.values()):
-        for row in ROWS:
-            if row.name in ("longitudinal_acceleration", "lateral_acceleration", "vertical_acceleration"):
-                assert found[row.name].rmse < 1.3 * row.rmse[number]
-        assert found["lateral_acceleration"].rmse < 0.2
-        assert found["wheel_force_rr_y"].percent < 20.0
-        assert found["wheel_force_rr_x"].percent < 41.0
-        assert found["wheel_force_rr_z"].percent < 18.0
+@pytest.mark.parametrize("kind", SPI)
+@pytest.mark.parametrize("manoeuvre", FRICTION)
+def test_forces_are_better_known_than_in_the_thesis(results, manoeuvre, kind):
+    for force, limit in zip(FORCES, (5.0, 6.0, 5.0), strict=True):
+        assert results[manoeuvre, kind, 4].percent[force] <= limit
+    for force, his in zip(FORCES, HIS_PERCENT["SPI", 4], strict=True):
+        assert results[manoeuvre, kind, 8].percent[force] <= his
 
 
-def test_the_position_converges_below_the_scatter_of_a_fix(results):
-    for found in results.values():
-        assert found["position_after_step"].rmse < found["position"].rmse
-        assert found["position_after_step"].rmse < 1.9075 / 3
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("kind", SPI)
+@pytest.mark.parametrize("manoeuvre", FRICTION)
+def test_mass_and_friction_are_found_and_their_deviations_are_honest(results, manoeuvre, kind, step):
+    (mass, mass_deviation), (friction, friction_deviation) = results[manoeuvre, kind, step].parameters.values()
+    assert mass == pytest.approx(600.0, rel=0.02)
+    assert friction == pytest.approx(FRICTION[manoeuvre], abs=0.03)
+    assert abs(mass - 600.0) < 4 * mass_deviation
+    assert abs(friction - FRICTION[manoeuvre]) < 3 * friction_deviation
 
 
-def test_the_table_is_written_beside_the_figures_of_the_thesis(results, tmp_path):
-    write(results, tmp_path / "out" / "thesis_errorekf.json")
-    content = json.loads((tmp_path / "out" / "thesis_errorekf.json").read_text(encoding="utf-8"))
-    assert content["rodriguez_2"]["wheel_force_rr_y"]["rodriguez_rmse"] == 265.58
-    assert content["rodriguez_1"]["position"]["rmse"] > 0
+@pytest.mark.parametrize("manoeuvre", FRICTION)
+def test_the_errorekf_alone_is_no_worse_than_in_the_thesis(results, manoeuvre):
+    number = list(FRICTION).index(manoeuvre)
+    found = results[manoeuvre, "errorEKF", 4]
+    for force, his in zip(FORCES, HIS_PERCENT["errorEKF", 4], strict=True):
+        assert found.percent[force] <= his
+    for row in ROWS:
+        if row.signal not in FORCES:
+            assert found.rmse[row.signal] <= row.error_ekf[number]
+
+
+def test_the_tables_stand_beside_his_and_in_a_file(results, tmp_path):
+    text = io.StringIO()
+    show(results, Console(file=text, width=160))
+    for word in ("thesis SPI", "28.3", "SPI_EKF", "600"):
+        assert word in text.getvalue()
+    write(results, tmp_path / "out" / "thesis.json")
+    content = json.loads((tmp_path / "out" / "thesis.json").read_text(encoding="utf-8"))
+    assert set(content) == {"manoeuvre_1", "manoeuvre_2"}
+    for manoeuvre in content.values():
+        assert set(manoeuvre) == {kind.name for kind in KINDS}
+        for steps in manoeuvre.values():
+            assert set(steps) == {"4ms", "8ms"}
+    one = content["manoeuvre_2"]["SPI_EKF"]["4ms"]
+    assert one["fx_percent"] == results["rodriguez_2", "SPI_EKF", 4].percent["wheel_force_rr_x"]
+    assert set(one) == {
+        *("fx_percent", "fy_percent", "fz_percent", "position_rmse_m", "mass_kg", "friction", "step_us_median")
+    }

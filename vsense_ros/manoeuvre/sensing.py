@@ -13,7 +13,7 @@ is improbable for any one bag (about one in a hundred), and shows as one step of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -67,18 +67,28 @@ _SAMPLING: Mapping[str, _Sampling] = {
 
 
 def record(
-    trajectory: Trajectory, vehicle: Vehicle, seed: int, *, name: str, about: str = "", biased: bool = True
+    trajectory: Trajectory,
+    vehicle: Vehicle,
+    seed: int,
+    *,
+    name: str,
+    about: str = "",
+    biased: bool = True,
+    steering_noise: float = STEERING_NOISE,
+    every: int | None = None,
 ) -> Recording:
     """Messages of the vehicle's sensors on a trajectory with steps of 1 ms, and the truth below `reference/`.
 
-    `biased=False` leaves the constant errors out. A sensor of another kind (a second antenna) gives nothing,
-    and torques are told as they are.
+    `biased=False` leaves the constant errors out; `steering_noise` is the standard deviation at the steering wheel
+    [rad]. With `every` [ms] all sensors of the car itself measure at the same instants, instead of each at its own.
+    A sensor of another kind (a second antenna) gives nothing, and torques are told as they are.
     """
     rng = np.random.RandomState(seed)
     channels = []
+    measuring = _Measuring(trajectory, vehicle, rng, float(biased), steering_noise, every)
     for sensor in vehicle.sensors.values():
         if sensor.kind in _MESSAGES:
-            channels.append(_MESSAGES[sensor.kind](sensor, _Measuring(trajectory, vehicle, rng, float(biased))))
+            channels.append(_MESSAGES[sensor.kind](sensor, measuring))
     channels += _reference(trajectory)
     latitude, longitude, height = ORIGIN
     return Recording(
@@ -108,6 +118,15 @@ class _Measuring:
     vehicle: Vehicle
     rng: np.random.RandomState
     bias: float  # 1, or 0 for sensors without biases
+    steering_noise: float  # [rad] at the steering wheel
+    every: int | None  # [ms] between measurements of all sensors but GNSS; None: each has its own times
+
+    def sampling(self, sensor: SensorBase) -> _Sampling:
+        """When a sensor measures."""
+        usual = _SAMPLING[sensor.kind]
+        if self.every is None or sensor.kind.startswith("gnss"):
+            return usual
+        return replace(usual, period=self.every, phase=0)
 
     def rows(self, sampling: _Sampling) -> np.ndarray:
         """Instants of the trajectory at which a sensor measures."""
@@ -132,9 +151,8 @@ class _Measuring:
 
 
 def _channel(sensor: SensorBase, rows: np.ndarray, columns: dict[str, Array], names: tuple[str, ...] = ()) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    delay = round((sensor.latency + _SAMPLING[sensor.kind].delay * 1e-3) * 1e9)
     stamp = EPOCH + rows.astype(np.int64) * 1_000_000
-    delay = round((sensor.latency + sampling.delay * 1e-3) * 1e9)
     # `latency` is the age of a measurement at its stamp: the stamp is late by as much.
     return Channel(
         sensor.topic,
@@ -152,7 +170,7 @@ def _repeated(row: list[float] | Array, count: int) -> Array:
 
 
 def _imu(sensor: Imu, m: _Measuring) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     value = quantized(m.noisy(sensor, rows), np.array(sampling.quantum))
     rate, force = np.diag(np.square(sensor.rate_noise)).ravel(), np.diag(np.square(sensor.force_noise)).ravel()
@@ -169,7 +187,7 @@ def _imu(sensor: Imu, m: _Measuring) -> Channel:
 
 def _joints(field: str, prefix: str) -> Callable[[SensorBase, _Measuring], Channel]:
     def messages(sensor: SensorBase, m: _Measuring) -> Channel:
-        sampling = _SAMPLING[sensor.kind]
+        sampling = m.sampling(sensor)
         rows = m.rows(sampling)
         columns = {name: np.zeros((len(rows), 0)) for name in ("position", "velocity", "effort")}
         columns[field] = quantized(m.noisy(sensor, rows), sampling.quantum[0])
@@ -179,18 +197,18 @@ def _joints(field: str, prefix: str) -> Callable[[SensorBase, _Measuring], Chann
 
 
 def _steering(sensor: Steering, m: _Measuring) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     ratio = sensor.ratio or m.vehicle.physics.steering.ratio
     angle = ratio * m.trajectory.inputs[rows, :1] + m.bias * STEERING_BIAS * m.rng.standard_normal()
-    angle = angle + STEERING_NOISE * m.rng.standard_normal(angle.shape)
+    angle = angle + m.steering_noise * m.rng.standard_normal(angle.shape)
     columns = {"position": quantized(angle, sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("velocity", "effort")}
     return _channel(sensor, rows, columns, ("steering_wheel",))
 
 
 def _torques(sensor: WheelTorques, m: _Measuring) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     columns = {"effort": quantized(m.trajectory.inputs[rows, 1:], sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("position", "velocity")}
@@ -198,7 +216,7 @@ def _torques(sensor: WheelTorques, m: _Measuring) -> Channel:
 
 
 def _position(sensor: GnssPosition, m: _Measuring) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     east, north = m.noisy(sensor, rows).T
     height = m.trajectory.q[rows, 2] + sensor.position[2] + 2 * sensor.noise * m.rng.standard_normal(len(rows))
@@ -219,7 +237,7 @@ def _position(sensor: GnssPosition, m: _Measuring) -> Channel:
 
 
 def _velocity(sensor: GnssVelocity, m: _Measuring) -> Channel:
-    sampling = _SAMPLING[sensor.kind]
+    sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     horizontal = quantized(m.noisy(sensor, rows), sampling.quantum[0])
     covariance = np.zeros(36)

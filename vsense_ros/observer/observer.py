@@ -50,7 +50,7 @@ class _Instant:
 
 
 class Observer:
-    """errorEKF of one vehicle on a stream of messages.
+    """The filter of one vehicle on a stream of messages.
 
     `vehicle` names the sensors; those whose messages do not come simply do not contribute. `map_origin` (latitude,
     longitude [deg], height [m]) fixes the map frame; by default it is where the first GNSS fix was made.
@@ -58,11 +58,17 @@ class Observer:
     Raises `InputError` if nothing in the sensor set could tell the car's speed, or its steering angle.
     """
 
-    def __init__(self, vehicle: Vehicle, map_origin: tuple[float, float, float] | None = None) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        map_origin: tuple[float, float, float] | None = None,
+        kind: type[ErrorEkf] | None = None,
+    ) -> None:
         self.vehicle = vehicle
         self.sensors = sensors_of(vehicle)
-        kind = Spi if vehicle.observer.parameters else ErrorEkf
-        self.filter: ErrorEkf = kind(vehicle, self.sensors)
+        if kind is None:
+            kind = Spi if vehicle.observer.parameters else ErrorEkf
+        self.filter = kind(vehicle, self.sensors)
         self.names = tuple(self.sensors)
         self._list = tuple(self.sensors.values())
         self._by_topic: dict[str, list[int]] = {}
