@@ -1,0 +1,35 @@
+"""An accelerometer that does not read zero."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vsense_ros.model.effects.base import Effect, of_kind, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.sensors import Imu, SensorBase
+
+
+class AccelerometerBias(Effect):
+    """An accelerometer that does not read zero, by a constant."""
+
+    id: ClassVar[str] = "accelerometer_bias"
+    sentence: ClassVar[str] = "an accelerometer that does not read zero"
+    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
+    mistaken_for: ClassVar[tuple[str, ...]] = (
+        "imu_roll_misalignment",
+        "imu_pitch_misalignment",
+        "road_bank",
+        "road_grade",
+    )
+
+    x: float = size("m/s²", "added by the sensor along x", typical=0.1, high=5.0)
+    y: float = size("m/s²", "added by the sensor along y", typical=0.1, high=5.0)
+    z: float = size("m/s²", "added by the sensor along z", typical=0.1, high=5.0)
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        def off(imu: Imu) -> dict[str, object]:
+            x, y, z = imu.force_offset
+            return {"force_offset": (x + self.x, y + self.y, z + self.z)}
+
+        return of_kind(sensors, "imu", off)

@@ -1,0 +1,33 @@
+"""Vertical air forces on the axles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
+
+
+class AeroDownforce(Effect):
+    """Vertical forces above the axles that grow with the square of the speed: wings and splitters, or lift of the body."""
+
+    id: ClassVar[str] = "aero_downforce"
+    sentence: ClassVar[str] = "vertical air forces that grow with the square of the speed"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering at high speed", "brake in turn from high speed")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "tyre_heating", "tyre_load_sensitivity")
+
+    front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)
+    rear: float = size("m²", "downforce coefficient of the rear axle times area", typical=0.3, low=-3.0, high=8.0)
+
+    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+        pressure = 0.5 * AIR_DENSITY * car.u[0] ** 2
+        chassis = car.parameters.chassis
+        front, rear = pressure * self.front, pressure * self.rear
+        pitch = front * chassis.cog_to_front_axle - rear * chassis.cog_to_rear_axle
+        return force - ca.vertcat(0, 0, front + rear), moment + ca.vertcat(0, pitch, 0)

@@ -1,0 +1,29 @@
+"""Air drag beyond that of the vehicle file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
+
+
+class AeroDrag(Effect):
+    """A force against the motion that grows with the square of the speed: roof boxes, open windows, a trailer's wake."""
+
+    id: ClassVar[str] = "aero_drag"
+    sentence: ClassVar[str] = "air drag that grows with the square of the speed"
+    excited_by: ClassVar[tuple[str, ...]] = ("coast-down", "speed changes at high speed")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("rolling_resistance", "road_grade", "brake_drag")
+
+    area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
+
+    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+        drag = 0.5 * AIR_DENSITY * self.area * car.u[0] * ca.fabs(car.u[0])
+        return force - ca.vertcat(drag, 0, 0), moment

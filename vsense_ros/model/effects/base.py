@@ -1,0 +1,135 @@
+"""What all effects have in common: where they enter the equations of motion, and what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import casadi as ca
+from pydantic import Field
+
+from vsense_ros.model.parameter import Part
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.sensors import SensorBase
+
+WHEELS = ("fl", "fr", "rl", "rr")
+AXLES = ("front", "rear")
+
+
+def size(unit: str, description: str, *, typical: float, low: float | None = None, high: float) -> Any:
+    """A field for how large an effect is, zero where it is absent.
+
+    `typical` is the size that practice makes likely (the standard deviation of its prior); `low` (default `-high`) and
+    `high` bound what is physical.
+    """
+    low = -high if low is None else low
+    extra = {"unit": unit, "typical": typical, "role": "size"}
+    return Field(default=0.0, description=description, ge=low, le=high, json_schema_extra=extra)
+
+
+def shape(unit: str, description: str, *, default: float, typical: float, low: float, high: float) -> Any:
+    """A field for how an effect looks, without meaning while its sizes are zero; `typical` is how far it varies."""
+    extra = {"unit": unit, "typical": typical, "role": "shape"}
+    return Field(default=default, description=description, ge=low, le=high, json_schema_extra=extra)
+
+
+class Effect(Part):
+    """A physical effect that a car, its road or its sensors may have, and that a model may lack.
+
+    The fields are its parameters. Equations refer to them as `self.…`: they are numbers, or symbols where the effect is
+    part of a `Car`. With all sizes zero an effect changes nothing. Methods return what they are given, changed; an
+    effect overrides those that concern it. Lists of wheels run fl, fr, rl, rr; vectors are in body axes.
+
+    `memory` names the internal states of effects that depend on the past; `remember` moves them on, and they are
+    constant during a time step.
+    """
+
+    id: ClassVar[str]
+    sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
+    excited_by: ClassVar[tuple[str, ...]] = ()  # manoeuvres that show it
+    mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
+    memory: ClassVar[tuple[str, ...]] = ()
+
+    def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Mass [kg], first moment (3) [kg m] and inertia (3×3) [kg m²] of the sprung mass about `cog`."""
+        return mass, moment, inertia
+
+    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
+        """Parameters of one corner, shaped like an `Axle`."""
+        return axle
+
+    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
+        """Angles of the four wheels about the vertical, toe included, positive to the left [rad]."""
+        return angles
+
+    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        """Grip under a wheel relative to the road on which the tyre was measured [-]."""
+        return friction
+
+    def lateral_speed(self, speed: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        """Lateral velocity of the contact point that the tyre responds to [m/s]."""
+        return speed
+
+    def lateral_force(self, force: ca.SX, wheel: int, contact: Contact) -> ca.SX:
+        """Lateral force of a tyre [N]."""
+        return force
+
+    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
+        """What resists the compression of one wheel's suspension [N]."""
+        return force
+
+    def wheel_torque(self, torque: ca.SX, wheel: int, car: Car) -> ca.SX:
+        """Torque that drives a wheel [N m]."""
+        return torque
+
+    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force [N] and moment about `cog` [N m] on the chassis beyond suspension and gravity (3 each)."""
+        return force, moment
+
+    def slope(self) -> tuple[float, float]:
+        """Slopes of the road along and across the car, positive uphill and with the left side higher [rad]."""
+        return 0.0, 0.0
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        """The memory for a step of `h` [s] that begins now, from that of the last step."""
+        return memory
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        """The settings of the sensors by name, with what the effect does to them."""
+        return sensors
+
+
+def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:
+    """A copy of a corner's parameters with other values."""
+    return SimpleNamespace(**{**vars(axle), **values})
+
+
+def of_axle(effect: Effect, wheel: int) -> Any:
+    """The effect's parameter `front` or `rear`, for wheel 0 to 3."""
+    return getattr(effect, AXLES[wheel // 2])
+
+
+def of_wheel(effect: Effect, wheel: int) -> Any:
+    """The effect's parameter `fl`, `fr`, `rl` or `rr`, for wheel 0 to 3."""
+    return getattr(effect, WHEELS[wheel])
+
+
+def of_kind(
+    sensors: dict[str, SensorBase], kind: str, change: Callable[[Any], dict[str, object]]
+) -> dict[str, SensorBase]:
+    """The sensors, those of a kind with other settings: `change` gives the new ones of a sensor by name."""
+    return {
+        name: sensor.model_copy(update=change(sensor)) if sensor.kind == kind else sensor
+        for name, sensor in sensors.items()
+    }
+
+
+def added(triple: tuple[float, float, float], index: int, value: float) -> tuple[float, float, float]:
+    """Three numbers, one of them with `value` added."""
+    numbers = list(triple)
+    numbers[index] += value
+    return (numbers[0], numbers[1], numbers[2])

@@ -1,0 +1,31 @@
+"""Bump stops that come into contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, shape, size
+
+ROUNDING = 0.002  # [m] over which contact begins
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class BumpStop(Effect):
+    """A stiffness that begins where the suspension's compression exceeds a clearance."""
+
+    id: ClassVar[str] = "bump_stop"
+    sentence: ClassVar[str] = "bump stops that come into contact"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "hard braking")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_load_sensitivity",)
+
+    front: float = size("N/m", "stiffness of a front bump stop", typical=5e4, low=0.0, high=2e6)
+    rear: float = size("N/m", "stiffness of a rear bump stop", typical=5e4, low=0.0, high=2e6)
+    clearance: float = shape("m", "compression at which contact begins", default=0.03, typical=0.015, low=0.0, high=0.3)
+
+    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
+        depth = car.q[6 + wheel] - self.clearance
+        return force + of_axle(self, wheel) * (depth + ca.sqrt(depth**2 + ROUNDING**2)) / 2

@@ -1,0 +1,27 @@
+"""Lateral force of tyres that lean."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.contact import Contact
+
+
+class CamberThrust(Effect):
+    """A lateral force towards the side to which a wheel leans, in proportion to inclination and load."""
+
+    id: ClassVar[str] = "camber_thrust"
+    sentence: ClassVar[str] = "the lateral force of tyres that lean with the body"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering with much roll",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("roll_steer", "toe_compliance", "imu_lever_arm")
+
+    front: float = size("1/rad", "force over load per inclination, front", typical=0.5, low=-2.0, high=5.0)
+    rear: float = size("1/rad", "force over load per inclination, rear", typical=0.5, low=-2.0, high=5.0)
+
+    def lateral_force(self, force: ca.SX, wheel: int, contact: Contact) -> ca.SX:
+        return force - of_axle(self, wheel) * contact.load * contact.inclination

@@ -1,0 +1,51 @@
+"""Wind over the ground."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, shape, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
+CALM = 0.1  # [m/s] keeps the direction of the air flow defined at rest
+
+
+class Crosswind(Effect):
+    """A steady wind: side force and yaw moment in proportion to the angle of attack, and a change of the drag.
+
+    The side force acts a little ahead of the middle of the body, where slender bodies have their centre of pressure
+    (Hucho 2005, chapter 5).
+    """
+
+    id: ClassVar[str] = "crosswind"
+    sentence: ClassVar[str] = "wind over the ground, with its side force and yaw moment"
+    excited_by: ClassVar[tuple[str, ...]] = ("driving in several directions at high speed",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("road_bank", "tyre_conicity", "steering_offset", "accelerometer_bias")
+
+    east: float = size("m/s", "velocity of the air to the east", typical=4.0, high=40.0)
+    north: float = size("m/s", "velocity of the air to the north", typical=4.0, high=40.0)
+    side_area: float = shape(
+        "m²/rad", "slope of the side-force coefficient times area", default=5.0, typical=1.0, low=1.0, high=40.0
+    )
+    ahead: float = shape("m", "centre of pressure ahead of cog", default=0.4, typical=0.2, low=-2.0, high=3.0)
+
+    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+        yaw = car.q[5]
+        along = self.east * ca.cos(yaw) + self.north * ca.sin(yaw)
+        across = self.north * ca.cos(yaw) - self.east * ca.sin(yaw)
+        # Against the air, and what of it the calm air has already done to the car.
+        x, y = car.u[0] - along, car.u[1] - across
+        side = (
+            -0.5
+            * AIR_DENSITY
+            * self.side_area
+            * (ca.sqrt(x**2 + y**2 + CALM**2) * y - ca.sqrt(car.u[0] ** 2 + car.u[1] ** 2 + CALM**2) * car.u[1])
+        )
+        area = car.parameters.aerodynamics.drag_area
+        drag = 0.5 * AIR_DENSITY * area * (x * ca.fabs(x) - car.u[0] * ca.fabs(car.u[0]))
+        return force + ca.vertcat(-drag, side, 0), moment + ca.vertcat(0, 0, self.ahead * side)

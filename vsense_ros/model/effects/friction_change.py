@@ -1,0 +1,26 @@
+"""Grip of the road that differs from what the vehicle file says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.contact import Contact
+
+
+class FrictionChange(Effect):
+    """Wet, icy or dusty road: the grip of all tyres is another."""
+
+    id: ClassVar[str] = "friction_change"
+    sentence: ClassVar[str] = "a road with another grip"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "hard braking")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_heating",)
+
+    relative: float = size("-", "grip over that of the vehicle file, minus 1", typical=0.2, low=-0.95, high=1.0)
+
+    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        return friction * (1 + self.relative)

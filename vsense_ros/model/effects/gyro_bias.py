@@ -1,0 +1,30 @@
+"""A gyro that does not read zero at rest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vsense_ros.model.effects.base import Effect, of_kind, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.sensors import Imu, SensorBase
+
+
+class GyroBias(Effect):
+    """A gyro that does not read zero at rest, by a constant."""
+
+    id: ClassVar[str] = "gyro_bias"
+    sentence: ClassVar[str] = "a gyro that does not read zero at rest"
+    excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "steering_offset")
+
+    x: float = size("rad/s", "added by the sensor about x", typical=0.005, high=0.2)
+    y: float = size("rad/s", "added by the sensor about y", typical=0.005, high=0.2)
+    z: float = size("rad/s", "added by the sensor about z", typical=0.005, high=0.2)
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        def off(imu: Imu) -> dict[str, object]:
+            x, y, z = imu.rate_offset
+            return {"rate_offset": (x + self.x, y + self.y, z + self.z)}
+
+        return of_kind(sensors, "imu", off)

@@ -1,0 +1,24 @@
+"""An inertial measurement unit that is turned about its z axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vsense_ros.model.effects.base import Effect, added, of_kind, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.sensors import SensorBase
+
+
+class ImuYawMisalignment(Effect):
+    """The sensor's axes are turned about its z axis against those that the vehicle file gives."""
+
+    id: ClassVar[str] = "imu_yaw_misalignment"
+    sentence: ClassVar[str] = "an inertial measurement unit that is turned about its z axis"
+    excited_by: ClassVar[tuple[str, ...]] = ("accelerating and braking", "cornering")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("imu_lever_arm", "accelerometer_bias")
+
+    angle: float = size("rad", "added to the yaw angle of the mounting", typical=0.03, high=0.5)
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        return of_kind(sensors, "imu", lambda imu: {"attitude": added(imu.attitude, 2, self.angle)})

@@ -1,0 +1,28 @@
+"""A differential that couples the wheels of an axle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class LimitedSlipDifferential(Effect):
+    """A torque from the faster to the slower wheel of an axle, in proportion to the difference of their speeds."""
+
+    id: ClassVar[str] = "limited_slip_differential"
+    sentence: ClassVar[str] = "a differential that couples left and right wheel"
+    excited_by: ClassVar[tuple[str, ...]] = ("brake in turn", "tight turns", "accelerating in turns")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("brake_drag", "tyre_load_sensitivity")
+
+    front: float = size("N m s/rad", "torque per difference of speed, front", typical=40.0, low=0.0, high=5000.0)
+    rear: float = size("N m s/rad", "torque per difference of speed, rear", typical=40.0, low=0.0, high=5000.0)
+
+    def wheel_torque(self, torque: ca.SX, wheel: int, car: Car) -> ca.SX:
+        opposite = wheel + 1 - 2 * (wheel % 2)
+        return torque - of_axle(self, wheel) * (car.u[10 + wheel] - car.u[10 + opposite])

@@ -1,0 +1,36 @@
+"""Measurements that are older than their stamps say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vsense_ros.model.effects.base import Effect, of_kind, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.sensors import SensorBase
+
+
+class SensorDelay(Effect):
+    """A constant time between the measurement and its stamp."""
+
+    id: ClassVar[str] = "sensor_delay"
+    sentence: ClassVar[str] = "measurements that are older than their stamps say"
+    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "fast steering")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation",)
+
+    imu: float = size("s", "additional age of the inertial measurements", typical=0.03, low=-0.2, high=1.0)
+    steering: float = size("s", "additional age of the steering angle", typical=0.03, low=-0.2, high=1.0)
+    wheel_speeds: float = size("s", "additional age of the wheel speeds", typical=0.03, low=-0.2, high=1.0)
+    gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.2, high=1.0)
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        ages = {
+            "imu": self.imu,
+            "steering": self.steering,
+            "wheel_speeds": self.wheel_speeds,
+            "gnss_position": self.gnss,
+            "gnss_velocity": self.gnss,
+        }
+        for kind, age in ages.items():
+            sensors = of_kind(sensors, kind, lambda sensor, age=age: {"latency": sensor.latency + age})
+        return sensors

@@ -1,0 +1,45 @@
+"""A load that swings from side to side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, shape, size
+
+GRAVITY = 9.80665  # [m/s²]
+DAMPING = 0.05  # damping ratio of the swing
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class SloshingLoad(Effect):
+    """Part of the car's mass hangs as a pendulum: fluid in a tank, hanging goods (Ibrahim 2005, chapter 1).
+
+    It swings against lateral acceleration and leaves its share of the lateral force and of its weight elsewhere than
+    the rigid body would have them.
+    """
+
+    id: ClassVar[str] = "sloshing_load"
+    sentence: ClassVar[str] = "a load that swings from side to side"
+    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "double lane change")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation", "suspension_friction")
+    memory: ClassVar[tuple[str, ...]] = ("displacement", "velocity")
+
+    mass: float = size("kg", "mass that swings", typical=100.0, low=0.0, high=20000.0)
+    frequency: float = shape("rad/s", "natural frequency of the swing", default=4.0, typical=1.5, low=1.0, high=20.0)
+
+    def _acceleration(self, memory: ca.SX, car: Car) -> ca.SX:
+        """Of the load relative to the body [m/s²]."""
+        lateral = ca.sum2(car.wheel_outputs[1, :]) / car.parameters.chassis.mass
+        return -lateral - 2 * DAMPING * self.frequency * memory[1] - self.frequency**2 * memory[0]
+
+    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+        side = -self.mass * self._acceleration(memory, car)
+        return force + ca.vertcat(0, side, 0), moment - ca.vertcat(self.mass * GRAVITY * memory[0], 0, 0)
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        velocity = memory[1] + h * self._acceleration(memory, car)
+        return ca.vertcat(memory[0] + h * velocity, velocity)

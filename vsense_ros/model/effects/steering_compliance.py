@@ -1,0 +1,38 @@
+"""A steering system that yields to the lateral force of the front tyres."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class SteeringCompliance(Effect):
+    """The front wheels turn back in proportion to the lateral force of their axle, after the lag of the steering system.
+
+    The trail of caster and tyre turns the lateral force into a moment, to which column, rack and mounts yield
+    (Milliken & Milliken 1995, section 19.4).
+    """
+
+    LAG: ClassVar[float] = 0.03  # [s] inertia of the steering system against its compliance
+
+    id: ClassVar[str] = "steering_compliance"
+    sentence: ClassVar[str] = "a steering system that yields to the lateral force of the front tyres"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering from gentle to the limit",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "aero_downforce", "steering_ratio")
+    memory: ClassVar[tuple[str, ...]] = ("front_lateral_force",)
+
+    compliance: float = size("rad/N", "angle per lateral force of the front axle", typical=1e-6, low=-2e-6, high=2e-5)
+
+    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
+        yielding = self.compliance * memory[0]
+        return [angles[0] - yielding, angles[1] - yielding, *angles[2:]]
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        force = car.wheel_outputs[1, 0] + car.wheel_outputs[1, 1]
+        return memory + (1 - ca.exp(-h / self.LAG)) * (force - memory)

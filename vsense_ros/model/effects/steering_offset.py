@@ -1,0 +1,26 @@
+"""A steering angle that reads zero where the wheels do not point ahead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class SteeringOffset(Effect):
+    """A constant added to the measured road-wheel angle."""
+
+    id: ClassVar[str] = "steering_offset"
+    sentence: ClassVar[str] = "an offset of the steering angle"
+    excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "road_bank", "crosswind", "gyro_bias")
+
+    angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
+
+    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
+        return [angles[0] + self.angle, angles[1] + self.angle, *angles[2:]]

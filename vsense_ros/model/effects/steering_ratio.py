@@ -1,0 +1,28 @@
+"""A steering ratio other than that of the vehicle file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class SteeringRatio(Effect):
+    """Road wheels that turn by more or less than the measured angle says, in proportion."""
+
+    id: ClassVar[str] = "steering_ratio"
+    sentence: ClassVar[str] = "road wheels that turn by a multiple of the angle that is measured"
+    excited_by: ClassVar[tuple[str, ...]] = ("slow turns", "slalom")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("gyro_scale", "roll_steer", "steering_compliance")
+
+    relative: float = size(
+        "-", "true road-wheel angle over the measured one, minus 1", typical=0.05, low=-0.5, high=1.0
+    )
+
+    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
+        return [angles[0] * (1 + self.relative), angles[1] * (1 + self.relative), *angles[2:]]

@@ -1,0 +1,29 @@
+"""Dry friction in the suspension."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+
+SMALLEST_RATE = 0.01  # [m/s] below it the friction fades, so that the suspension creeps instead of sticking
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class SuspensionFriction(Effect):
+    """A constant force against the motion of the suspension, beyond that of the dampers."""
+
+    id: ClassVar[str] = "suspension_friction"
+    sentence: ClassVar[str] = "dry friction in the suspension"
+    excited_by: ClassVar[tuple[str, ...]] = ("slalom", "gentle steering")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("sloshing_load",)
+
+    front: float = size("N", "friction of one front suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
+    rear: float = size("N", "friction of one rear suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
+
+    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
+        return force + of_axle(self, wheel) * ca.tanh(car.u[6 + wheel] / SMALLEST_RATE)

@@ -1,0 +1,33 @@
+"""Wheel suspensions that yield to lateral forces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+
+class ToeCompliance(Effect):
+    """Each wheel turns away from its own lateral force, as bushings let it."""
+
+    LAG: ClassVar[float] = 0.01  # [s] of a wheel on its bushings
+
+    id: ClassVar[str] = "toe_compliance"
+    sentence: ClassVar[str] = "wheels that turn on their bushings under lateral force"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering from gentle to the limit",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "roll_steer", "tyre_load_sensitivity")
+    memory: ClassVar[tuple[str, ...]] = ("force_fl", "force_fr", "force_rl", "force_rr")
+
+    front: float = size("rad/N", "angle of a front wheel against its lateral force", typical=1e-6, high=2e-5)
+    rear: float = size("rad/N", "angle of a rear wheel against its lateral force", typical=1e-6, high=2e-5)
+
+    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
+        return [angle - of_axle(self, wheel) * memory[wheel] for wheel, angle in enumerate(angles)]
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        return memory + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[1, :].T - memory)

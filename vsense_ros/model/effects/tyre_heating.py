@@ -1,0 +1,38 @@
+"""Grip that falls as the tyres heat up."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, shape, size
+
+HEAT_CAPACITY = 8e3  # [J/K] of the tread that takes part
+LEAST = 0.2  # of the grip that is left at any temperature
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+    from vsense_ros.model.contact import Contact
+
+
+class TyreHeating(Effect):
+    """Friction power heats the treads, they cool to the surroundings, and grip falls with their temperature."""
+
+    id: ClassVar[str] = "tyre_heating"
+    sentence: ClassVar[str] = "grip that falls as the tyres heat up"
+    excited_by: ClassVar[tuple[str, ...]] = ("long driving at the limit",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("friction_change", "aero_downforce")
+    memory: ClassVar[tuple[str, ...]] = ("heat_fl", "heat_fr", "heat_rl", "heat_rr")
+
+    front: float = size("1/K", "relative loss of grip per kelvin, front", typical=0.003, low=-0.01, high=0.05)
+    rear: float = size("1/K", "relative loss of grip per kelvin, rear", typical=0.003, low=-0.01, high=0.05)
+    cooling_time: float = shape("s", "time constant of cooling", default=60.0, typical=30.0, low=5.0, high=1000.0)
+
+    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        return friction * ca.fmax(1 - of_axle(self, wheel) * memory[wheel], LEAST)
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        powers = [c.force_x * (c.rolling_speed - c.speed_x) - c.force_y * c.speed_y for c in car.contacts]
+        heating = ca.vertcat(*powers) / HEAT_CAPACITY
+        return memory + h * (heating - memory / self.cooling_time)

@@ -1,0 +1,30 @@
+"""Grip that falls as the wheel load grows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+
+LEAST = 0.2  # of the grip that is left at any load
+
+if TYPE_CHECKING:
+    from vsense_ros.model.contact import Contact
+
+
+class TyreLoadSensitivity(Effect):
+    """Friction falls in proportion to the load above that at rest, beyond what the tyre model knows."""
+
+    id: ClassVar[str] = "tyre_load_sensitivity"
+    sentence: ClassVar[str] = "grip that falls with the wheel load"
+    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "brake in turn")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "steering_compliance")
+
+    front: float = size("-", "relative loss of grip at twice the load at rest, front", typical=0.15, low=-0.3, high=0.8)
+    rear: float = size("-", "relative loss of grip at twice the load at rest, rear", typical=0.15, low=-0.3, high=0.8)
+
+    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        excess = contact.load / contact.static_load - 1
+        return friction * ca.fmax(1 - of_axle(self, wheel) * excess, LEAST)

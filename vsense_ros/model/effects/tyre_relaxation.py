@@ -1,0 +1,59 @@
+"""Lateral tyre forces that build up over a distance rolled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import casadi as ca
+
+from vsense_ros.model.effects.base import Effect, of_axle, size
+from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
+
+STANDSTILL = 0.3  # [m/s] keeps the lag finite at rest
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+    from vsense_ros.model.contact import Contact
+
+
+class TyreRelaxation(Effect):
+    """The lateral slip that a tyre responds to lags behind that of the wheel, by a distance (Pacejka 2012, section 7.2).
+
+    In a step of `h` the wheel's slip speed s is taken as a ramp; the lagged one y then follows exactly,
+    y⁺ = y + (1 − e)(s − y) + φ (s⁺ − s), with e = exp(−h/τ) and φ = 1 − (τ/h)(1 − e): without a relaxation length the
+    tyre sees its slip of the instant. Per wheel the memory holds y, s, the part of y that is constant during the step, φ.
+    """
+
+    id: ClassVar[str] = "tyre_relaxation"
+    sentence: ClassVar[str] = "lateral tyre forces that build up over a distance rolled"
+    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "fast steering")
+    mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay", "sloshing_load")
+    memory: ClassVar[tuple[str, ...]] = tuple(
+        f"{name}_{wheel}" for wheel in ("fl", "fr", "rl", "rr") for name in ("lagged", "speed", "constant", "share")
+    )
+
+    front: float = size("m", "relaxation length of the front tyres", typical=0.4, low=0.0, high=5.0)
+    rear: float = size("m", "relaxation length of the rear tyres", typical=0.4, low=0.0, high=5.0)
+
+    def lateral_speed(self, speed: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+        constant, share = memory[4 * wheel + 2], memory[4 * wheel + 3]
+        return constant + (share + self._absent(wheel)) * speed
+
+    def _absent(self, wheel: int) -> ca.SX:
+        """1 without a relaxation length, where the memory is to be ignored."""
+        return ca.if_else(of_axle(self, wheel) > SHORTEST_RELAXATION, 0, 1)
+
+    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        after = []
+        for wheel, contact in enumerate(car.contacts):
+            length = of_axle(self, wheel)
+            lagged, before = memory[4 * wheel], memory[4 * wheel + 1]
+            now = contact.speed_y
+            ratio = h * transport_speed(contact.rolling_speed, STANDSTILL) / ca.fmax(length, SHORTEST_RELAXATION)
+            decay = ca.exp(-ratio)
+            share = 1 - (1 - decay) / ratio
+            lagged = lagged + (1 - decay) * (before - lagged) + share * (now - before)
+            constant = lagged + (1 - ca.sqrt(decay)) * (now - lagged) - share * now
+            present = 1 - self._absent(wheel)
+            after += [present * lagged, present * now, present * constant, present * share]
+        return ca.vertcat(*after)

@@ -1,0 +1,33 @@
+"""A tyre with too little pressure."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import ClassVar
+
+from vsense_ros.model.effects.base import Effect, changed, of_wheel, size
+
+STIFFNESS_SHARE = 0.75  # of the vertical stiffness that the pressure carries, the rest is the carcass
+RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of pressure
+
+
+class TyreUnderinflation(Effect):
+    """Less pressure: softer, so that the wheel rolls on a smaller radius, and with more resistance."""
+
+    id: ClassVar[str] = "tyre_underinflation"
+    sentence: ClassVar[str] = "a tyre with too little pressure"
+    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
+    mistaken_for: ClassVar[tuple[str, ...]] = ("wheel_radius", "brake_drag")
+
+    fl: float = size("-", "relative loss of pressure, front left", typical=0.3, low=-0.5, high=0.9)
+    fr: float = size("-", "relative loss of pressure, front right", typical=0.3, low=-0.5, high=0.9)
+    rl: float = size("-", "relative loss of pressure, rear left", typical=0.3, low=-0.5, high=0.9)
+    rr: float = size("-", "relative loss of pressure, rear right", typical=0.3, low=-0.5, high=0.9)
+
+    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
+        loss = of_wheel(self, wheel)
+        return changed(
+            axle,
+            tyre_stiffness=axle.tyre_stiffness * (1 - STIFFNESS_SHARE * loss),
+            rolling_resistance=axle.rolling_resistance * (1 + RESISTANCE * loss),
+        )
