@@ -15,7 +15,7 @@ AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
 
 
 class AeroDownforce(Effect):
-    """Vertical forces above the axles that grow with the square of the speed: wings and splitters, or lift of the body."""
+    """Vertical forces above the axles growing with the square of the speed: of wings and splitters, or lift."""
 
     id: ClassVar[str] = "aero_downforce"
     sentence: ClassVar[str] = "vertical air forces that grow with the square of the speed"

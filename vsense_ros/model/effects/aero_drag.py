@@ -15,7 +15,7 @@ AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
 
 
 class AeroDrag(Effect):
-    """A force against the motion that grows with the square of the speed: roof boxes, open windows, a trailer's wake."""
+    """A force against the motion that grows with the square of the speed: a roof box, open windows, a wake."""
 
     id: ClassVar[str] = "aero_drag"
     sentence: ClassVar[str] = "air drag that grows with the square of the speed"

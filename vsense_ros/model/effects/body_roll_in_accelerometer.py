@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class BodyRollInAccelerometer(Effect):
-    """The sensor leans with the body's roll by more than the model has it (soft mounting), or is already corrected (less)."""
+    """The sensor leans by more than the body, on a soft mounting, or its values are already corrected for roll."""
 
     id: ClassVar[str] = "body_roll_in_accelerometer"
     sentence: ClassVar[str] = "gravity that reaches the lateral accelerometer as the body rolls"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class SteeringCompliance(Effect):
-    """The front wheels turn back in proportion to the lateral force of their axle, after the lag of the steering system.
+    """The front wheels turn back in proportion to the lateral force of their axle, after a lag.
 
     The trail of caster and tyre turns the lateral force into a moment, to which column, rack and mounts yield
     (Milliken & Milliken 1995, section 19.4).

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class TyreRelaxation(Effect):
-    """The lateral slip that a tyre responds to lags behind that of the wheel, by a distance (Pacejka 2012, section 7.2).
+    """The slip that a tyre responds to lags behind that of the wheel by a distance (Pacejka 2012, section 7.2).
 
-    In a step of `h` the wheel's slip speed s is taken as a ramp; the lagged one y then follows exactly,
-    y⁺ = y + (1 − e)(s − y) + φ (s⁺ − s), with e = exp(−h/τ) and φ = 1 − (τ/h)(1 − e): without a relaxation length the
-    tyre sees its slip of the instant. Per wheel the memory holds y, s, the part of y that is constant during the step, φ.
+    In a step of `h` the wheel's slip speed s is taken as a ramp, which the lagged one y follows exactly:
+    y⁺ = y + (1 − e)(s − y) + φ (s⁺ − s), with e = exp(−h/τ) and φ = 1 − (τ/h)(1 − e). Per wheel the memory holds y, s,
+    the part of y that is constant during the step, and φ.
     """
 
     id: ClassVar[str] = "tyre_relaxation"
