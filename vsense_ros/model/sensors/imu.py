@@ -42,6 +42,11 @@ class Imu(SensorBase):
     force_noise: Deviations = parameter("m/s²", "standard deviation of each accelerometer", default=(0.1, 0.1, 0.2))
     rate_offset: Triple = parameter("rad/s", "known bias of each gyro", default=(0.0, 0.0, 0.0))
     force_offset: Triple = parameter("m/s²", "known bias of each accelerometer", default=(0.0, 0.0, 0.0))
+    rate_scale: Triple = parameter("-", "known relative error of each gyro's scale", default=(0.0, 0.0, 0.0))
+    roll_gain: float = parameter(
+        "-", "roll of the sensor beyond the body's, per roll of the body; -1: its values are corrected for roll",
+        default=0.0,
+    )  # fmt: skip
     rate_bias: float = parameter(
         "rad/s", "standard deviation of the rest of the gyro bias at start", ge=0, default=0.01
     )
@@ -55,7 +60,7 @@ class Imu(SensorBase):
         return rates + forces
 
     def mounting(self) -> Vector:
-        return np.array([*self.position, *self.attitude])
+        return np.array([*self.position, *self.attitude, *self.rate_scale, self.roll_gain])
 
     def deviations(self) -> Vector:
         return np.array([*self.rate_noise, *self.force_noise])
@@ -90,9 +95,11 @@ def _joined(rates: Triple, forces: Triple) -> Vector:
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts."""
-    arm = mounting[0:3]
+    arm, scale, roll_gain = mounting[0:3], mounting[6:9], mounting[9]
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
     velocity, rates = motion.u[0:3], motion.u[3:6]
     acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
     acceleration = acceleration + ca.cross(motion.udot[3:6], arm) + ca.cross(rates, ca.cross(rates, arm))
-    return ca.vertcat(to_sensor @ rates, to_sensor @ (acceleration - motion.gravity)) + biases
+    leaning = spatial.rotation_x(roll_gain * motion.roll).T
+    force = leaning @ to_sensor @ (acceleration - motion.gravity)
+    return ca.vertcat((1 + scale) * (to_sensor @ rates), force) + biases

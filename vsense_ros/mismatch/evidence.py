@@ -1,0 +1,203 @@
+"""What recordings say, in the form in which a simulation can be held against it: windows, inputs, measured signals.
+
+A window is a stretch of a recording in which the car drives, short enough for a simulation from recorded inputs to stay
+beside it. Its first seconds let the simulation find its state and are not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.car import GRAVITY
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.simulate import rolling_radii
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.reading import Map, Reader
+from vsense_ros.recording import Recording
+
+Array = NDArray[np.float64]
+
+SLOWEST = 4.0  # [m/s] below it slip angles say little and tyres creep
+LONGEST = 25.0  # [s] of a window
+SHORTEST = 6.0  # [s] of a window, run-in included
+RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
+HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
+LARGEST_GAP = 0.5  # [s] without a message that a window may contain
+
+
+@dataclass(frozen=True)
+class Readings:
+    """All measurements of one sensor, in order of time: `t` (n,) [s] since the first stamp of its recording, latency
+    taken off; `value` (n, m), NaN where a component is absent."""
+
+    t: Array
+    value: Array
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of one recording."""
+
+    recording: int
+    name: str
+    begin: float  # [s] since the recording's first stamp
+    end: float
+    readings: Mapping[str, Readings]  # by sensor, those inside the window with some margin
+    speed: Readings  # (n, 1) over ground [m/s]
+    heading: float  # at the beginning, as far as it is known: the course over ground [rad]
+    torques: bool  # True: wheel torques are measured
+
+    @property
+    def duration(self) -> float:
+        return self.end - self.begin
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Windows of one or several recordings of one car, and what could not be used."""
+
+    windows: tuple[Window, ...]
+    sensors: Mapping[str, SensorBase]  # those that gave measurements
+    recordings: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
+    """Windows of all recordings in which the car drives and its steering angle and speed are known."""
+    windows: list[Window] = []
+    remarks: list[str] = []
+    used: dict[str, SensorBase] = {}
+    for index, recording in enumerate(recordings):
+        name = recording.name or f"recording {index + 1}"
+        readings = {
+            sensor: found
+            for sensor, settings in vehicle.sensors.items()
+            if (found := _read(recording, settings)) is not None
+        }
+        used |= {sensor: vehicle.sensors[sensor] for sensor in readings}
+        kinds = {vehicle.sensors[sensor].kind: sensor for sensor in readings}
+        if "steering" not in kinds:
+            remarks.append(f"{name}: no steering angle, which drives the model; the recording is left out")
+            continue
+        speed = _speed(readings, kinds, vehicle)
+        if speed is None:
+            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; the recording is left out")
+            continue
+        found = list(_windows(index, name, readings, kinds, speed))
+        if not found:
+            remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap")
+        windows += found
+    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks))
+
+
+def _read(recording: Recording, sensor: SensorBase) -> Readings | None:
+    if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
+        return None
+    channel = recording[sensor.topic]
+    origin = _origin(recording)
+    reader = Reader(0, sensor, Map(origin))
+    start = min(int(c.stamp.min()) for c in recording.channels.values() if len(c))
+    events = [event for row in range(len(channel)) if not isinstance(event := reader.read(channel.sample(row)), str)]
+    if len(events) < 2:
+        return None
+    stamps = np.array([event.stamp for event in events], dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
+    return Readings((stamps[order] - start) * 1e-9, np.array([events[i].value for i in order]))
+
+
+def _origin(recording: Recording) -> tuple[float, float, float] | None:
+    keys = ("origin_latitude_deg", "origin_longitude_deg", "origin_altitude_m")
+    if not all(key in recording.metadata for key in keys):
+        return None
+    latitude, longitude, height = (float(recording.metadata[key]) for key in keys)
+    return latitude, longitude, height
+
+
+def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: Vehicle) -> Readings | None:
+    """Speed from the wheels, else from GNSS."""
+    if "wheel_speeds" in kinds:
+        wheels = readings[kinds["wheel_speeds"]]
+        value = wheels.value * rolling_radii(vehicle)
+        present = np.isfinite(value).any(axis=1)
+        if present.sum() >= 2:
+            return Readings(wheels.t[present], np.nanmedian(value[present], axis=1)[:, None])
+    if "gnss_velocity" in kinds:
+        velocity = readings[kinds["gnss_velocity"]]
+        present = np.isfinite(velocity.value).all(axis=1)
+        if present.sum() >= 2:
+            return Readings(velocity.t[present], np.hypot(*velocity.value[present, :2].T)[:, None])
+    return None
+
+
+def _windows(
+    index: int, name: str, readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings
+) -> Iterable[Window]:
+    steering = readings[kinds["steering"]]
+    torques = "wheel_torques" in kinds
+    needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
+    for begin, end in _driving(speed, needed):
+        parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
+        length = (end - begin - RUN_IN) / parts
+        for part in range(parts):
+            first, last = begin + part * length, begin + (part + 1) * length + RUN_IN
+            inside = {sensor: _cut(found, first - 1.0, last + 1.0) for sensor, found in readings.items()}
+            inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
+            yield Window(
+                index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
+                _course(inside, kinds, first), torques,
+            )  # fmt: skip
+
+
+def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[float, float]]:
+    """Stretches above the slowest speed, in which no needed signal has a gap."""
+    grid = np.arange(speed.t[0], speed.t[-1], 0.05)
+    good = np.interp(grid, speed.t, speed.value[:, 0]) > SLOWEST
+    for found in needed:
+        t = found.t[np.isfinite(found.value).all(axis=1)]
+        if len(t) < 2:
+            return
+        good &= (grid >= t[0]) & (grid <= t[-1])
+        for gap in np.flatnonzero(np.diff(t) > LARGEST_GAP):
+            good &= (grid < t[gap]) | (grid > t[gap + 1])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin, end = float(grid[first]), float(grid[last - 1])
+        if end - begin >= SHORTEST:
+            yield begin, end
+
+
+def _cut(readings: Readings, first: float, last: float) -> Readings:
+    rows = (readings.t >= first) & (readings.t <= last)
+    return Readings(readings.t[rows], readings.value[rows])
+
+
+def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float) -> float:
+    sensor = kinds.get("gnss_velocity")
+    if sensor is None or sensor not in readings:
+        return 0.0
+    velocity = readings[sensor]
+    present = np.isfinite(velocity.value).all(axis=1)
+    if not present.any():
+        return 0.0
+    nearest = np.flatnonzero(present)[np.argmin(np.abs(velocity.t[present] - at))]
+    east, north = velocity.value[nearest, :2]
+    return float(np.arctan2(north, east))
+
+
+def excitation(window: Window, sensors: Mapping[str, SensorBase]) -> tuple[float, float]:
+    """Largest lateral acceleration and largest change of speed per time, roughly, both in m/s²."""
+    speed = window.speed
+    slow = np.arange(window.begin, window.end, 0.25)
+    along = np.interp(slow, speed.t, speed.value[:, 0])
+    longitudinal = float(np.percentile(np.abs(np.diff(along)) / 0.25, 95)) if len(slow) > 2 else 0.0
+    lateral = 0.0
+    for name, found in window.readings.items():
+        if sensors[name].kind == "imu":
+            rate = np.interp(slow, found.t, np.nan_to_num(found.value[:, 2]))
+            lateral = float(np.percentile(np.abs(rate * along), 95))
+    return lateral, min(longitudinal, 2 * GRAVITY)

@@ -1,0 +1,178 @@
+"""What a car would have measured in the windows of the evidence, as a function of everything that may be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, Evidence, Readings, Window
+from vsense_ros.mismatch.signals import signals
+from vsense_ros.model import car as car_module
+from vsense_ros.model.car import YAW, car_of
+from vsense_ros.model.effects import BY_ID, Effects
+from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.simulate import rolling_radii, rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+STEP = 0.005  # [s] of the simulation
+KEEP = 2  # steps
+_MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
+
+
+def with_all_effects(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with every effect of the library present, of size zero where the file does not have it."""
+    effects = vehicle.physics.effects
+    every = {id: getattr(effects, id) or effect() for id, effect in BY_ID.items()}
+    return vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": Effects(**every)})})
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One car: its physical parameters by name, effects included."""
+
+    values: Mapping[str, float]
+
+    def effect(self, id: str) -> object:
+        """An effect with its present parameters."""
+        kind = BY_ID[id]
+        return kind.model_construct(**{f: self.values[f"effects.{id}.{f}"] for f in kind.model_fields})
+
+    def changed(self, changes: Mapping[str, float]) -> Setting:
+        return Setting({**self.values, **changes})
+
+
+class Predictor:
+    """Simulates the evidence; keeps the last motions, so that what concerns sensors alone costs little."""
+
+    def __init__(self, vehicle: Vehicle, evidence: Evidence) -> None:
+        self.vehicle = with_all_effects(vehicle)
+        self.evidence = evidence
+        self.car = car_of(self.vehicle)
+        self.names = self.car.parameter_names
+        self.start = Setting(self.vehicle.values())
+        self.radius = float(np.mean(rolling_radii(vehicle)))
+        self.runs = 0
+        self._loop = OpenLoop(self.car, KEEP)
+        self._motions: dict[tuple[float, ...], list[Motion]] = {}
+        self._sensing = {
+            name: _sensing(self.car, sensor) for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING
+        }
+
+    @cached_property
+    def measured(self) -> list[dict[str, Array]]:
+        """Signals of each window."""
+        sensors = self.evidence.sensors
+        return [
+            signals(w, {n: r for n, r in w.readings.items() if n in self._sensing}, sensors, self.radius)
+            for w in self.evidence.windows
+        ]
+
+    def simulated(self, setting: Setting) -> list[dict[str, Array]]:
+        """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
+        sensors = self._sensors(setting)
+        return [
+            self._signals(window, motion, sensors)
+            for window, motion in zip(self.evidence.windows, self._moved(setting, sensors), strict=True)
+        ]
+
+    def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
+        sensors = dict(self.evidence.sensors)
+        for id in BY_ID:
+            sensors = setting.effect(id).sensors(sensors)  # type: ignore[attr-defined]
+        return sensors
+
+    def _moved(self, setting: Setting, sensors: Mapping[str, SensorBase]) -> list[Motion]:
+        late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
+        steering, torques = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
+        slopes = [setting.effect(id).slope() for id in BY_ID]  # type: ignore[attr-defined]
+        grade, bank = (sum(part) for part in zip(*slopes, strict=True))
+        parameters = np.array([setting.values[name] for name in self.names])
+        mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
+        key = (*mechanical, steering, torques, grade, bank)
+        if key not in self._motions:
+            if len(self._motions) > 3:
+                self._motions.pop(next(iter(self._motions)))
+            self._motions[key] = [
+                self._run(window, parameters, steering, grade, bank) for window in self.evidence.windows
+            ]
+            self.runs += 1
+        return self._motions[key]
+
+    @cached_property
+    def _of_sensors(self) -> frozenset[str]:
+        """Names of parameters that the motion does not depend on."""
+        dynamics = ca.vertcat(*ca.symvar(ca.vertcat(self.car.dynamics, self.car.remembered)))
+        used = {symbol.name() for symbol in ca.symvar(dynamics)}
+        return frozenset(
+            name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
+        )
+
+    def _run(self, window: Window, parameters: Array, late: float, grade: float, bank: float) -> Motion:
+        n = int(np.ceil(window.duration / STEP))
+        middle = window.begin + (np.arange(n) + 0.5) * STEP
+        kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
+        inputs = np.zeros((n, 5))
+        steering = kinds["steering"]
+        inputs[:, 0] = np.interp(middle + late, steering.t, steering.value[:, 0])
+        speed = np.interp(middle, window.speed.t, window.speed.value[:, 0])
+        mass = parameters[self.names.index("chassis.mass")]
+        # Weights of a torque that moves the whole car, per wheel; a quarter of the mass rolls on each.
+        inertia = mass * self.radius**2 / 4
+        gain = np.full(n, inertia / HOLDING_TIME)
+        if window.torques:
+            torques = kinds["wheel_torques"]
+            for wheel in range(4):
+                inputs[:, 1 + wheel] = np.interp(middle, torques.t, torques.value[:, wheel])
+            gain[middle > window.begin + RUN_IN - 0.5] = 0.0
+        else:
+            inputs[:, 1:] = (inertia / self.radius * np.gradient(speed, STEP))[:, None]
+        q, u = rolling_straight(self.vehicle, float(speed[0]))
+        q[YAW] = window.heading
+        around = np.zeros((n, len(car_module.SURROUNDINGS)))
+        around[:, 0], around[:, 1] = grade, bank
+        return self._loop.run(
+            q, u, Inputs(STEP, inputs, around, target=speed / self.radius, gain=gain), parameters
+        )
+
+    def _signals(self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase]) -> dict[str, Array]:
+        if not np.isfinite(motion.u[-1]).all():
+            return {}
+        readings = {}
+        for name, function in self._sensing.items():
+            if name not in window.readings:
+                continue
+            stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
+            value = function(motion.q.T, motion.u.T, motion.udot.T, now.mounting())
+            value = np.array(value).T + _offset(now) - _offset(base)
+            at = stamps - (now.latency - base.latency) - window.begin
+            readings[name] = Readings(
+                stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T])
+            )
+            gaps = ~np.isfinite(window.readings[name].value)
+            readings[name].value[gaps] = np.nan
+        return signals(window, readings, self.evidence.sensors, self.radius)
+
+
+def _offset(sensor: SensorBase) -> Array | float:
+    """What a sensor adds to its values and what reading a message takes off."""
+    if sensor.kind != "imu":
+        return 0.0
+    return np.array([*sensor.rate_offset, *sensor.force_offset])  # type: ignore[attr-defined]
+
+
+def _sensing(car: car_module.Car, sensor: SensorBase) -> ca.Function:
+    """(q, u, udot, mounting) → measurement, for states in columns."""
+    udot = ca.SX.sym("udot", 14)
+    mounting = ca.SX.sym("mounting", len(sensor.mounting()))
+    biases = ca.SX.zeros(len(sensor.biases()))
+    around, driving = ca.SX.zeros(car.surroundings.numel()), ca.SX.zeros(car.inputs.numel())
+    motion = car_module.Motion(car.q, car.u, udot, around, driving)
+    return ca.Function("sense", [car.q, car.u, udot, mounting], [sensor.equation(motion, biases, mounting)])

@@ -1,0 +1,114 @@
+"""The signals in which simulation and recording are compared, made alike from both.
+
+Both sides pass the same steps: what a sensor gives at its own instants, on a common grid of time, through the same
+filter. So neither sampling nor filter can look like physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, detrend, sosfiltfilt
+
+from vsense_ros.mismatch.evidence import RUN_IN, Readings, Window
+from vsense_ros.model.sensors import SensorBase
+
+Array = NDArray[np.float64]
+
+GRID = 0.01  # [s] on which signals are filtered
+KEPT_EVERY = 4  # of the grid: what is left below the cut-off needs no more
+CUT_OFF = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling knows
+EDGE = 0.4  # [s] at the end of a window, where the filter has not settled
+
+_FILTER = butter(2, CUT_OFF, fs=1 / GRID, output="sos")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What is compared: `name`, its unit, and how it comes from a sensor's components (n, m), given the rolling radius.
+
+    `floor` is the smallest standard deviation that is believed; a `drifting` signal is compared up to a constant and a
+    slope in each window, because it depends on a heading that nothing measures.
+    """
+
+    name: str
+    unit: str
+    kind: str  # of the sensor
+    make: Callable[[Array, float], Array]
+    floor: float
+    drifting: bool = False
+
+
+def _component(index: int) -> Callable[[Array, float], Array]:
+    return lambda value, radius: value[:, index]
+
+
+def _course(value: Array, radius: float) -> Array:
+    return np.unwrap(np.arctan2(value[:, 1], value[:, 0]))
+
+
+SIGNALS = (
+    Signal("longitudinal_acceleration", "m/s²", "imu", _component(3), 0.05),
+    Signal("lateral_acceleration", "m/s²", "imu", _component(4), 0.05),
+    Signal("vertical_acceleration", "m/s²", "imu", _component(5), 0.1),
+    Signal("roll_rate", "rad/s", "imu", _component(0), 0.004),
+    Signal("pitch_rate", "rad/s", "imu", _component(1), 0.004),
+    Signal("yaw_rate", "rad/s", "imu", _component(2), 0.002),
+    Signal("speed", "m/s", "wheel_speeds", lambda value, radius: radius * value.mean(axis=1), 0.05),
+    Signal("wheel_difference_front", "m/s", "wheel_speeds", lambda v, radius: radius * (v[:, 0] - v[:, 1]), 0.02),
+    Signal("wheel_difference_rear", "m/s", "wheel_speeds", lambda v, radius: radius * (v[:, 2] - v[:, 3]), 0.02),
+    Signal(
+        "wheel_difference_axles", "m/s", "wheel_speeds",
+        lambda v, radius: radius * (v[:, 0] + v[:, 1] - v[:, 2] - v[:, 3]) / 2, 0.02,
+    ),
+    Signal("ground_speed", "m/s", "gnss_velocity", lambda value, radius: np.hypot(value[:, 0], value[:, 1]), 0.03),
+    Signal("course", "rad", "gnss_velocity", _course, 0.003, drifting=True),
+    *(
+        Signal(f"travel_{wheel}", "m", "suspension", _component(i), 0.001)
+        for i, wheel in enumerate(("fl", "fr", "rl", "rr"))
+    ),
+)  # fmt: skip
+
+
+def grid(window: Window) -> Array:
+    """Times at which the signals of a window are kept [s]."""
+    t = np.arange(window.begin, window.end, GRID)
+    inside = slice(round(RUN_IN / GRID), len(t) - round(EDGE / GRID))
+    return t[inside][::KEPT_EVERY]
+
+
+def signals(
+    window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
+) -> dict[str, Array]:
+    """Signals of a window by name on its `grid`, from readings by sensor, measured or simulated; `radius` is a rolling
+    radius [m], the same for both. Signals with gaps are left out."""
+    t = np.arange(window.begin, window.end, GRID)
+    inside = slice(round(RUN_IN / GRID), len(t) - round(EDGE / GRID))
+    result = {}
+    for sensor, found in readings.items():
+        for signal in SIGNALS:
+            if signal.kind != sensors[sensor].kind:
+                continue
+            with np.errstate(invalid="ignore"):
+                value = signal.make(found.value, radius)
+            present = np.isfinite(value)
+            if present.mean() < 0.9 or found.t[0] > window.begin + 1.0 or found.t[-1] < window.end - 1.0:
+                continue
+            smooth = sosfiltfilt(_FILTER, np.interp(t, found.t[present], value[present]))[inside][::KEPT_EVERY]
+            result[signal.name] = smooth
+    return result
+
+
+def difference(measured: Mapping[str, Array], simulated: Mapping[str, Array]) -> dict[str, Array]:
+    """Measured minus simulated, by signal; drifting ones without constant and slope."""
+    result = {}
+    for signal in SIGNALS:
+        if signal.name in measured and signal.name in simulated:
+            off = measured[signal.name] - simulated[signal.name]
+            if signal.drifting:
+                off = detrend((off + np.pi) % (2 * np.pi) - np.pi if abs(off.mean()) > np.pi else off)
+            result[signal.name] = off
+    return result
