@@ -28,7 +28,8 @@ class Stepper:
         self.force, self.surroundings, self.inputs = np.zeros(14), np.zeros(4), np.zeros(5)
         self._h, self._inverse, self._by_q = np.zeros(1), np.zeros(196), np.zeros(98)
         functions = model_functions(car_of(vehicle))
-        arguments = [self.q, self.u, self.force, self.surroundings, self.inputs, vehicle.parameter_vector()]
+        state = [self.q, self.u, self.force, self.surroundings, self.inputs]
+        arguments = [*state, vehicle.parameter_vector(), np.zeros(0)]
         self._linearize = Kernel(functions["linearize"], arguments)
         self._dynamics = Kernel(functions["dynamics"], arguments)
         self._advance = Kernel(functions["advance"], [*arguments, self._h, self._inverse, self._by_q])

@@ -43,7 +43,7 @@ def test_a_step_is_of_second_order_with_any_jacobian(vehicle, car, exact_jacobia
     p = vehicle.parameter_vector()
 
     def derivative(_: float, state: np.ndarray) -> np.ndarray:
-        udot = np.asarray(dynamics(state[:14], state[14:], np.zeros(14), np.zeros(4), inputs, p)[0])[:, 0]
+        udot = np.asarray(dynamics(state[:14], state[14:], np.zeros(14), np.zeros(4), inputs, p, [])[0])[:, 0]
         return np.concatenate([np.asarray(rate(state[:14], state[14:]))[:, 0], udot])
 
     duration = 0.1
@@ -134,7 +134,7 @@ def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, car,
     state = driving(seed)
     wish = np.random.default_rng(seed).normal(size=14)
     dynamics = dynamics_function(car)
-    arguments = [state[k] for k in ("q", "inputs", "surroundings", "p")]
+    arguments = [state[k] for k in ("q", "inputs", "surroundings", "p", "memory")]
     more = np.asarray(force_function(car)(*arguments, wish))[:, 0]
 
     before = np.asarray(dynamics(*state.values())[0])[:, 0]

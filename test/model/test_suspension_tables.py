@@ -244,6 +244,7 @@ def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dic
         "surroundings": np.zeros(4),
         "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4)]),
         "p": vehicle.parameter_vector(),
+        "memory": np.zeros(0),
     }
 
 

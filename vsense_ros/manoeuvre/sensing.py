@@ -86,7 +86,7 @@ def record(
     rng = np.random.RandomState(seed)
     channels = []
     measuring = _Measuring(trajectory, vehicle, rng, float(biased), steering_noise, every)
-    for sensor in vehicle.sensors.values():
+    for sensor in vehicle.sensing().values():
         if sensor.kind in _MESSAGES:
             channels.append(_MESSAGES[sensor.kind](sensor, measuring))
     channels += _reference(trajectory)

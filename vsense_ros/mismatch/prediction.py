@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -138,9 +138,7 @@ class Predictor:
         q[YAW] = window.heading
         around = np.zeros((n, len(car_module.SURROUNDINGS)))
         around[:, 0], around[:, 1] = grade, bank
-        return self._loop.run(
-            q, u, Inputs(STEP, inputs, around, target=speed / self.radius, gain=gain), parameters
-        )
+        return self._loop.run(q, u, Inputs(STEP, inputs, around, target=speed / self.radius, gain=gain), parameters)
 
     def _signals(self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase]) -> dict[str, Array]:
         if not np.isfinite(motion.u[-1]).all():
@@ -153,9 +151,7 @@ class Predictor:
             value = function(motion.q.T, motion.u.T, motion.udot.T, now.mounting())
             value = np.array(value).T + _offset(now) - _offset(base)
             at = stamps - (now.latency - base.latency) - window.begin
-            readings[name] = Readings(
-                stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T])
-            )
+            readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
             gaps = ~np.isfinite(window.readings[name].value)
             readings[name].value[gaps] = np.nan
         return signals(window, readings, self.evidence.sensors, self.radius)

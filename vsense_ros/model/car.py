@@ -20,6 +20,7 @@ from functools import cached_property
 from types import SimpleNamespace
 
 import casadi as ca
+import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.contact import Contact, contact
@@ -69,6 +70,11 @@ class Motion:
         """Acceleration of free fall in body axes, 3×1 [m/s²]."""
         return gravity_in_body(self.q, self.surroundings)
 
+    @property
+    def roll(self) -> ca.SX:
+        """Of the body relative to the road [rad]."""
+        return self.q[ROLL]
+
 
 def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
     """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
@@ -115,12 +121,14 @@ class TyreContact:
 class Car:
     """Symbolic equations of motion of a vehicle's *structure*; the values of its parameters stay symbols.
 
-    Two vehicles with the same kinds of tyres and the same suspension tables share one `Car`, and so its compiled code.
+    Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
+    its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
+    `remember` moves on between steps.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
-        self.p, self._v = symbols(vehicle.physics)
+        self.p, self.parameters = symbols(vehicle.physics)
         self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
         self._tables = vehicle.suspension
         self.q = ca.SX.sym("q", COORDINATES)
@@ -128,40 +136,61 @@ class Car:
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
         self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
         self.inputs = ca.SX.sym("inputs", len(INPUTS))
+        present = vehicle.physics.effects.present()
+        self._effects = tuple(
+            type(effect).model_construct(**vars(getattr(self.parameters.effects, effect.id))) for effect in present
+        )
+        self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
+        ends = np.cumsum([len(effect.memory) for effect in present]).tolist()
+        self._memories = tuple(
+            self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
+        )
 
     @cached_property
     def _wheelbase(self) -> ca.SX:
-        return self._v.chassis.cog_to_front_axle + self._v.chassis.cog_to_rear_axle
+        return self.parameters.chassis.cog_to_front_axle + self.parameters.chassis.cog_to_rear_axle
 
     @cached_property
-    def _corners(self) -> tuple[Corner, ...]:
+    def corners(self) -> tuple[Corner, ...]:
         """fl, fr, rl, rr."""
-        chassis = self._v.chassis
+        chassis = self.parameters.chassis
         weight = chassis.mass * GRAVITY
         corners = []
         for i in range(len(WHEELS)):
             front, side = i < 2, 1 - 2 * (i % 2)
-            axle = self._v.front if front else self._v.rear
+            axle = self.parameters.front if front else self.parameters.rear
             arm = chassis.cog_to_front_axle if front else -chassis.cog_to_rear_axle
             other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
             static_load = weight * other / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
             centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
             tyre = self._tyres[0 if front else 1]
+            for effect in self._effects:
+                axle = effect.wheel(i, axle)
             corners.append(Corner(i, axle, tyre, side, centre, static_load, loaded_radius))
         return tuple(corners)
 
     @cached_property
     def _road_wheel_angle(self) -> ca.SX:
         """Mean of both front wheels [rad]."""
-        return self.inputs[0] - self.surroundings[2]
+        angle = self.inputs[0] - self.surroundings[2]
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            angle = effect.front_angle(angle, self, memory)
+        return angle
+
+    def _toed(self, corner: Corner, hub: HubMotion) -> HubMotion:
+        """A hub with its axle turned about the vertical by what the effects do to it."""
+        toe = ca.SX(0)
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            toe = effect.toe(toe, corner, self, memory)
+        return hub if toe.is_zero() else replace(hub, axle=spatial.rotation_z(toe) @ hub.axle)
 
     def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
         """Angle of a wheel on a straight guide for a mean `angle` of the front wheels [rad]: from parallel to full
         Ackermann."""
         if not corner.front:
             return ca.SX(0)
-        share, tangent = self._v.steering.ackermann, ca.tan(angle)
+        share, tangent = self.parameters.steering.ackermann, ca.tan(angle)
         turning = ca.atan2(self._wheelbase * tangent, self._wheelbase - corner.side * corner.axle.track / 2 * tangent)
         return (1 - share) * angle + share * turning
 
@@ -177,21 +206,22 @@ class Car:
 
     @cached_property
     def _hubs(self) -> list[HubMotion]:
-        return [self._guide(corner, self.q[TRAVEL][corner.index], self._road_wheel_angle) for corner in self._corners]
+        angle = self._road_wheel_angle
+        return [self._toed(c, self._guide(c, self.q[TRAVEL][c.index], angle)) for c in self.corners]
 
     @cached_property
     def _tree(self) -> Tree:
         """Hubs are points, wheels bodies of revolution. Their frames have their origins in the wheel centres and, at
         this instant, the axes of the chassis; nothing depends on the spin angle. Hub and wheel share that point, so the
         hub carries the mass of both: the equations are the same, and shorter."""
-        chassis = self._v.chassis
+        chassis = self.parameters.chassis
         # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
         sprung = chassis.mass
         first_moment = ca.SX.zeros(3)
         inertia = ca.diag(ca.vertcat(chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia))
         bodies: list[Body] = []
         unturned, here = ca.SX.eye(3), ca.SX(3, 1)
-        for corner, hub in zip(self._corners, self._hubs, strict=True):
+        for corner, hub in zip(self.corners, self._hubs, strict=True):
             a = corner.axle
             mass = a.hub_mass + a.wheel_mass
             sprung = sprung - mass
@@ -205,6 +235,8 @@ class Car:
             axis_rate = hub.bend * self.u[TRAVEL][corner.index]
             bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
             bodies.append(Body(f"wheel_{name}", len(bodies) - 1, spin, unturned, here, disc))
+        for effect in self._effects:
+            sprung, first_moment, inertia = effect.chassis(sprung, first_moment, inertia)
         centre = first_moment / sprung
         offset = spatial.skew(centre)
         inertia = inertia + sprung * (offset @ offset)  # from about cog to about the chassis's own centre
@@ -221,8 +253,9 @@ class Car:
         return _by_corner(self.u[TRAVEL], self.u[SPIN])
 
     @cached_property
-    def _contacts(self) -> list[TyreContact]:
-        return [self._contact(corner, hub) for corner, hub in zip(self._corners, self._hubs, strict=True)]
+    def contacts(self) -> list[TyreContact]:
+        """Of the wheels fl, fr, rl, rr."""
+        return [self._contact(corner, hub) for corner, hub in zip(self.corners, self._hubs, strict=True)]
 
     def _contact(self, corner: Corner, hub: HubMotion) -> TyreContact:
         """Where a tyre touches the road, and the forces there."""
@@ -246,16 +279,24 @@ class Car:
     def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
         load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
-        return FORCES[corner.tyre](
+        friction = self.parameters.road.friction * corner.axle.grip_scale
+        responding = speed_y * corner.axle.cornering_scale
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            friction = effect.friction(friction, corner, load, memory)
+            responding = effect.lateral_speed(responding, corner, memory)
+        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
             corner.axle.tyre,
             load,
             speed_x,
-            speed_y,
+            responding,
             rolling_speed,
-            self._v.road.friction,
+            friction,
             camber=inclination,
             side=corner.side,
         )
+        for effect in self._effects:
+            force_y = effect.lateral_force(force_y, corner, load, inclination)
+        return force_x, force_y, moment, slip_x, slip_y
 
     def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
         """Generalized force of spring, damper and anti-roll bar on the travel [N], positive in bump."""
@@ -268,7 +309,17 @@ class Car:
         spring = preload / design.spring_ratio + a.suspension_stiffness * hub.spring
         damper = a.suspension_damping * hub.spring_ratio * self.u[TRAVEL][i]
         bar = a.antiroll_stiffness * (self.q[TRAVEL][i] - self.q[TRAVEL][corner.opposite])
-        return -(spring + damper) * hub.spring_ratio - bar
+        resistance = (spring + damper) * hub.spring_ratio + bar
+        for effect in self._effects:
+            resistance = effect.suspension_force(resistance, corner, self)
+        return -resistance
+
+    def _wheel_torque(self, corner: Corner) -> ca.SX:
+        """Torque about the axle besides that of the road [N m]."""
+        torque = self.inputs[1 + corner.index]
+        for effect in self._effects:
+            torque = effect.wheel_torque(torque, corner, self)
+        return torque
 
     def _wheel_force(self, corner: Corner, hub: HubMotion, tyre: TyreContact) -> ca.SX:
         """What the road does to a wheel: force vector about its centre (6×1)."""
@@ -280,19 +331,22 @@ class Car:
 
     def _chassis_force(self) -> ca.SX:
         """What acts on the chassis besides its suspensions and its weight: force vector about `cog` (6×1)."""
-        drag = -0.5 * AIR_DENSITY * self._v.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
-        return ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
+        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
+        force = ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            force = effect.chassis_force(force, self, memory)
+        return force
 
     def _loads(self, contacts: Sequence[TyreContact]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
         """Joint efforts, force on the chassis, forces on hubs and wheels: what the tree is moved by."""
         forces: list[ca.SX] = []
         efforts: list[ca.SX] = []
-        for corner, hub, tyre in zip(self._corners, self._hubs, contacts, strict=True):
+        for corner, hub, tyre in zip(self.corners, self._hubs, contacts, strict=True):
             i = corner.index
             forces += [ca.SX(6, 1), self._wheel_force(corner, hub, tyre)]
             efforts += [
                 self._suspension_force(corner, hub) + self.force[TRAVEL][i],
-                self.inputs[1 + i] + self.force[SPIN][i],
+                self._wheel_torque(corner) + self.force[SPIN][i],
             ]
         chassis = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
         return ca.vertcat(*efforts), chassis, forces
@@ -300,7 +354,7 @@ class Car:
     @cached_property
     def dynamics(self) -> ca.SX:
         """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
-        root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self._contacts))
+        root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self.contacts))
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
         linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
         return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
@@ -316,7 +370,7 @@ class Car:
                 force_y=tyre_forces[1, i],
                 moment=tyre_forces[3, i],
             )
-            for i, contact in enumerate(self._contacts)
+            for i, contact in enumerate(self.contacts)
         ]
         efforts, chassis, forces = self._loads(given)
         linear = acceleration[0:3] - gravity_in_body(self.q, self.surroundings)
@@ -334,12 +388,12 @@ class Car:
     @cached_property
     def tyre_motions(self) -> ca.SX:
         """What each tyre's forces depend on: load, speeds x and y, rolling speed, inclination; 5×4."""
-        return ca.horzcat(*(_tyre_motion(contact.touch, contact.rolling_speed) for contact in self._contacts))
+        return ca.horzcat(*(_tyre_motion(contact.touch, contact.rolling_speed) for contact in self.contacts))
 
     def tyre_forces(self, motions: ca.SX) -> ca.SX:
         """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
         columns = []
-        for corner in self._corners:
+        for corner in self.corners:
             force_x, force_y, moment, *_ = self._tyre(corner, motions[:, corner.index])
             columns.append(ca.vertcat(force_x, force_y, motions[0, corner.index], moment))
         return ca.horzcat(*columns)
@@ -354,9 +408,9 @@ class Car:
         has anywhere, sliding goes down with each step. The additional force acts on wheel and car alike, here a rigid
         body in the plane, so that it takes no momentum from nowhere.
         """
-        chassis = self._v.chassis
+        chassis = self.parameters.chassis
         responses, slopes = [], []
-        for corner, tyre in zip(self._corners, self._contacts, strict=True):
+        for corner, tyre in zip(self.corners, self.contacts, strict=True):
             touch, spin = tyre.touch, 10 + corner.index
             response = ca.SX.zeros(COORDINATES)
             response[0:2] = touch.ahead[0:2] / chassis.mass
@@ -370,6 +424,11 @@ class Car:
             slopes.append(excess * ca.jacobian(tyre.rolling_speed - touch.speed_x, self.u))
         return ca.horzcat(*responses), ca.vertcat(*slopes)
 
+    def remember(self, h: ca.SX) -> ca.SX:
+        """The memory for a step of `h` [s] that begins now, from that of the last step."""
+        parts = zip(self._effects, self._memories, strict=True)
+        return ca.vertcat(*(effect.remember(memory, self, h) for effect, memory in parts if effect.memory))
+
     @cached_property
     def wheel_outputs(self) -> ca.SX:
         """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
@@ -379,7 +438,7 @@ class Car:
                 ca.vertcat(
                     t.force_x, t.force_y, t.touch.load, t.moment, t.slip_x, ca.atan(-t.slip_y), t.touch.inclination
                 )
-                for t in self._contacts
+                for t in self.contacts
             )
         )
 

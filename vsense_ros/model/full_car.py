@@ -256,7 +256,14 @@ class Corner:
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
         camber = ca.SX.sym("camber")
         found = self._tyre(
-            a.tyre, slips[0], slips[1], slips[2], slips[3], self._extra.friction, camber=camber, side=self._extra.side
+            a.tyre,
+            slips[0],
+            slips[1],
+            slips[2] * a.cornering_scale,
+            slips[3],
+            self._extra.friction * a.grip_scale,
+            camber=camber,
+            side=self._extra.side,
         )
         result = ca.vertcat(*found)
         parameters = ca.vertcat(*(s for s in ca.symvar(result) if not ca.depends_on(ca.vertcat(slips, camber), s)))

@@ -98,14 +98,17 @@ def simulate(
     inputs = np.zeros(len(INPUTS))
     extra = np.zeros(COORDINATES) if force is None else np.array(force, dtype=float)
     around = np.zeros(len(SURROUNDINGS)) if surroundings is None else np.array(surroundings, dtype=float)
-    functions = model_functions(car_of(vehicle))
-    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector()]
+    car = car_of(vehicle)
+    functions = model_functions(car)
+    memory = np.zeros(car.memory.numel())
+    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector(), memory]
     linearize = Kernel(functions["linearize"], arguments)
     outputs = Kernel(functions["dynamics"], arguments)
     udot, by_q, by_u, _, by_q_rates = linearize.results
     inverse = np.zeros(COORDINATES**2)
     h = np.array([step])
     advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
+    remember = Kernel(functions["remember"], [*arguments, h]) if memory.size else None
     unit = np.eye(COORDINATES)
 
     steps = round(duration / step)
@@ -122,6 +125,9 @@ def simulate(
     row = 0
     for i in range(steps + 1):
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
+        if remember is not None:
+            remember.call()
+            memory[:] = remember.results[0][:, 0]
         linearize.call()
         if i % keep_every == 0:
             outputs.call()

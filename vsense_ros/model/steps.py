@@ -22,11 +22,11 @@ GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 # Coordinates that the dynamics depend on: not where the car is, not its heading, not how far the wheels have turned.
 DYNAMIC_COORDINATES = (Z, ROLL, PITCH, 6, 7, 8, 9)
 
-_STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p")
+_STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p]
+    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -34,7 +34,7 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 
 def dynamics_function(car: Car) -> ca.Function:
-    """(q, u, force, surroundings, inputs, p) → derivatives of u (14), wheel outputs (7×4)."""
+    """(q, u, force, surroundings, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
 
 
@@ -125,14 +125,20 @@ def kinematics_function(car: Car) -> ca.Function:
 
 
 def force_function(car: Car) -> ca.Function:
-    """(q, inputs, surroundings, p, acceleration) → generalized force M(q) · acceleration (14)."""
+    """(q, inputs, surroundings, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
     acceleration = ca.SX.sym("acceleration", 14)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.surroundings, car.p, acceleration],
+        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "surroundings", "p", "acceleration"),
+        ("q", "inputs", "surroundings", "p", "memory", "acceleration"),
     )
+
+
+def remember_function(car: Car) -> ca.Function:
+    """(…, h) → the memory of the effects for a step of `h` [s] that begins now."""
+    h = ca.SX.sym("h")
+    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_STATE_NAMES, "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
@@ -160,6 +166,8 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
+    if car.memory.numel():
+        functions.append(remember_function(car))
     return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
 
 

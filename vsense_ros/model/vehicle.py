@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from vsense_ros.model.effects import Effects
 from vsense_ros.model.linkage import Linkages
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
-from vsense_ros.model.sensors import Sensor
+from vsense_ros.model.sensors import Sensor, SensorBase
+from vsense_ros.model.sensors import Steering as SteeringSensor
 from vsense_ros.model.sensors.base import Triple
 from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.tyres import Tyre
@@ -55,6 +57,10 @@ class Axle(Part):
     )  # fmt: skip
     rolling_resistance: float = parameter("-", "rolling resistance coefficient", ge=0, lt=0.2, default=0.012)
     tyre: Tyre = Field(description="tyre model and its parameters")
+    grip_scale: float = parameter("-", "grip of the tyres over that of the tyre's parameters", gt=0, le=5, default=1.0)
+    cornering_scale: float = parameter(
+        "-", "cornering stiffness of the axle over that of the tyre's parameters", gt=0, le=5, default=1.0
+    )
 
 
 class Steering(Part):
@@ -89,6 +95,7 @@ class Physics(Part):
     steering: Steering = Steering()
     aerodynamics: Aerodynamics = Aerodynamics()
     road: Road = Road()
+    effects: Effects = Field(description="physical effects by id", default_factory=Effects)
 
     @model_validator(mode="after")
     def _the_chassis_keeps_mass_and_inertia(self) -> Physics:
@@ -173,6 +180,16 @@ class Vehicle(Part):
                 except ValueError as error:
                     raise ValueError(f"{where} cannot be {bound:g}, one of its bounds: {_reason(error)}") from None
         return self
+
+    def sensing(self) -> dict[str, SensorBase]:
+        """The sensors with what they take over from the car, and with what its effects do to them."""
+        sensors: dict[str, SensorBase] = dict(self.sensors)
+        for name, sensor in sensors.items():
+            if isinstance(sensor, SteeringSensor) and sensor.ratio is None:
+                sensors[name] = sensor.model_copy(update={"ratio": self.physics.steering.ratio})
+        for effect in self.physics.effects.present():
+            sensors = effect.sensors(sensors)
+        return sensors
 
     def values(self) -> dict[str, float]:
         """Physical parameters by dotted name."""

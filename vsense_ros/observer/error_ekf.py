@@ -128,15 +128,16 @@ class ErrorEkf:
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
         physical = vehicle.parameter_vector()
-        self.memory = np.zeros(n + inputs + n * n + jacobians + len(physical) + extra)
-        self.state, self.inputs, covariance, linearization, self.parameters, self.extra = np.split(
-            self.memory, np.cumsum([n, inputs, n * n, jacobians, len(physical)]).tolist()
+        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra]
+        self.memory = np.zeros(sum(lengths))
+        self.state, self.inputs, covariance, self._effects, linearization, self.parameters, self.extra = np.split(
+            self.memory, np.cumsum(lengths[:-1]).tolist()
         )
         self.covariance = covariance.reshape(n, n)
         self.parameters[:] = physical
         self._distances = [car.parameter_names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")]
         q, u, force, around = (self.state[s] for s in (Q, U, FORCE, SURROUND))
-        arguments = [q, u, force, around, self.inputs, self.parameters]
+        arguments = [q, u, force, around, self.inputs, self.parameters, self._effects]
         self._linearize = Kernel(functions["linearize"], arguments, linearization)
         self.udot, by_q, by_u, by_surroundings, by_q_rates = self._linearize.results
         self._kinematics = Kernel(functions["kinematics"], [q, u])
@@ -146,8 +147,11 @@ class ErrorEkf:
         self._h = np.zeros(1)
         flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
         self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
+        self._remember = Kernel(functions["remember"], [*arguments, self._h]) if self._effects.size else None
         self._error = self._kalman.error
-        self._force = Kernel(functions["force"], [q, self.inputs, around, self.parameters, self._error[FORCE]])
+        self._force = Kernel(
+            functions["force"], [q, self.inputs, around, self.parameters, self._effects, self._error[FORCE]]
+        )
         error, slow = self._error, slice(FORCE.stop, None)
         self._corrections = (
             (self.state[: FORCE.start], error[: FORCE.start]),
@@ -214,6 +218,9 @@ class ErrorEkf:
         self._kalman.transition(h)
         self._kinematics.call()
         self._h[0] = h
+        if self._remember is not None:
+            self._remember.call()
+            self._effects[:] = self._remember.results[0][:, 0]
         self._advance.call()
         self._kalman.propagate(h, process.decay, process.noise)
         state = self.state

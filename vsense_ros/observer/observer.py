@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
 from vsense_ros.model.car import ROLL, YAW, X, Y
-from vsense_ros.model.sensors import SensorBase, Steering
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
@@ -454,16 +454,9 @@ def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
 
     Raises `InputError` if nothing among them could tell the car's speed, or its steering angle.
     """
-    sensors = {name: _completed(sensor, vehicle) for name, sensor in vehicle.sensors.items()}
+    sensors = vehicle.sensing()
     _require_observable(vehicle.name, sensors)
     return sensors
-
-
-def _completed(sensor: SensorBase, vehicle: Vehicle) -> SensorBase:
-    """A sensor with what it takes over from the vehicle."""
-    if isinstance(sensor, Steering) and sensor.ratio is None:
-        return sensor.model_copy(update={"ratio": vehicle.physics.steering.ratio})
-    return sensor
 
 
 def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:

@@ -25,9 +25,9 @@ class AeroDownforce(Effect):
     front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)
     rear: float = size("m²", "downforce coefficient of the rear axle times area", typical=0.3, low=-3.0, high=8.0)
 
-    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         pressure = 0.5 * AIR_DENSITY * car.u[0] ** 2
         chassis = car.parameters.chassis
         front, rear = pressure * self.front, pressure * self.rear
         pitch = front * chassis.cog_to_front_axle - rear * chassis.cog_to_rear_axle
-        return force - ca.vertcat(0, 0, front + rear), moment + ca.vertcat(0, pitch, 0)
+        return force + ca.vertcat(0, pitch, 0, 0, 0, -front - rear)

@@ -24,6 +24,6 @@ class AeroDrag(Effect):
 
     area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
 
-    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         drag = 0.5 * AIR_DENSITY * self.area * car.u[0] * ca.fabs(car.u[0])
-        return force - ca.vertcat(drag, 0, 0), moment
+        return force - ca.vertcat(0, 0, 0, drag, 0, 0)

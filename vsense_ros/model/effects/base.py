@@ -12,8 +12,7 @@ from pydantic import Field
 from vsense_ros.model.parameter import Part
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Car, Corner
     from vsense_ros.model.sensors import SensorBase
 
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -42,7 +41,7 @@ class Effect(Part):
 
     The fields are its parameters. Equations refer to them as `self.…`: they are numbers, or symbols where the effect is
     part of a `Car`. With all sizes zero an effect changes nothing. Methods return what they are given, changed; an
-    effect overrides those that concern it. Lists of wheels run fl, fr, rl, rr; vectors are in body axes.
+    effect overrides those that concern it. Vectors are in body axes.
 
     `memory` names the internal states of effects that depend on the past; `remember` moves them on, and they are
     constant during a time step.
@@ -62,33 +61,37 @@ class Effect(Part):
         """Parameters of one corner, shaped like an `Axle`."""
         return axle
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        """Angles of the four wheels about the vertical, toe included, positive to the left [rad]."""
-        return angles
+    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        """Mean road-wheel angle of the front axle, positive to the left [rad]."""
+        return angle
 
-    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
-        """Grip under a wheel relative to the road on which the tyre was measured [-]."""
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
+        """What a wheel is turned about the vertical beyond steering and suspension, positive to the left [rad]."""
+        return angle
+
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+        """Grip under a wheel with a load [N], relative to the road on which the tyre was measured [-]."""
         return friction
 
-    def lateral_speed(self, speed: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+    def lateral_speed(self, speed: ca.SX, corner: Corner, memory: ca.SX) -> ca.SX:
         """Lateral velocity of the contact point that the tyre responds to [m/s]."""
         return speed
 
-    def lateral_force(self, force: ca.SX, wheel: int, contact: Contact) -> ca.SX:
-        """Lateral force of a tyre [N]."""
+    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        """Lateral force of a tyre [N] with a load [N] and an inclination [rad]."""
         return force
 
-    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
+    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
         """What resists the compression of one wheel's suspension [N]."""
         return force
 
-    def wheel_torque(self, torque: ca.SX, wheel: int, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
         """Torque that drives a wheel [N m]."""
         return torque
 
-    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Force [N] and moment about `cog` [N m] on the chassis beyond suspension and gravity (3 each)."""
-        return force, moment
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        """On the chassis besides suspensions and weight: moment about `cog` [N m] and force [N], 6×1."""
+        return force
 
     def slope(self) -> tuple[float, float]:
         """Slopes of the road along and across the car, positive uphill and with the left side higher [rad]."""
@@ -108,14 +111,14 @@ def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:
     return SimpleNamespace(**{**vars(axle), **values})
 
 
-def of_axle(effect: Effect, wheel: int) -> Any:
-    """The effect's parameter `front` or `rear`, for wheel 0 to 3."""
-    return getattr(effect, AXLES[wheel // 2])
+def of_axle(effect: Effect, corner: Corner) -> Any:
+    """The effect's parameter `front` or `rear`."""
+    return getattr(effect, AXLES[corner.index // 2])
 
 
-def of_wheel(effect: Effect, wheel: int) -> Any:
-    """The effect's parameter `fl`, `fr`, `rl` or `rr`, for wheel 0 to 3."""
-    return getattr(effect, WHEELS[wheel])
+def of_wheel(effect: Effect, corner: Corner) -> Any:
+    """The effect's parameter `fl`, `fr`, `rl` or `rr`."""
+    return getattr(effect, WHEELS[corner.index])
 
 
 def of_kind(

@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_wheel, size
 SMALLEST_SPIN = 1.0  # [rad/s] below it the torque fades, so that a wheel may rest
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class BrakeDrag(Effect):
@@ -27,5 +27,5 @@ class BrakeDrag(Effect):
     rl: float = size("N m", "torque against the rotation, rear left", typical=40.0, low=0.0, high=2000.0)
     rr: float = size("N m", "torque against the rotation, rear right", typical=40.0, low=0.0, high=2000.0)
 
-    def wheel_torque(self, torque: ca.SX, wheel: int, car: Car) -> ca.SX:
-        return torque - of_wheel(self, wheel) * ca.tanh(car.u[10 + wheel] / SMALLEST_SPIN)
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        return torque - of_wheel(self, corner) * ca.tanh(car.u[10 + corner.index] / SMALLEST_SPIN)

@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 ROUNDING = 0.002  # [m] over which contact begins
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class BumpStop(Effect):
@@ -26,6 +26,6 @@ class BumpStop(Effect):
     rear: float = size("N/m", "stiffness of a rear bump stop", typical=5e4, low=0.0, high=2e6)
     clearance: float = shape("m", "compression at which contact begins", default=0.03, typical=0.015, low=0.0, high=0.3)
 
-    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
-        depth = car.q[6 + wheel] - self.clearance
-        return force + of_axle(self, wheel) * (depth + ca.sqrt(depth**2 + ROUNDING**2)) / 2
+    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        depth = car.q[6 + corner.index] - self.clearance
+        return force + of_axle(self, corner) * (depth + ca.sqrt(depth**2 + ROUNDING**2)) / 2

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Corner
 
 
 class CamberThrust(Effect):
@@ -23,5 +23,5 @@ class CamberThrust(Effect):
     front: float = size("1/rad", "force over load per inclination, front", typical=0.5, low=-2.0, high=5.0)
     rear: float = size("1/rad", "force over load per inclination, rear", typical=0.5, low=-2.0, high=5.0)
 
-    def lateral_force(self, force: ca.SX, wheel: int, contact: Contact) -> ca.SX:
-        return force - of_axle(self, wheel) * contact.load * contact.inclination
+    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        return force - of_axle(self, corner) * load * inclination

@@ -34,7 +34,7 @@ class Crosswind(Effect):
     )
     ahead: float = shape("m", "centre of pressure ahead of cog", default=0.4, typical=0.2, low=-2.0, high=3.0)
 
-    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         yaw = car.q[5]
         along = self.east * ca.cos(yaw) + self.north * ca.sin(yaw)
         across = self.north * ca.cos(yaw) - self.east * ca.sin(yaw)
@@ -48,4 +48,4 @@ class Crosswind(Effect):
         )
         area = car.parameters.aerodynamics.drag_area
         drag = 0.5 * AIR_DENSITY * area * (x * ca.fabs(x) - car.u[0] * ca.fabs(car.u[0]))
-        return force + ca.vertcat(-drag, side, 0), moment + ca.vertcat(0, 0, self.ahead * side)
+        return force + ca.vertcat(0, 0, self.ahead * side, -drag, side, 0)

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Corner
 
 
 class FrictionChange(Effect):
@@ -22,5 +22,5 @@ class FrictionChange(Effect):
 
     relative: float = size("-", "grip over that of the vehicle file, minus 1", typical=0.2, low=-0.95, high=1.0)
 
-    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
         return friction * (1 + self.relative)

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class LimitedSlipDifferential(Effect):
@@ -23,6 +23,5 @@ class LimitedSlipDifferential(Effect):
     front: float = size("N m s/rad", "torque per difference of speed, front", typical=40.0, low=0.0, high=5000.0)
     rear: float = size("N m s/rad", "torque per difference of speed, rear", typical=40.0, low=0.0, high=5000.0)
 
-    def wheel_torque(self, torque: ca.SX, wheel: int, car: Car) -> ca.SX:
-        opposite = wheel + 1 - 2 * (wheel % 2)
-        return torque - of_axle(self, wheel) * (car.u[10 + wheel] - car.u[10 + opposite])
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        return torque - of_axle(self, corner) * (car.u[10 + corner.index] - car.u[10 + corner.opposite])

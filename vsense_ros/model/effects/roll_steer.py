@@ -8,10 +8,8 @@ import casadi as ca
 
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
-FRONT_RIGHT, REAR_RIGHT = 7, 9  # their compressions among the coordinates
-
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class RollSteer(Effect):
@@ -22,16 +20,10 @@ class RollSteer(Effect):
     excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "slalom")
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "toe_compliance", "gyro_scale", "steering_ratio")
 
-    front: float = size(
-        "rad/rad", "steer of the front wheels to the left per roll to the right", typical=0.05, high=0.6
-    )
-    rear: float = size("rad/rad", "steer of the rear wheels to the left per roll to the right", typical=0.05, high=0.6)
+    front: float = size("rad/rad", "steer to the left per roll to the right, front", typical=0.05, high=0.6)
+    rear: float = size("rad/rad", "steer to the left per roll to the right, rear", typical=0.05, high=0.6)
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        turned = list(angles)
-        for wheel, angle in enumerate(angles):
-            axle = car.parameters.front if wheel < 2 else car.parameters.rear
-            right = FRONT_RIGHT if wheel < 2 else REAR_RIGHT
-            roll = (car.q[right] - car.q[right - 1]) / axle.track
-            turned[wheel] = angle + of_axle(self, wheel) * roll
-        return turned
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
+        left = 6 if corner.front else 8
+        roll = (car.q[left + 1] - car.q[left]) / corner.axle.track
+        return angle + of_axle(self, corner) * roll

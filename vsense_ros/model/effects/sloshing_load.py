@@ -36,9 +36,9 @@ class SloshingLoad(Effect):
         lateral = ca.sum2(car.wheel_outputs[1, :]) / car.parameters.chassis.mass
         return -lateral - 2 * DAMPING * self.frequency * memory[1] - self.frequency**2 * memory[0]
 
-    def body_force(self, force: ca.SX, moment: ca.SX, car: Car, memory: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         side = -self.mass * self._acceleration(memory, car)
-        return force + ca.vertcat(0, side, 0), moment - ca.vertcat(self.mass * GRAVITY * memory[0], 0, 0)
+        return force + ca.vertcat(-self.mass * GRAVITY * memory[0], 0, 0, 0, side, 0)
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
         velocity = memory[1] + h * self._acceleration(memory, car)

@@ -29,9 +29,8 @@ class SteeringCompliance(Effect):
 
     compliance: float = size("rad/N", "angle per lateral force of the front axle", typical=1e-6, low=-2e-6, high=2e-5)
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        yielding = self.compliance * memory[0]
-        return [angles[0] - yielding, angles[1] - yielding, *angles[2:]]
+    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        return angle - self.compliance * memory[0]
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
         force = car.wheel_outputs[1, 0] + car.wheel_outputs[1, 1]

@@ -22,5 +22,5 @@ class SteeringOffset(Effect):
 
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        return [angles[0] + self.angle, angles[1] + self.angle, *angles[2:]]
+    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        return angle + self.angle

@@ -24,5 +24,5 @@ class SteeringRatio(Effect):
         "-", "true road-wheel angle over the measured one, minus 1", typical=0.05, low=-0.5, high=1.0
     )
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        return [angles[0] * (1 + self.relative), angles[1] * (1 + self.relative), *angles[2:]]
+    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        return angle * (1 + self.relative)

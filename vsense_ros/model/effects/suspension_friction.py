@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, size
 SMALLEST_RATE = 0.01  # [m/s] below it the friction fades, so that the suspension creeps instead of sticking
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class SuspensionFriction(Effect):
@@ -25,5 +25,5 @@ class SuspensionFriction(Effect):
     front: float = size("N", "friction of one front suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
     rear: float = size("N", "friction of one rear suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
 
-    def suspension_force(self, force: ca.SX, wheel: int, car: Car) -> ca.SX:
-        return force + of_axle(self, wheel) * ca.tanh(car.u[6 + wheel] / SMALLEST_RATE)
+    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        return force + of_axle(self, corner) * ca.tanh(car.u[6 + corner.index] / SMALLEST_RATE)

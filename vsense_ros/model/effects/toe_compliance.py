@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 
 class ToeCompliance(Effect):
@@ -26,8 +26,8 @@ class ToeCompliance(Effect):
     front: float = size("rad/N", "angle of a front wheel against its lateral force", typical=1e-6, high=2e-5)
     rear: float = size("rad/N", "angle of a rear wheel against its lateral force", typical=1e-6, high=2e-5)
 
-    def steer(self, angles: list[ca.SX], car: Car, memory: ca.SX) -> list[ca.SX]:
-        return [angle - of_axle(self, wheel) * memory[wheel] for wheel, angle in enumerate(angles)]
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
+        return angle - of_axle(self, corner) * memory[corner.index]
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
         return memory + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[1, :].T - memory)

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Corner
 
 
 class TyreConicity(Effect):
@@ -23,5 +23,5 @@ class TyreConicity(Effect):
     front: float = size("-", "force to the left over load, front axle", typical=0.01, high=0.3)
     rear: float = size("-", "force to the left over load, rear axle", typical=0.01, high=0.3)
 
-    def lateral_force(self, force: ca.SX, wheel: int, contact: Contact) -> ca.SX:
-        return force + of_axle(self, wheel) * contact.load
+    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        return force + of_axle(self, corner) * load

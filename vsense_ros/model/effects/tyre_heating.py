@@ -12,8 +12,7 @@ HEAT_CAPACITY = 8e3  # [J/K] of the tread that takes part
 LEAST = 0.2  # of the grip that is left at any temperature
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Car, Corner
 
 
 class TyreHeating(Effect):
@@ -29,10 +28,10 @@ class TyreHeating(Effect):
     rear: float = size("1/K", "relative loss of grip per kelvin, rear", typical=0.003, low=-0.01, high=0.05)
     cooling_time: float = shape("s", "time constant of cooling", default=60.0, typical=30.0, low=5.0, high=1000.0)
 
-    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
-        return friction * ca.fmax(1 - of_axle(self, wheel) * memory[wheel], LEAST)
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+        return friction * ca.fmax(1 - of_axle(self, corner) * memory[corner.index], LEAST)
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        powers = [c.force_x * (c.rolling_speed - c.speed_x) - c.force_y * c.speed_y for c in car.contacts]
+        powers = [c.force_x * (c.rolling_speed - c.touch.speed_x) - c.force_y * c.touch.speed_y for c in car.contacts]
         heating = ca.vertcat(*powers) / HEAT_CAPACITY
         return memory + h * (heating - memory / self.cooling_time)

@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, size
 LEAST = 0.2  # of the grip that is left at any load
 
 if TYPE_CHECKING:
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Corner
 
 
 class TyreLoadSensitivity(Effect):
@@ -25,6 +25,6 @@ class TyreLoadSensitivity(Effect):
     front: float = size("-", "relative loss of grip at twice the load at rest, front", typical=0.15, low=-0.3, high=0.8)
     rear: float = size("-", "relative loss of grip at twice the load at rest, rear", typical=0.15, low=-0.3, high=0.8)
 
-    def friction(self, friction: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
-        excess = contact.load / contact.static_load - 1
-        return friction * ca.fmax(1 - of_axle(self, wheel) * excess, LEAST)
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+        excess = load / corner.static_load - 1
+        return friction * ca.fmax(1 - of_axle(self, corner) * excess, LEAST)

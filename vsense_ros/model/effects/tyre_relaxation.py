@@ -12,8 +12,7 @@ from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
 STANDSTILL = 0.3  # [m/s] keeps the lag finite at rest
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
-    from vsense_ros.model.contact import Contact
+    from vsense_ros.model.car import Car, Corner
 
 
 class TyreRelaxation(Effect):
@@ -35,25 +34,20 @@ class TyreRelaxation(Effect):
     front: float = size("m", "relaxation length of the front tyres", typical=0.4, low=0.0, high=5.0)
     rear: float = size("m", "relaxation length of the rear tyres", typical=0.4, low=0.0, high=5.0)
 
-    def lateral_speed(self, speed: ca.SX, wheel: int, contact: Contact, memory: ca.SX) -> ca.SX:
-        constant, share = memory[4 * wheel + 2], memory[4 * wheel + 3]
-        return constant + (share + self._absent(wheel)) * speed
-
-    def _absent(self, wheel: int) -> ca.SX:
-        """1 without a relaxation length, where the memory is to be ignored."""
-        return ca.if_else(of_axle(self, wheel) > SHORTEST_RELAXATION, 0, 1)
+    def lateral_speed(self, speed: ca.SX, corner: Corner, memory: ca.SX) -> ca.SX:
+        constant, share = memory[4 * corner.index + 2], memory[4 * corner.index + 3]
+        return ca.if_else(of_axle(self, corner) > SHORTEST_RELAXATION, constant + share * speed, speed)
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
         after = []
-        for wheel, contact in enumerate(car.contacts):
-            length = of_axle(self, wheel)
-            lagged, before = memory[4 * wheel], memory[4 * wheel + 1]
-            now = contact.speed_y
-            ratio = h * transport_speed(contact.rolling_speed, STANDSTILL) / ca.fmax(length, SHORTEST_RELAXATION)
+        for corner, contact in zip(car.corners, car.contacts, strict=True):
+            lagged, before = memory[4 * corner.index], memory[4 * corner.index + 1]
+            now = contact.touch.speed_y * corner.axle.cornering_scale
+            rolled = h * transport_speed(contact.rolling_speed, STANDSTILL)
+            ratio = rolled / ca.fmax(of_axle(self, corner), SHORTEST_RELAXATION)
             decay = ca.exp(-ratio)
             share = 1 - (1 - decay) / ratio
             lagged = lagged + (1 - decay) * (before - lagged) + share * (now - before)
             constant = lagged + (1 - ca.sqrt(decay)) * (now - lagged) - share * now
-            present = 1 - self._absent(wheel)
-            after += [present * lagged, present * now, present * constant, present * share]
+            after += [lagged, now, constant, share]
         return ca.vertcat(*after)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, changed, of_wheel, size
+from vsense_ros.model.effects.base import WHEELS, Effect, changed, size
 
 STIFFNESS_SHARE = 0.75  # of the vertical stiffness that the pressure carries, the rest is the carcass
 RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of pressure
@@ -25,7 +25,7 @@ class TyreUnderinflation(Effect):
     rr: float = size("-", "relative loss of pressure, rear right", typical=0.3, low=-0.5, high=0.9)
 
     def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        loss = of_wheel(self, wheel)
+        loss = getattr(self, WHEELS[wheel])
         return changed(
             axle,
             tyre_stiffness=axle.tyre_stiffness * (1 - STIFFNESS_SHARE * loss),

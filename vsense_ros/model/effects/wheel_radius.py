@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, changed, of_wheel, size
+from vsense_ros.model.effects.base import WHEELS, Effect, changed, size
 
 
 class WheelRadius(Effect):
@@ -22,4 +22,4 @@ class WheelRadius(Effect):
     rr: float = size("-", "relative error of the radius, rear right", typical=0.01, high=0.2)
 
     def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        return changed(axle, unloaded_radius=axle.unloaded_radius * (1 + of_wheel(self, wheel)))
+        return changed(axle, unloaded_radius=axle.unloaded_radius * (1 + getattr(self, WHEELS[wheel])))

@@ -1,0 +1,153 @@
+"""What holds for every effect of the library."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vsense_ros.model.car import car_of
+from vsense_ros.model.effects import BY_ID, Effects
+from vsense_ros.model.open_loop import Inputs, OpenLoop
+from vsense_ros.model.simulate import rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.shared_files import vehicle_path
+from vsense_ros.vehicle_file import load_vehicle
+
+DURATION, STEP = 6.0, 0.005
+IDS = [
+    "aero_drag",
+    "aero_downforce",
+    "road_grade",
+    "road_bank",
+    "rolling_resistance",
+    "crosswind",
+    "steering_offset",
+    "steering_ratio",
+    "steering_compliance",
+    "roll_steer",
+    "toe_compliance",
+    "camber_thrust",
+    "tyre_conicity",
+    "tyre_relaxation",
+    "tyre_load_sensitivity",
+    "tyre_heating",
+    "tyre_underinflation",
+    "wheel_radius",
+    "friction_change",
+    "brake_drag",
+    "limited_slip_differential",
+    "suspension_friction",
+    "bump_stop",
+    "payload_offset",
+    "sloshing_load",
+    "body_roll_in_accelerometer",
+    "imu_roll_misalignment",
+    "imu_pitch_misalignment",
+    "imu_yaw_misalignment",
+    "imu_lever_arm",
+    "gnss_lever_arm",
+    "gyro_bias",
+    "gyro_scale",
+    "accelerometer_bias",
+    "sensor_delay",
+]
+
+
+@pytest.fixture(scope="module")
+def bare() -> Vehicle:
+    return load_vehicle(vehicle_path("genesis"))
+
+
+def having(vehicle: Vehicle, effects: Effects) -> Vehicle:
+    return vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": effects})})
+
+
+@pytest.fixture(scope="module")
+def full(bare: Vehicle) -> Vehicle:
+    """With every effect, all of size zero."""
+    return having(bare, Effects(**{id: {} for id in BY_ID}))
+
+
+def slalom(step: float = STEP) -> Inputs:
+    n = round(DURATION / step)
+    middle = (np.arange(n) + 0.5) * step
+    inputs = np.zeros((n, 5))
+    inputs[:, 0] = 0.04 * np.sin(2 * np.pi * 0.5 * middle)
+    inputs[:, 1:] = 300 * np.cos(2 * np.pi * 0.2 * middle)[:, None]
+    return Inputs(step, inputs, np.zeros((n, 4)))
+
+
+def driven(vehicle: Vehicle, changes: dict[str, float] | None = None, step: float = STEP, keep: int = 2):
+    loop = OpenLoop(car_of(vehicle), keep)
+    parameters = vehicle.with_parameters(changes or {}).parameter_vector()
+    return loop.run(*rolling_straight(vehicle, 25.0), slalom(step), parameters)
+
+
+def sizes(id: str) -> dict[str, float]:
+    """Typical sizes of an effect by dotted parameter name."""
+    found = {}
+    for name, field in BY_ID[id].model_fields.items():
+        extra = field.json_schema_extra
+        if extra["role"] == "size":
+            found[f"effects.{id}.{name}"] = extra["typical"]
+    return found
+
+
+def test_the_library_has_exactly_the_effects_that_are_promised():
+    assert sorted(BY_ID) == sorted(IDS)
+
+
+def test_effects_of_size_zero_change_nothing(bare, full):
+    without, present = driven(bare), driven(full)
+    assert_allclose(present.u, without.u, rtol=1e-9, atol=1e-9)
+    assert_allclose(present.q, without.q, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
+    changes = sizes(id)
+    with_it = full.with_parameters(changes)
+    moved = np.abs(driven(full, changes).u - driven(full).u).max() > 1e-4
+    read = with_it.sensing() != full.sensing()
+    sloped = getattr(with_it.physics.effects, id).slope() != (0.0, 0.0)
+    assert moved + read + sloped == 1
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_an_effect_names_its_kin_and_explains_itself(id):
+    effect = BY_ID[id]
+    assert effect.id == id
+    assert effect.sentence and effect.excited_by
+    assert set(effect.mistaken_for) <= set(BY_ID) - {id}
+    for name, field in effect.model_fields.items():
+        extra = field.json_schema_extra
+        assert extra["unit"] and extra["typical"] > 0, name
+
+
+@pytest.mark.parametrize("id", [i for i in IDS if i != "tyre_relaxation"])
+def test_the_motion_with_an_effect_does_not_depend_on_the_step(full, id):
+    changes = sizes(id)
+    coarse = driven(full, changes)
+    fine = driven(full, changes, step=STEP / 4, keep=8)
+    reach = np.abs(fine.u).max(axis=0) + 1e-3
+    assert (np.abs(coarse.u - fine.u).max(axis=0) / reach)[[0, 1, 3, 5]].max() < 5e-3
+
+
+def test_tyre_relaxation_lags_by_its_length_whatever_the_step(full):
+    changes = {"effects.tyre_relaxation.front": 0.6, "effects.tyre_relaxation.rear": 0.6}
+    coarse = driven(full, changes)
+    fine = driven(full, changes, step=STEP / 8, keep=16)
+    none = driven(full)
+    effect = np.abs(fine.u[:, 5] - none.u[:, 5]).max()
+    assert effect > 1e-3
+    assert np.abs(coarse.u[:, 5] - fine.u[:, 5]).max() < 0.05 * effect
+
+
+def test_without_a_compiler_a_run_is_the_same(full, monkeypatch):
+    changes = sizes("sloshing_load") | sizes("steering_compliance")
+    expected = driven(full, changes)
+    loop = OpenLoop(car_of(full))
+    monkeypatch.setattr(loop, "_compiled", None)
+    plain = loop.run(*rolling_straight(full, 25.0), slalom(), full.with_parameters(changes).parameter_vector())
+    assert_allclose(plain.u, expected.u, rtol=1e-8, atol=1e-8)
