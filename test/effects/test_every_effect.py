@@ -118,11 +118,13 @@ def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
 def test_an_effect_names_its_kin_and_explains_itself(id):
     effect = BY_ID[id]
     assert effect.id == id
-    assert effect.sentence and effect.excited_by
+    assert effect.sentence
+    assert effect.excited_by
     assert set(effect.mistaken_for) <= set(BY_ID) - {id}
     for name, field in effect.model_fields.items():
         extra = field.json_schema_extra
-        assert extra["unit"] and extra["typical"] > 0, name
+        assert extra["unit"], name
+        assert extra["typical"] > 0, name
 
 
 @pytest.mark.parametrize("id", [i for i in IDS if i != "tyre_relaxation"])

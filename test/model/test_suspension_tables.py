@@ -338,7 +338,7 @@ def differentiated(tabled_car: Car) -> ca.Function:
     car = tabled_car
     by_q = ca.jacobian(car.dynamics, car.q)[:, list(DYNAMIC_COORDINATES)]
     by_others = [ca.jacobian(car.dynamics, symbols) for symbols in (car.u, car.surroundings)]
-    arguments = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p]
+    arguments = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
     return ca.Function("differentiated", arguments, [by_q, *by_others])
 
 
@@ -364,7 +364,7 @@ def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height,
 def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, tabled, tabled_car, dynamics):
     state = state_of(tabled, seed, 0.1, 0.5)
     wish = np.random.default_rng(seed).normal(size=14)
-    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "surroundings", "p")), wish)
+    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "surroundings", "p", "memory")), wish)
     before = np.asarray(dynamics(*state.values())[0])[:, 0]
     state["force"] = state["force"] + np.asarray(more)[:, 0]
     after = np.asarray(dynamics(*state.values())[0])[:, 0]

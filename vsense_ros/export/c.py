@@ -37,6 +37,7 @@ _ARGUMENTS = {
     "surroundings": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
+    "memory": "v->effects",
     "h": "&h",
     "inverse": "inverse",
     "by_q": "v->by_q",
@@ -50,6 +51,7 @@ _RESULTS = {
     "advance": ("q", "u"),
     "kinematics": ("by_angles", "by_velocity"),
     "force": ("by",),
+    "remember": ("effects",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
@@ -57,6 +59,7 @@ _FIELDS = {
     "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
     "inputs": "what drives the model",
     "covariance": "of the errors of the state, row-major",
+    "effects": "what physical effects remember of the past",
     "udot": "the last linearisation: derivatives of the velocities",
     "by_q": "... by z, roll, pitch and the travels, column-major",
     "by_u": "... by the velocities",
@@ -110,6 +113,7 @@ class Observer:
             "state": size,
             "inputs": len(INPUTS),
             "covariance": size * size,
+            **({"effects": car.memory.numel()} if car.memory.numel() else {}),
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             "process_length": 1,
@@ -175,6 +179,8 @@ class _Contents:
             steps.kinematics_function(self.car),
             steps.force_function(self.car),
         ]
+        if self.car.memory.numel():
+            self.functions.append(steps.remember_function(self.car))
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
 
@@ -225,7 +231,7 @@ class _Contents:
         return entries
 
     def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
-        places = _ARGUMENTS | special
+        places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
 

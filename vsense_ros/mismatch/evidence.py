@@ -71,15 +71,14 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
     windows: list[Window] = []
     remarks: list[str] = []
     used: dict[str, SensorBase] = {}
+    sensors = vehicle.sensing()
     for index, recording in enumerate(recordings):
         name = recording.name or f"recording {index + 1}"
         readings = {
-            sensor: found
-            for sensor, settings in vehicle.sensors.items()
-            if (found := _read(recording, settings)) is not None
+            sensor: found for sensor, settings in sensors.items() if (found := _read(recording, settings)) is not None
         }
-        used |= {sensor: vehicle.sensors[sensor] for sensor in readings}
-        kinds = {vehicle.sensors[sensor].kind: sensor for sensor in readings}
+        used |= {sensor: sensors[sensor] for sensor in readings}
+        kinds: dict[str, str] = {sensors[sensor].kind: sensor for sensor in readings}
         if "steering" not in kinds:
             remarks.append(f"{name}: no steering angle, which drives the model; the recording is left out")
             continue
@@ -87,10 +86,10 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
         if speed is None:
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; the recording is left out")
             continue
-        found = list(_windows(index, name, readings, kinds, speed))
-        if not found:
+        stretches = list(_windows(index, name, readings, kinds, speed))
+        if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap")
-        windows += found
+        windows += stretches
     return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks))
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, Evidence, Readings, Window
 from vsense_ros.mismatch.signals import signals
-from vsense_ros.model import car as car_module
-from vsense_ros.model.car import YAW, car_of
-from vsense_ros.model.effects import BY_ID, Effects
+from vsense_ros.model.car import SURROUNDINGS, YAW, Car, car_of
+from vsense_ros.model.car import Motion as Instant
+from vsense_ros.model.effects import BY_ID, Effect, Effects
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
@@ -40,10 +40,10 @@ class Setting:
 
     values: Mapping[str, float]
 
-    def effect(self, id: str) -> object:
+    def effect(self, id: str) -> Effect:
         """An effect with its present parameters."""
         kind = BY_ID[id]
-        return kind.model_construct(**{f: self.values[f"effects.{id}.{f}"] for f in kind.model_fields})
+        return kind.model_construct(None, **{f: self.values[f"effects.{id}.{f}"] for f in kind.model_fields})
 
     def changed(self, changes: Mapping[str, float]) -> Setting:
         return Setting({**self.values, **changes})
@@ -78,30 +78,31 @@ class Predictor:
     def simulated(self, setting: Setting) -> list[dict[str, Array]]:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
         sensors = self._sensors(setting)
+        around = np.zeros(len(SURROUNDINGS))
+        around[:2] = np.sum([setting.effect(id).slope() for id in BY_ID], axis=0)
+        motions = self._moved(setting, sensors, around)
         return [
-            self._signals(window, motion, sensors)
-            for window, motion in zip(self.evidence.windows, self._moved(setting, sensors), strict=True)
+            self._signals(window, motion, sensors, around)
+            for window, motion in zip(self.evidence.windows, motions, strict=True)
         ]
 
     def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
         sensors = dict(self.evidence.sensors)
         for id in BY_ID:
-            sensors = setting.effect(id).sensors(sensors)  # type: ignore[attr-defined]
+            sensors = setting.effect(id).sensors(sensors)
         return sensors
 
-    def _moved(self, setting: Setting, sensors: Mapping[str, SensorBase]) -> list[Motion]:
+    def _moved(self, setting: Setting, sensors: Mapping[str, SensorBase], around: Array) -> list[Motion]:
         late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
         steering, torques = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
-        slopes = [setting.effect(id).slope() for id in BY_ID]  # type: ignore[attr-defined]
-        grade, bank = (sum(part) for part in zip(*slopes, strict=True))
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        key = (*mechanical, steering, torques, grade, bank)
+        key = (*mechanical, steering, torques, *around)
         if key not in self._motions:
             if len(self._motions) > 3:
                 self._motions.pop(next(iter(self._motions)))
             self._motions[key] = [
-                self._run(window, parameters, steering, grade, bank) for window in self.evidence.windows
+                self._run(window, parameters, steering, torques, around) for window in self.evidence.windows
             ]
             self.runs += 1
         return self._motions[key]
@@ -109,13 +110,13 @@ class Predictor:
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
         """Names of parameters that the motion does not depend on."""
-        dynamics = ca.vertcat(*ca.symvar(ca.vertcat(self.car.dynamics, self.car.remembered)))
-        used = {symbol.name() for symbol in ca.symvar(dynamics)}
+        moving = ca.vertcat(self.car.dynamics, self.car.remember(ca.SX(STEP)))
+        used = {symbol.name() for symbol in ca.symvar(moving)}
         return frozenset(
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
         )
 
-    def _run(self, window: Window, parameters: Array, late: float, grade: float, bank: float) -> Motion:
+    def _run(self, window: Window, parameters: Array, late: float, torques_late: float, around: Array) -> Motion:
         n = int(np.ceil(window.duration / STEP))
         middle = window.begin + (np.arange(n) + 0.5) * STEP
         kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
@@ -130,17 +131,18 @@ class Predictor:
         if window.torques:
             torques = kinds["wheel_torques"]
             for wheel in range(4):
-                inputs[:, 1 + wheel] = np.interp(middle, torques.t, torques.value[:, wheel])
+                inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t, torques.value[:, wheel])
             gain[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
             inputs[:, 1:] = (inertia / self.radius * np.gradient(speed, STEP))[:, None]
         q, u = rolling_straight(self.vehicle, float(speed[0]))
         q[YAW] = window.heading
-        around = np.zeros((n, len(car_module.SURROUNDINGS)))
-        around[:, 0], around[:, 1] = grade, bank
-        return self._loop.run(q, u, Inputs(STEP, inputs, around, target=speed / self.radius, gain=gain), parameters)
+        driving = Inputs(STEP, inputs, np.tile(around, (n, 1)), target=speed / self.radius, gain=gain)
+        return self._loop.run(q, u, driving, parameters)
 
-    def _signals(self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase]) -> dict[str, Array]:
+    def _signals(
+        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], around: Array
+    ) -> dict[str, Array]:
         if not np.isfinite(motion.u[-1]).all():
             return {}
         readings = {}
@@ -148,8 +150,8 @@ class Predictor:
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
-            value = function(motion.q.T, motion.u.T, motion.udot.T, now.mounting())
-            value = np.array(value).T + _offset(now) - _offset(base)
+            found = function(motion.q.T, motion.u.T, motion.udot.T, around, now.mounting())
+            value = np.array(found).T + _offset(now) - _offset(base)
             at = stamps - (now.latency - base.latency) - window.begin
             readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
             gaps = ~np.isfinite(window.readings[name].value)
@@ -164,11 +166,11 @@ def _offset(sensor: SensorBase) -> Array | float:
     return np.array([*sensor.rate_offset, *sensor.force_offset])  # type: ignore[attr-defined]
 
 
-def _sensing(car: car_module.Car, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, mounting) → measurement, for states in columns."""
+def _sensing(car: Car, sensor: SensorBase) -> ca.Function:
+    """(q, u, udot, surroundings, mounting) → measurement, for states in columns."""
     udot = ca.SX.sym("udot", 14)
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     biases = ca.SX.zeros(len(sensor.biases()))
-    around, driving = ca.SX.zeros(car.surroundings.numel()), ca.SX.zeros(car.inputs.numel())
-    motion = car_module.Motion(car.q, car.u, udot, around, driving)
-    return ca.Function("sense", [car.q, car.u, udot, mounting], [sensor.equation(motion, biases, mounting)])
+    motion = Instant(car.q, car.u, udot, car.surroundings, ca.SX.zeros(car.inputs.numel()))
+    arguments = [car.q, car.u, udot, car.surroundings, mounting]
+    return ca.Function("sense", arguments, [sensor.equation(motion, biases, mounting)])

@@ -60,7 +60,7 @@ struct run {
 
 /* Returns the number of steps done; fewer than asked for where the motion left the range of numbers. */
 long long open_loop(struct run *r) {
-    double force[COORDINATES] = {0}, inputs[INPUTS], inverse[COORDINATES * COORDINATES], udot[COORDINATES];
+    double force[COORDINATES] = {0}, inputs[INPUTS], before[INPUTS], between[INPUTS], inverse[COORDINATES * COORDINATES], udot[COORDINATES];
     double by_q[COORDINATES * DYNAMIC], by_u[COORDINATES * COORDINATES], by_surroundings[COORDINATES * SURROUNDINGS];
     double by_q_rates[COORDINATES * COORDINATES], next_q[COORDINATES], next_u[COORDINATES];
     double remembered[MEMORY > 0 ? MEMORY : 1];
@@ -75,11 +75,17 @@ long long open_loop(struct run *r) {
             const double spin = (r->u[10] + r->u[11] + r->u[12] + r->u[13]) / 4;
             for (int k = 1; k < INPUTS; k++) inputs[k] += r->gain[i] * (r->target[i] - spin);
         }
-        if (MEMORY > 0) {
-            argument[7] = &r->h;
+        if (MEMORY > 0) { /* which belongs to the beginning of the step, inputs to its middle */
+            if (i > 0)
+                for (int k = 0; k < INPUTS; k++) between[k] = (before[k] + inputs[k]) / 2;
+            else
+                memcpy(between, inputs, sizeof inputs);
+            memcpy(before, inputs, sizeof inputs);
+            argument[4] = between, argument[7] = &r->h;
             result[0] = remembered;
             remember(argument, result, r->integers, r->work, 0);
             memcpy(r->memory, remembered, MEMORY * sizeof(double));
+            argument[4] = inputs;
         }
         if (i % r->keep == 0) {
             result[0] = udot, result[1] = by_q, result[2] = by_u, result[3] = by_surroundings, result[4] = by_q_rates;

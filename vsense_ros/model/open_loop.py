@@ -69,7 +69,7 @@ class OpenLoop:
             self._run_compiled(state, inputs, parameters, kept)
         else:
             self._run_plain(state, inputs, parameters, kept)
-        return Motion(np.arange(rows) * self.keep * inputs.step, *kept)
+        return Motion(np.arange(rows, dtype=float) * self.keep * inputs.step, *kept)
 
     def _run_compiled(self, state: list[Array], inputs: Inputs, parameters: Array, kept: list[Array]) -> None:
         assert self._compiled is not None
@@ -101,7 +101,10 @@ class OpenLoop:
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
         linearize = Kernel(functions["linearize"], arguments)
         udot, by_q, by_u, _, by_q_rates = linearize.results
-        remember = Kernel(functions["remember"], [*arguments, h]) if memory.size else None
+        # The memory belongs to the beginning of a step, inputs to its middle.
+        between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
+        beginning = [*arguments[:4], between, *arguments[5:], h]
+        remember = Kernel(functions["remember"], beginning) if memory.size else None
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
         unit, scale = np.eye(size), GAMMA * inputs.step
         for i in range(len(inputs)):
@@ -111,6 +114,8 @@ class OpenLoop:
             if inputs.gain is not None and inputs.target is not None:
                 driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if remember is not None:
+                between[:] = (before + driving) / 2 if i else driving
+                before[:] = driving
                 remember.call()
                 memory[:] = remember.results[0][:, 0]
             if i % self.keep == 0:
@@ -178,8 +183,8 @@ def _compiled(car: Car) -> tuple[ctypes._FuncPointer, Array, NDArray[np.int64]] 
     built = codegen.library("open_loop", "\n".join((private, generator.dump(), generated, constants, loop)), "-O1")
     if built is None:
         return None
-    function = ctypes.CDLL(str(built)).open_loop
-    function.restype = ctypes.c_longlong
+    loop_function = ctypes.CDLL(str(built)).open_loop
+    loop_function.restype = ctypes.c_longlong
     work = np.zeros(max(f.sz_w() for f in functions))
     integers = np.zeros(max(f.sz_iw() for f in functions) + 1, dtype=np.int64)
-    return function, work, integers
+    return loop_function, work, integers

@@ -108,7 +108,8 @@ def simulate(
     inverse = np.zeros(COORDINATES**2)
     h = np.array([step])
     advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
-    remember = Kernel(functions["remember"], [*arguments, h]) if memory.size else None
+    between = np.zeros(len(INPUTS))  # the memory belongs to the beginning of a step, inputs to its middle
+    remember = Kernel(functions["remember"], [*arguments[:4], between, *arguments[5:], h]) if memory.size else None
     unit = np.eye(COORDINATES)
 
     steps = round(duration / step)
@@ -124,7 +125,9 @@ def simulate(
     )
     row = 0
     for i in range(steps + 1):
+        between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
+        between[:] = (between + inputs) / 2 if i else inputs
         if remember is not None:
             remember.call()
             memory[:] = remember.results[0][:, 0]

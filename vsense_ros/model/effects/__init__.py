@@ -7,6 +7,8 @@ its class to `_ALL`.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pydantic import Field, create_model
 
 from vsense_ros.model.effects.accelerometer_bias import AccelerometerBias
@@ -95,10 +97,13 @@ class _Effects(Part):
         return tuple(value for name in type(self).model_fields if (value := getattr(self, name)) is not None)
 
 
-Effects = create_model(
-    "Effects",
-    __base__=_Effects,
-    **{id: (effect | None, Field(default=None, description=effect.sentence)) for id, effect in BY_ID.items()},
-)
+if TYPE_CHECKING:
+    Effects = _Effects
+else:
+    Effects = create_model(
+        "Effects",
+        __base__=_Effects,
+        **{id: (effect | None, Field(default=None, description=effect.sentence)) for id, effect in BY_ID.items()},
+    )
 
 __all__ = ["BY_ID", "Effect", "Effects"]

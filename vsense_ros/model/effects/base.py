@@ -26,13 +26,13 @@ def size(unit: str, description: str, *, typical: float, low: float | None = Non
     `high` bound what is physical.
     """
     low = -high if low is None else low
-    extra = {"unit": unit, "typical": typical, "role": "size"}
+    extra: dict[str, Any] = {"unit": unit, "typical": typical, "role": "size"}
     return Field(default=0.0, description=description, ge=low, le=high, json_schema_extra=extra)
 
 
 def shape(unit: str, description: str, *, default: float, typical: float, low: float, high: float) -> Any:
     """A field for how an effect looks, without meaning while its sizes are zero; `typical` is how far it varies."""
-    extra = {"unit": unit, "typical": typical, "role": "shape"}
+    extra: dict[str, Any] = {"unit": unit, "typical": typical, "role": "shape"}
     return Field(default=default, description=description, ge=low, le=high, json_schema_extra=extra)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from vsense_ros.model.effects.base import Effect, of_kind, size
+from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.sensors import SensorBase
@@ -31,6 +31,7 @@ class SensorDelay(Effect):
             "gnss_position": self.gnss,
             "gnss_velocity": self.gnss,
         }
-        for kind, age in ages.items():
-            sensors = of_kind(sensors, kind, lambda sensor, age=age: {"latency": sensor.latency + age})
-        return sensors
+        return {
+            name: sensor.model_copy(update={"latency": sensor.latency + ages.get(sensor.kind, 0.0)})
+            for name, sensor in sensors.items()
+        }
