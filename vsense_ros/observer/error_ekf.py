@@ -212,15 +212,15 @@ class ErrorEkf:
     def predict(self, h: float) -> None:
         """Move model and covariance ahead by `h` [s], from the last linearisation."""
         process = self._process(h)
+        self._h[0] = h
+        if self._remember is not None:
+            self._remember.call()
+            self._effects[:] = self._remember.results[0][:, 0]
         if self._in_c is not None:
             self._in_c.predict(h, process.decay_address, process.noise_address)
             return
         self._kalman.transition(h)
         self._kinematics.call()
-        self._h[0] = h
-        if self._remember is not None:
-            self._remember.call()
-            self._effects[:] = self._remember.results[0][:, 0]
         self._advance.call()
         self._kalman.propagate(h, process.decay, process.noise)
         state = self.state
