@@ -274,21 +274,28 @@ class Car:
             lambda point: velocity + ca.cross(turning, point - hub.centre),
         )
         rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
-        return TyreContact(touch, *self._tyre(corner, _tyre_motion(touch, rolling_speed)), rolling_speed)
+        motion = self._tyre_motion(corner, touch, rolling_speed)
+        return TyreContact(touch, *self._tyre(corner, motion), rolling_speed)
+
+    def _tyre_motion(self, corner: Corner, touch: Contact, rolling_speed: ca.SX, lagging: bool = True) -> ca.SX:
+        """A column of `tyre_motions`."""
+        speed_y = touch.speed_y * corner.axle.cornering_scale
+        if lagging:
+            for effect, memory in zip(self._effects, self._memories, strict=True):
+                speed_y = effect.lateral_speed(speed_y, corner, memory)
+        return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling_speed, touch.inclination)
 
     def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
         load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
         friction = self.parameters.road.friction * corner.axle.grip_scale
-        responding = speed_y * corner.axle.cornering_scale
         for effect, memory in zip(self._effects, self._memories, strict=True):
             friction = effect.friction(friction, corner, load, memory)
-            responding = effect.lateral_speed(responding, corner, memory)
         force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
             corner.axle.tyre,
             load,
             speed_x,
-            responding,
+            speed_y,
             rolling_speed,
             friction,
             camber=inclination,
@@ -388,7 +395,17 @@ class Car:
     @cached_property
     def tyre_motions(self) -> ca.SX:
         """What each tyre's forces depend on: load, speeds x and y, rolling speed, inclination; 5×4."""
-        return ca.horzcat(*(_tyre_motion(contact.touch, contact.rolling_speed) for contact in self.contacts))
+        return self._tyre_motions(lagging=True)
+
+    @cached_property
+    def steady_tyre_motions(self) -> ca.SX:
+        """`tyre_motions` without the lag of tyres behind their slip, which within one step would hide how the slip
+        acts on the car in many; 5×4."""
+        return self._tyre_motions(lagging=False)
+
+    def _tyre_motions(self, lagging: bool) -> ca.SX:
+        pairs = zip(self.corners, self.contacts, strict=True)
+        return ca.horzcat(*(self._tyre_motion(c, t.touch, t.rolling_speed, lagging) for c, t in pairs))
 
     def tyre_forces(self, motions: ca.SX) -> ca.SX:
         """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
@@ -452,10 +469,6 @@ class Car:
     def kinematics(self) -> ca.SX:
         """Derivatives of `q` (14) as a function of q and u."""
         return kinematics(self.q, self.u)
-
-
-def _tyre_motion(touch: Contact, rolling_speed: ca.SX) -> ca.SX:
-    return ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling_speed, touch.inclination)
 
 
 def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:

@@ -76,7 +76,7 @@ def _factors_function(car: Car) -> ca.Function:
     back = sorted(range(14), key=order.__getitem__)
     inverse = inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back]
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
-    results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.tyre_motions)), beside, rates]
+    results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
     return ca.Function("factors", arguments, results, {"cse": True})
 
 
