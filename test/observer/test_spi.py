@@ -103,12 +103,12 @@ class TestLinearCase:
             value[seed] = np.nan
             sensed[0][:, 0] = jacobian @ state + direct @ theta
             kalman.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
-            told = seen(*unused, *model, s, m, effect, np.zeros(6), np.zeros(6), value, variance, *sensed)
+            told = seen(*unused, *model, s, m, np.zeros(0), effect, np.zeros(6), np.zeros(6), value, variance, *sensed)
             of, plain, right, d = (np.array(r) for r in told)
             new, m, s, information, change, _ = (
                 np.array(r)
                 for r in learn(
-                    *unused, *model, s, m, effect, of, of @ kalman.covariance, plain, right, d, kalman.error,
+                    *unused, *model, s, m, np.zeros(0), effect, of, of @ kalman.covariance, plain, right, d, kalman.error,
                     information, theta, np.full(2, -1e9), np.full(2, 1e9),
                 )
             )  # fmt: skip

@@ -23,7 +23,7 @@ class ParameterEkf(ParameterFilter):
         # Column by column: the whole Jacobian, of which few columns are wanted, would share its work among all.
         seeds = [ca.SX.eye(self.car.p.numel())[:, column] for column in self.columns]
         effect = ca.horzcat(*(ca.jtimes(self.car.dynamics, self.car.p, seed) for seed in seeds))
-        return codegen.function("parameters_effect", self.arguments, [effect], [f"i{i}" for i in range(12)])
+        return codegen.function("parameters_effect", self.arguments, [effect], [f"i{i}" for i in range(13)])
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
         m, k, s = len(sensor.deviations()), self.count, self.sensitivity

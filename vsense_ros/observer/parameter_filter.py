@@ -56,9 +56,9 @@ class ParameterFilter(ABC):
 
     @property
     def arguments(self) -> list[ca.SX]:
-        """State, accelerations and their Jacobians, S, M."""
+        """State, accelerations and their Jacobians, S, M, the memory of the effects."""
         model = [self.udot, self.by_q, self.by_u, self.by_surroundings]
-        return [*self.state, *model, self.sensitivity, self.covariance]
+        return [*self.state, *model, self.sensitivity, self.covariance, self.car.memory]
 
     @property
     @abstractmethod

@@ -49,7 +49,7 @@ class ParameterUkf(ParameterFilter):
         for i, column in enumerate(self.columns):
             names[column, i] = 1
         q, u, force, around, inputs, parameters = (ca.repmat(a, 1, p) for a in arguments[:6])
-        dynamics = ca.Function("f", self.state, [self.car.dynamics], {"cse": True})
+        dynamics = ca.Function("f", [*self.state, self.car.memory], [self.car.dynamics], {"cse": True})
         accelerations = dynamics.map(p)(
             q + of_state[Q, :],
             u + of_state[U, :],
@@ -57,6 +57,7 @@ class ParameterUkf(ParameterFilter):
             around + of_state[SURROUND, :],
             inputs,
             parameters + names @ deviation,
+            ca.repmat(arguments[12], 1, p),
         )
         return deviation, of_state, accelerations
 
@@ -83,7 +84,7 @@ class ParameterUkf(ParameterFilter):
         factor = ca.chol(m)
         regress = ca.Function("regress", [x, m], [ca.solve(factor, ca.solve(factor.T, x.T)).T])
         return codegen.function(
-            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], [f"i{i}" for i in range(12)]
+            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], [f"i{i}" for i in range(13)]
         )
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:

@@ -97,7 +97,7 @@ class Spi(ErrorEkf):
         q, u, force, around = (self.state[s] for s in PARTS)
         flat = [m.reshape(-1, order="F") for m in self._linearize.results[:4]]
         s, m = parts[2], parts[1]
-        arguments = [q, u, force, around, self.inputs, self.parameters, *flat, s, m]
+        arguments = [q, u, force, around, self.inputs, self.parameters, *flat, s, m, self._effects]
         self._effect = Kernel(functions["parameters_effect"], arguments)
         effect = self._effect.results[0].reshape(-1, order="F")
         kinematics = [r.reshape(-1, order="F") for r in self._kinematics.results]
