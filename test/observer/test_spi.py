@@ -29,6 +29,7 @@ from vsense_ros.observer.spi import Spi
 Array = NDArray[np.float64]
 MASS, FRICTION = "chassis.mass", "road.friction"
 BIASES = slice(46, 52)
+BIAS, MOUNTED, NO_EFFECTS = np.zeros(6), Imu().mounting(), np.zeros(0)
 BOTH: dict[str, dict[str, float]] = {MASS: {"deviation": 100.0}, FRICTION: {"deviation": 0.2, "lower": 0.1}}
 
 
@@ -103,13 +104,13 @@ class TestLinearCase:
             value[seed] = np.nan
             sensed[0][:, 0] = jacobian @ state + direct @ theta
             kalman.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
-            told = seen(*unused, *model, s, m, np.zeros(0), effect, np.zeros(6), np.zeros(6), value, variance, *sensed)
+            told = seen(*unused, *model, s, m, NO_EFFECTS, effect, BIAS, MOUNTED, value, variance, *sensed)
             of, plain, right, d = (np.array(r) for r in told)
             new, m, s, information, change, _ = (
                 np.array(r)
                 for r in learn(
-                    *unused, *model, s, m, np.zeros(0), effect, of, of @ kalman.covariance, plain, right, d, kalman.error,
-                    information, theta, np.full(2, -1e9), np.full(2, 1e9),
+                    *unused, *model, s, m, NO_EFFECTS, effect, of, of @ kalman.covariance, plain, right, d,
+                    kalman.error, information, theta, np.full(2, -1e9), np.full(2, 1e9),
                 )
             )  # fmt: skip
             state = state + kalman.error + change[:, 0]
@@ -165,7 +166,7 @@ def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehi
 
     def at(name: str, changed: float) -> Array:
         parameters = vehicle.with_parameters({name: changed}).parameter_vector()
-        return np.array(accelerations(q, u, force, around, spi.inputs, parameters)[0])[:, 0]
+        return np.array(accelerations(q, u, force, around, spi.inputs, parameters, NO_EFFECTS)[0])[:, 0]
 
     for i, (name, value) in enumerate(values.items()):
         step = 1e-4 * value
@@ -200,7 +201,7 @@ def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Veh
     def measured(theta: Array) -> Array:
         parameters = vehicle.parameter_vector()
         parameters[columns] = theta
-        udot = dynamics(state[:14], state[14:28], state[28:42], state[42:46], spi.inputs, parameters)[0]
+        udot = dynamics(state[:14], state[14:28], state[28:42], state[42:46], spi.inputs, parameters, NO_EFFECTS)[0]
         function = sense._keep[0]
         mounting = vehicle.sensors["imu"].mounting()
         return np.array(function(state[:14], state[14:28], udot, state[42:46], spi.inputs, np.zeros(6), mounting)[0])[
