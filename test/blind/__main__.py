@@ -51,6 +51,7 @@ def make(options: dict) -> None:
     (labels / "labels.json").write_text(cases.labels_text(options["every"]), encoding="utf-8")
     missing = [case for case in options["chosen"] if not (folder / case.number / FINISHED).exists()]
     work = list(batches(missing))
+    lost = set(_lost(options["out"]))
     with _progress() as progress, Manager() as manager, ProcessPoolExecutor(options["processes"]) as pool:
         bar = progress.add_task("simulated seconds", total=round(sum(seconds(batch) for batch in work)))
         steps = manager.Queue()
@@ -58,13 +59,31 @@ def make(options: dict) -> None:
         while running:
             done, running = wait(running, timeout=0.3)
             for future in done:
-                future.result()
+                lost |= set(future.result())
+                _lost_file(options["out"]).write_text(json.dumps(sorted(lost)) + "\n", encoding="utf-8")
             while not steps.empty():
                 progress.advance(bar, steps.get())
     CONSOLE.print(f"{len(options['chosen'])} cases in {folder}")
+    _tell_lost(options)
 
 
-def _make(batch: list[cases.Case], folder: Path, steps) -> None:
+def _lost_file(out: Path) -> Path:
+    return out / "labels" / "lost_control.json"
+
+
+def _lost(out: Path) -> list[str]:
+    """Numbers of the cases in which the car lost control: they are not scored."""
+    file = _lost_file(out)
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+
+
+def _tell_lost(options: dict) -> None:
+    lost = sorted(set(_lost(options["out"])) & {case.number for case in options["chosen"]})
+    if lost:
+        CONSOLE.print(f"{len(lost)} cases are not scored because the car lost control: {', '.join(lost)}")
+
+
+def _make(batch: list[cases.Case], folder: Path, steps) -> list[str]:
     passed = 0.0
 
     def tick(step: float) -> None:
@@ -74,7 +93,7 @@ def _make(batch: list[cases.Case], folder: Path, steps) -> None:
             steps.put(passed)
             passed = 0.0
 
-    generate(batch, folder, tick)
+    return generate(batch, folder, tick)
 
 
 @main.command()
@@ -145,12 +164,16 @@ def score_command(options: dict, target: Path) -> None:
     for name, scores in sets.items():
         _print(name, scores, {ablation: other.get(name, {}) for ablation, other in figures["ablations"].items()})
     _print_confusion(figures["confusion"])
+    _tell_lost(options)
 
 
 def _results(options: dict, ablation: str | None) -> list[score.Result]:
     labels = json.loads((options["out"] / "labels" / "labels.json").read_text(encoding="utf-8"))
     results = []
+    lost = _lost(options["out"])
     for case in options["chosen"]:
+        if case.number in lost:
+            continue
         answer = tool.earlier(options["out"] / _answers(ablation) / case.number)
         if answer:
             best = oracle.best(options["out"] / "labels" / "oracle" / case.number, _truth(case))

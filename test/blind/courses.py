@@ -253,7 +253,7 @@ def steady(rng) -> tuple[list[Course], list[Course]]:
 
 
 SETS: dict[str, Callable] = {"rich": rich, "everyday": everyday, "cruise": cruise, "steady": steady}
-ROUGHNESS = {"rich": 0.0010, "everyday": 0.0025, "cruise": 0.0015, "steady": 0.0015}  # [m] rms
+ROUGHNESS = {"rich": 0.0010, "everyday": 0.0020, "cruise": 0.0012, "steady": 0.0012}  # [m] rms
 
 
 def drawn(name: str, rng: np.random.Generator) -> tuple[list[Course], list[Course]]:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from blind.courses import TABLE_STEP
-from blind.physics.road import ROUGH_WAVES
+from blind.physics.road import rough_phases
 from blind.plants.log import SETTLING
 
 PREVIEW = 0.85  # [s]
@@ -31,9 +31,8 @@ class Drivers:
             name: np.stack([_extended(getattr(c, name), steps, hold=True) for c in courses], axis=1)
             for name in ("lateral", "follow", "forward", "hold")
         }
-        phases = [np.random.default_rng(c.seed).uniform(0, 2 * np.pi, (len(ROUGH_WAVES), 2)) for c in courses]
-        left_and_right = np.tile(np.stack(phases, axis=-1), (1, 2, 1))
-        self.surface = SimpleNamespace(rms=np.array([c.roughness for c in courses]), phase=left_and_right)
+        phase = np.stack([rough_phases(np.random.default_rng(c.seed)) for c in courses], axis=-1)
+        self.surface = SimpleNamespace(rms=np.array([c.roughness for c in courses]), phase=phase)
         self.lanes = np.arange(len(courses))
         self.along = np.zeros(len(courses))
         self.gradient = _understeer_gradient(cars)

@@ -85,7 +85,7 @@ def _crosswind(size, rng, car):
 
 
 def _friction(size, rng, car):
-    return Hidden({"friction_drop": 0.28 * size, "friction_place": rng.uniform(90, 150)}, -0.28 * size)
+    return Hidden({"friction_drop": 0.20 * size, "friction_place": rng.uniform(90, 150)}, -0.20 * size)
 
 
 def _lock(size, rng, car):
@@ -167,7 +167,7 @@ EFFECTS: Mapping[str, Effect] = MappingProxyType(
         "wheel_radius": Effect(
             "relative change", "-", 0.015, _wheel("radius_change", 0.015, signed=True), "coast-down"
         ),
-        "friction_change": Effect("relative change of grip on wet patches", "-", -0.28, _friction, "limit ramp"),
+        "friction_change": Effect("relative change of grip on wet patches", "-", -0.20, _friction, "limit ramp"),
         "brake_drag": Effect("torque", "N m", 60.0, _wheel("brake_drag", 60.0), "coast-down"),
         "limited_slip_differential": Effect("torque per speed difference", "N m s/rad", 130.0, _lock, "brake in turn"),
         "suspension_friction": Effect("force of each strut", "N", 150.0, _plain("strut_friction", 150.0), "slalom"),

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from blind import cars, courses, knobs, vehicle_file
 from blind.cases import BLIND_TO_VELOCITY, Case
 from blind.courses import Course
@@ -17,6 +19,7 @@ from blind.tyres import mixed
 from vsense_ros.bag import write_bag
 
 LANES_AT_ONCE = 800
+LARGEST_SIDE_SLIP = 0.21  # [rad] 12°
 FINISHED = "case.json"
 
 
@@ -60,8 +63,8 @@ def seconds(batch: list[Case]) -> float:
     return max(lane.course.duration for case in batch for lane in lanes_of(case))
 
 
-def generate(batch: list[Case], folder: Path, tick: Callable[[float], None] = lambda seconds: None) -> None:
-    """Simulate a batch and write each case to `folder/<number>`."""
+def generate(batch: list[Case], folder: Path, tick: Callable[[float], None] = lambda seconds: None) -> list[str]:
+    """Simulate a batch and write each case to `folder/<number>`; returns the numbers of those that lost control."""
     lanes = [lane for case in batch for lane in lanes_of(case)]
     simulate = import_module(f"blind.plants.{batch[0].plant}").simulate
     log = simulate(
@@ -71,16 +74,26 @@ def generate(batch: list[Case], folder: Path, tick: Callable[[float], None] = la
         mixed([lane.case.tyre for lane in lanes]),
         tick,
     )
-    at = 0
+    lost, at = [], 0
     for case in batch:
-        count = len(lanes_of(case))
-        write_case(
-            case,
-            lanes[at : at + count],
-            [log.lane(at + i, lanes[at + i].course.duration) for i in range(count)],
-            folder,
-        )
-        at += count
+        own = lanes[at : at + len(lanes_of(case))]
+        motions = [log.lane(at + i, lane.course.duration) for i, lane in enumerate(own)]
+        if not all(under_control(motion) for motion in motions):
+            lost.append(case.number)
+        write_case(case, own, motions, folder)
+        at += len(own)
+    return lost
+
+
+def under_control(motion: dict[str, np.ndarray]) -> bool:
+    """Whether the car never spun, stopped or locked a wheel: else no model says anything."""
+    forward, sideways = motion["velocity"][:, 0], motion["velocity"][:, 1]
+    return bool(
+        np.all(np.isfinite(forward))
+        and np.all(forward > 2)
+        and np.all(np.abs(sideways) < np.tan(LARGEST_SIDE_SLIP) * forward)
+        and np.all(motion["spin"] > 0)
+    )
 
 
 def write_case(case: Case, lanes: list[Lane], motions: list[dict], folder: Path) -> None:

@@ -172,4 +172,4 @@ def test_an_uneven_road_has_the_roughness_that_is_asked_for():
     height = road.roughness(surface, np.linspace(0, 40_000, 400_000)[:, None, None] * np.ones((4, 1)))
     assert height.std(axis=0)[0] == pytest.approx(0.002, rel=0.02)
     assert np.all(height[:, 0] == height[:, 2])
-    assert abs(np.corrcoef(height[:, 0, 0], height[:, 1, 0])[0, 1]) < 1
+    assert np.any(height[:, 0] != height[:, 1])

@@ -29,7 +29,7 @@ def actions(car, knobs, motion, extra_array, command, acceleration, formula):
         over = np.maximum(gap - knobs.free_play, 0.0) - np.maximum(-gap - knobs.free_play, 0.0)
         rate.slack[...] = over / 0.01
         handwheel = np.where(knobs.free_play > 0, extra.slack, handwheel)
-    told = driveline.told(car, command.acceleration)
+    told = driveline.told(car, command.acceleration, motion)
     torque = driveline.at_wheels(car, knobs, motion, extra, rate, told, handwheel, acceleration[1])
     angle = wheel.steer_angles(car, knobs, extra, handwheel, motion.travel, torque)
     contact = wheel.contacts(car, knobs, motion, angle)

@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 FADE_FLOOR = 0.5
+SLIP_CONTROL = 0.07  # [-] and none is left at twice that
 
 
-def told(car, demand):
-    """What engine and brakes are asked for, from a longitudinal acceleration [m/s²]: drive or brake."""
+def told(car, demand, motion):
+    """What engine and brakes give for a longitudinal acceleration that is asked for [m/s²], and what they tell of it.
+
+    Anti-lock brakes and traction control take torque back from a wheel that slips by more than `SLIP_CONTROL`.
+    """
     torque = demand * car.mass * car.radius.mean(axis=0)
     front = np.where(torque > 0, car.front_drive, car.front_brake)
-    return np.stack([front, front, 1 - front, 1 - front]) * torque / 2
+    wheels = np.stack([front, front, 1 - front, 1 - front]) * torque / 2
+    forward = np.maximum(motion.velocity[0] - car.side * car.track / 2 * motion.rates[2], 2.0)
+    slip = (0.97 * car.radius * motion.spin - forward) / forward * np.sign(torque)
+    return wheels * np.clip(2 - slip / SLIP_CONTROL, 0, 1)
 
 
 def at_wheels(car, knobs, motion, extra, rate, told_torque, handwheel, lateral_acceleration):

@@ -11,13 +11,21 @@ WAVE = 260.0  # [m] of grade and bank
 UNDULATION = 7.0  # [m]
 PATCHES = 130.0  # [m] from one wet patch to the next; half of the road is wet
 ROUGH_WAVES = np.array([3.1, 6.9, 15.7, 37.0])  # [m] of a paved road; a height goes with the root of its length
+ACROSS = 10.0  # [m]
 _ROUGH_SHARES = np.sqrt(ROUGH_WAVES / (ROUGH_WAVES.sum() / 2))
+
+
+def rough_phases(rng):
+    """Phases of the unevenness of one road (waves, 4): long waves go across all of it, short ones do not."""
+    phases = rng.uniform(0, 2 * np.pi, (len(ROUGH_WAVES), 2))
+    phases[ROUGH_WAVES > ACROSS, 1] = phases[ROUGH_WAVES > ACROSS, 0]
+    return np.tile(phases, 2)
 
 
 def roughness(surface, along):
     """Height of the unevenness of every road [m] (4, lanes).
 
-    surface: `rms` [m] (lanes,) and `phase` (waves, 4, lanes), which differs between left and right.
+    surface: `rms` [m] (lanes,) and `phase` (waves, 4, lanes) as from `rough_phases`.
     """
     height = np.zeros_like(along)
     for length, share, phase in zip(ROUGH_WAVES, _ROUGH_SHARES, surface.phase, strict=True):
