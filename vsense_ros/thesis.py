@@ -29,9 +29,11 @@ from vsense_ros.model.sensors import Imu, WheelTorques
 from vsense_ros.model.simulate import Trajectory
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
+from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.run import as_recording, map_origin
 from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.ukf import Ukf
 from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
@@ -60,12 +62,15 @@ class Kind:
     name: str
     filter: type[ErrorEkf]
     parameter_filter: str | None = None  # None: it estimates no parameters
+    reference: bool = False  # slow, and here for comparison alone: one seed, the first step
 
 
 KINDS = (
     Kind("errorEKF", ErrorEkf),
     Kind("SPI_UKF", Spi, "ukf"),
     Kind("SPI_EKF", Spi, "ekf"),
+    Kind("DEKF", Dekf, reference=True),
+    Kind("UKF", Ukf, reference=True),
 )
 
 
@@ -162,8 +167,9 @@ def repeat(
 ) -> Results:
     """Both manoeuvres with the noise of every seed, from rest to the end, nothing left out."""
     results: Results = {}
-    total = len(MANOEUVRES) * len(steps) * len(kinds) * len(seeds)
-    done = 0
+    runs = {(kind, step): seeds[:1] if kind.reference else seeds for step in steps for kind in kinds}
+    runs = {(kind, step): chosen for (kind, step), chosen in runs.items() if step == steps[0] or not kind.reference}
+    total, done = len(MANOEUVRES) * sum(map(len, runs.values())), 0
     for manoeuvre in MANOEUVRES:
         car, trajectory = driven(plant, manoeuvre)
         for step in steps:
@@ -171,13 +177,13 @@ def repeat(
                 record(trajectory, car, seed, name=manoeuvre.name, biased=False, steering_noise=0.0, every=step)
                 for seed in seeds
             ]
-            for kind in kinds:
+            for kind in (kind for kind, of in runs if of == step):
                 vehicle = observing(model, kind, step)
                 squares: dict[str, list[float]] = {row.signal: [] for row in ROWS}
                 largest: dict[str, float] = {}
                 times: list[Array] = []
                 parameters: dict[str, tuple[float, float]] = {}
-                for recording in recordings:
+                for recording in recordings[: len(runs[kind, step])]:
                     observer, output, spent = observe(recording, vehicle, kind, step)
                     times.append(spent)
                     parameters = parameters or observer.parameters()
@@ -271,6 +277,8 @@ def write(results: Results, path: Path) -> None:
     content: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
     for i, manoeuvre in enumerate(MANOEUVRES):
         for kind, step in _columns(results):
+            if any(kind == k.name and k.reference for k in KINDS):
+                continue
             result = results[manoeuvre.name, kind, step]
             (mass, _), (friction, _) = result.parameters.values()
             forces = dict(zip(("fx_percent", "fy_percent", "fz_percent"), _percent(result), strict=True))
