@@ -19,6 +19,7 @@ import pytest
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.manoeuvre import generate
 from vsense_ros.model import steps
+from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, estimate_samples, run
 from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
@@ -49,10 +50,18 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iter
             forget()
 
 
+@pytest.fixture(params=["straight guides", "suspension tables"])
+def vehicle(request: pytest.FixtureRequest) -> Vehicle:
+    """The prototype, and what its suspensions move like."""
+    loaded = load_vehicle(VEHICLES / "prototype_model.yaml")
+    assert loaded.suspension is not None
+    return loaded if request.param == "suspension tables" else loaded.model_copy(update={"suspension": None})
+
+
 @pytest.fixture
-def observer(way: str, lane_change: Recording) -> Observer:
+def observer(way: str, vehicle: Vehicle, lane_change: Recording) -> Observer:
     """Two seconds under way."""
-    made = Observer(load_vehicle(VEHICLES / "prototype_model.yaml"), map_origin(lane_change))
+    made = Observer(vehicle, map_origin(lane_change))
     for sample in lane_change.samples(tuple(made.topics)):
         if sample.stamp > lane_change.start + 2_000_000_000:
             break

@@ -194,6 +194,19 @@ def test_it_starts_in_motion_and_says_when_it_has_converged(vehicle: Vehicle, la
     assert (speed, lateral, yaw_rate) < (0.2, 0.3, 0.05)
 
 
+def test_positions_alone_start_nothing_and_it_says_what_would(vehicle: Vehicle, lane_change: Recording) -> None:
+    """They come for 8 s before anything else; a start at no speed would be wrong by 19 m/s."""
+    observer = observer_of(vehicle, lane_change)
+    stream = messages(lane_change)
+    feed(observer, [s for s in stream if s.topic == FIX and seconds(lane_change, s) < 8])
+    assert not observer.started
+    said = observer.diagnostics()[0].message
+    assert "nothing tells the speed" in said
+    assert "wheel_speeds" in said
+    course = follow(observer, [s for s in stream if seconds(lane_change, s) > 8], lane_change)
+    assert max(course.largest(10.0)[:2]) < 0.3
+
+
 # Loss
 
 

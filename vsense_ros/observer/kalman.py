@@ -70,6 +70,9 @@ class Kalman:
         self._across, self._below = covariance[:28, 28:], covariance[28:, :28]
         self._slow_variance = covariance.reshape(-1)[28 * (len(covariance) + 1) :: len(covariance) + 1]
         self._decay, self._decayed = np.zeros(0), np.zeros((0, 0))
+        self._accelerations = through = np.zeros((14, len(covariance)))  # by the errors
+        through[:, FORCE] = _UNIT
+        self._through = through[:, 2:5], through[:, 6:10], through[:, U], through[:, SURROUND]
 
     def transition(self, h: float) -> None:
         """Fill `inverse` and `gain` for a step of `h` [s]: the stability function of ROS2, and its response to a
@@ -131,15 +134,13 @@ class Kalman:
         innovation = value - expected[:, 0]
         h = np.zeros((count, len(self.covariance)))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
+        heave, travel, velocities, surroundings = self._through
+        heave[:], travel[:], velocities[:] = model.by_q[:, :3], model.by_q[:, 3:], model.by_u
+        surroundings[:] = model.by_surroundings
         if uses_acceleration:
-            through = by_udot @ model.by_q
-            h[:, 2:5] += through[:, :3]
-            h[:, 6:10] += through[:, 3:]
-            h[:, U] += by_udot @ model.by_u
-            h[:, FORCE] = by_udot
-            h[:, SURROUND] += by_udot @ model.by_surroundings
+            h += by_udot @ self._accelerations
         if biases.stop > biases.start:
-            h.flat[biases.start :: h.shape[1] + 1] = 1.0
+            h.reshape(-1)[biases.start :: h.shape[1] + 1] = 1.0
         if not isfinite(sum(innovation.tolist())):
             present = np.isfinite(innovation)
             h, innovation, variance = h[present], innovation[present], variance[present]
@@ -150,7 +151,8 @@ class Kalman:
         np.dot(self.covariance, h.T, out=right[:-1])
         right[-1] = innovation
         total = h @ right[:-1]
-        total.flat[:: count + 1] += variance
+        diagonal = total.reshape(-1)[:: count + 1]
+        diagonal += variance
         if scale != 1.0:
             total *= scale
         factor, failed = lapack.dpotrf(total, lower=True, overwrite_a=True)
@@ -163,9 +165,7 @@ class Kalman:
             return nis
         self.covariance -= projected.T @ projected
         np.dot(weights, projected, out=self.error)
-        e = self.error
-        by_state = model.by_q @ e[DYNAMIC] + model.by_u @ e[U] + model.by_surroundings @ e[SURROUND]
-        model.udot[:, 0] += by_state + e[FORCE]
+        self.model.udot[:, 0] += self._accelerations @ self.error
         return nis
 
 

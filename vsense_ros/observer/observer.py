@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import insort
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,15 @@ from vsense_ros.recording import Sample
 Array = NDArray[np.float64]
 
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
+_TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
 _FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
 _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
+
+
+_stamp_of = attrgetter("stamp")
 
 
 @dataclass(slots=True)
@@ -77,9 +82,14 @@ class Observer:
         self.health = [Health() for _ in self._list]
         on_map = Map(map_origin)
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self._list)]
+        # Of each sensor the inputs that it sets (None if it measures), and the largest innovation that is believed,
+        # squared and normalized.
+        self._sets = [_INPUTS.get(sensor.kind) for sensor in self._list]
+        self._limits = [sensor.gate**2 * len(sensor.deviations()) ** 0.5 for sensor in self._list]
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self._history: list[_Instant] = []
+        self._spare: list[_Instant] = []
         self._ahead: list[Event] = []  # what is to be done again after a late measurement
         self._first: dict[int, Event] = {}  # newest measurement of each sensor before the start
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
@@ -207,7 +217,8 @@ class Observer:
     # Start
 
     def _gather(self, event: Event) -> None:
-        """Collect what came until it tells how the car moves, then start."""
+        """Collect what came until it tells how the car moves, then start; never without a speed, since a start at a
+        wrong one is worse than none."""
         stamp = event.stamp
         # What is far from this in time, one of them by a wrong clock, does not describe the same start.
         self._first = {i: e for i, e in self._first.items() if abs(e.stamp - stamp) < _LONGEST_GAP * 1e9}
@@ -219,11 +230,11 @@ class Observer:
         waited = (stamp - self._first_stamp) * 1e-9
         if "steering" in {s.kind for s in self._list} and "steering" not in kinds and waited < _LONGEST_GAP:
             return
-        if speed is None and waited < _LONGEST_GAP:
+        if speed is None:
             return
         if "gnss_velocity" in {s.kind for s in self._list} and "gnss_velocity" not in kinds and waited < 1.0:
             return
-        self._start(stamp, speed or 0.0, kinds)
+        self._start(stamp, speed, kinds)
 
     def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
@@ -277,13 +288,16 @@ class Observer:
         """Let an event happen, not before those of the newest instant of the history."""
         instant = self._history[-1]
         # An input holds from here on: the model need not be brought to the very time it was read.
-        if not self._list[event.sensor].is_input and event.stamp > instant.stamp + self._merge:
+        stamp = event.stamp
+        if stamp > instant.stamp + self._merge and self._sets[event.sensor] is None:
+            self._require_sanity()
             instant.memory[:] = self.filter.memory
-            self._advance(instant.stamp, event.stamp)
-            instant = self._remember(event.stamp)
+            self._advance(instant.stamp, stamp)
+            instant = self._remember(stamp)
         self._happen(event)
         instant.events.append(event)
-        instant.latest = max(instant.latest, event.stamp)
+        if stamp > instant.latest:
+            instant.latest = stamp
 
     def _insert(self, event: Event) -> None:
         """Put a late event in its place; what follows it is done again when the newest state is next needed."""
@@ -291,11 +305,12 @@ class Observer:
         while kept > 1 and self._history[kept - 1].latest > event.stamp:
             kept -= 1
         if kept < len(self._history):
-            undone = [e for instant in self._history[kept:] for e in instant.events]
-            self._ahead[:0] = sorted(undone, key=lambda e: e.stamp)
+            undone = self._history[kept:]
             del self._history[kept:]
+            self._spare += undone
+            self._ahead[:0] = sorted((e for instant in undone for e in instant.events), key=_stamp_of)
             self.filter.memory[:] = self._history[-1].memory
-        insort(self._ahead, event, key=lambda e: e.stamp)
+        insort(self._ahead, event, key=_stamp_of)
 
     def _catch_up(self) -> None:
         """Do again what came after a late measurement."""
@@ -331,22 +346,22 @@ class Observer:
 
     def _happen(self, event: Event) -> None:
         """Let an event act on the filter at its present time; what happens again is not counted again."""
-        f, sensor, health = self.filter, self._list[event.sensor], self.health[event.sensor]
-        value, first = event.value, not event.counted
+        f, index, value, first = self.filter, event.sensor, event.value, not event.counted
+        health, inputs, limit = self.health[index], self._sets[index], self._limits[index]
         event.counted = True
-        if sensor.is_input:
-            np.copyto(f.inputs[_INPUTS[sensor.kind]], value, where=np.isfinite(value))
+        if inputs is not None:
+            np.copyto(f.inputs[inputs], value, where=np.isfinite(value))
             health.used += first
             return
         if not self.heading_known:
-            if sensor.kind == "gnss_velocity" and self._align(event):
+            kind = self._list[index].kind
+            if kind == "gnss_velocity" and self._align(event):
                 pass
-            elif sensor.kind in ("gnss_velocity", "gnss_position"):
-                if sensor.kind == "gnss_position" and first:
+            elif kind in ("gnss_velocity", "gnss_position"):
+                if kind == "gnss_position" and first:
                     np.copyto(f.state[0:2], value, where=np.isfinite(value))
                 return
-        limit = sensor.gate**2 * len(value) ** 0.5
-        nis = f.correct(event.sensor, value, event.variance, limit)
+        nis = f.correct(index, value, event.variance, limit)
         if not nis <= limit:
             if first:
                 health.refused += 1
@@ -354,11 +369,14 @@ class Observer:
                 health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
             if health.refused_in_a_row >= PATIENCE and np.isfinite(nis):
                 # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
-                f.correct(event.sensor, value, event.variance, 2 * limit, scale=nis / limit)
+                f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
         elif first:
             health.refused_in_a_row = 0
             health.used += 1
             health.innovation_ratio += 0.02 * (nis / len(value) - health.innovation_ratio)
+
+    def _require_sanity(self) -> None:
+        """Before anything is built on what the newest instant has made of the state."""
         if not self._sane():
             self._recover()
 
@@ -386,15 +404,16 @@ class Observer:
         self.filter.lose_trust()
 
     def _remember(self, stamp: int) -> _Instant:
-        """Begin a new instant with the filter's present state; the oldest beyond reach is reused."""
-        if self._history and self._history[0].stamp < stamp - self._reach and len(self._history) > 2:
-            instant = self._history.pop(0)
-        else:
-            instant = _Instant(0, 0, np.empty_like(self.filter.memory))
+        """Begin a new instant with the filter's present state, in the memory of one that is not needed any more."""
+        history = self._history
+        if len(history) > 2 and history[0].stamp < stamp - self._reach:
+            self._spare.append(history.pop(0))
+        instant = self._spare.pop() if self._spare else _Instant(0, 0, np.empty_like(self.filter.memory))
         instant.stamp = instant.latest = stamp
         instant.events = []
-        self._newest = max(self._newest, stamp)
-        self._history.append(instant)
+        if stamp > self._newest:
+            self._newest = stamp
+        history.append(instant)
         return instant
 
     # Results
@@ -406,6 +425,8 @@ class Observer:
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
         self._catch_up()
+        if self.started:
+            self._require_sanity()
         return Estimate.of(self.stamp, self.filter)
 
     def parameters(self) -> dict[str, tuple[float, float]]:
@@ -442,6 +463,9 @@ class Observer:
         if not self.started:
             missing = [n for n, h in zip(self.names, self.health, strict=True) if not h.last_stamp]
             text = "waiting for " + (", ".join(missing) if missing else "a speed")
+            if missing and not any(self._list[i].kind in _TELL_SPEED for i in self._first):
+                able = (n for n, sensor in self.sensors.items() if sensor.kind in _TELL_SPEED)
+                text += f"; nothing tells the speed, which {' or '.join(able)} would"
             return Diagnostic("observer", Level.WARN, text, values)
         if not self.heading_known:
             return Diagnostic("observer", Level.WARN, "heading unknown until the car moves", values)
@@ -461,7 +485,7 @@ def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
 
 def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:
     kinds = {s.kind for s in sensors.values()}
-    if not kinds & {"wheel_speeds", "gnss_velocity"}:
+    if not kinds & _TELL_SPEED:
         raise InputError(
             f"{vehicle}: no sensor tells the car's speed; the vehicle file lists {sorted(kinds) or 'none'}, "
             "one of wheel_speeds or gnss_velocity is needed"
@@ -476,6 +500,6 @@ def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:
 def _first_speed(kinds: dict[str, Event], vehicle: Vehicle) -> float | None:
     if (wheels := kinds.get("wheel_speeds")) is not None:
         return float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98)
-    if (velocity := kinds.get("gnss_velocity")) is not None:
+    if (velocity := kinds.get("gnss_velocity")) is not None and np.isfinite(velocity.value).all():
         return float(np.hypot(*velocity.value))
     return None

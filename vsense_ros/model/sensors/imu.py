@@ -72,12 +72,11 @@ class Imu(SensorBase):
         out[:3] = values["angular_velocity"]
         out[3:] = values["linear_acceleration"]
         out -= self.offsets()
-        for part, field in (
-            (slice(0, 3), "angular_velocity_covariance"),
-            (slice(3, 6), "linear_acceleration_covariance"),
-        ):
+        for part, field in _COVARIANCES:
             flat = values.get(field)
-            if flat is not None and len(flat) and flat[0] == -1:
+            if flat is None or not len(flat):
+                continue
+            if flat[0] == -1:
                 out[part] = np.nan
             diagonal = covariance_diagonal(flat, 3)
             if diagonal is not None:
@@ -85,6 +84,12 @@ class Imu(SensorBase):
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return equation(motion, biases, mounting)
+
+
+_COVARIANCES = (
+    (slice(0, 3), "angular_velocity_covariance"),
+    (slice(3, 6), "linear_acceleration_covariance"),
+)
 
 
 @cache
