@@ -233,6 +233,21 @@ def test_joints_of_other_names_are_refused(observer: Observer, lane_change: Reco
     assert_good(course)
 
 
+@pytest.mark.parametrize("away", [-7.0, 7.0, 3600.0])
+@pytest.mark.parametrize("topic", [IMU, WHEELS, STEERING, FIX])
+def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
+    topic: str, away: float, vehicle: Vehicle, lane_change: Recording
+) -> None:
+    """It starts when the first velocity comes."""
+    good = messages(lane_change, 0.5)
+    undisturbed, observer = (Observer(vehicle, map_origin(lane_change)) for _ in range(2))
+    feed(undisturbed, good)
+    velocity = next(i for i, s in enumerate(good) if s.topic == VELOCITY)
+    last = max(i for i, s in enumerate(good[:velocity]) if s.topic == topic)
+    feed(observer, [*good[: last + 1], corrupted(good[last], "stamp", away), *good[last + 1 :]])
+    assert distance(undisturbed, observer) == (0, 0, 0, 0)
+
+
 # All of it at once
 
 CORRUPTION = st.one_of(

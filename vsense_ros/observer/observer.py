@@ -92,6 +92,7 @@ class Observer:
         self._spare: list[_Instant] = []
         self._ahead: list[Event] = []  # what is to be done again after a late measurement
         self._first: dict[int, Event] = {}  # newest measurement of each sensor before the start
+        self._gathered: dict[int, int] = {}  # when these arrived [ns]
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._first_stamp = 0
         self._newest = 0  # time of the state when all that is ahead has been done again [ns]
@@ -220,11 +221,18 @@ class Observer:
         """Collect what came until it tells how the car moves, then start; never without a speed, since a start at a
         wrong one is worse than none."""
         stamp = event.stamp
-        # What is far from this in time, one of them by a wrong clock, does not describe the same start.
-        self._first = {i: e for i, e in self._first.items() if abs(e.stamp - stamp) < _LONGEST_GAP * 1e9}
+        # What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
+        # differs from several others, of which there was news lately, is wrong; else the newest message counts.
+        gap, now = _LONGEST_GAP * 1e9, self._newest_arrival
+        near = {i for i, e in self._first.items() if abs(e.stamp - stamp) < gap}
+        others = [i for i in self._first if i != event.sensor and now - self._gathered[i] < gap]
+        if len(others) > 1 and not near.intersection(others):
+            return
+        self._first = {i: e for i, e in self._first.items() if i in near}
         if not self._first:
             self._first_stamp = stamp
         self._first[event.sensor] = event
+        self._gathered[event.sensor] = now
         kinds = {self._list[i].kind: e for i, e in self._first.items()}
         speed = _first_speed(kinds, self.vehicle)
         waited = (stamp - self._first_stamp) * 1e-9
