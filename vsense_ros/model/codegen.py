@@ -186,7 +186,9 @@ class Kernel:
         return Entry(address, *(ctypes.addressof(part) for part in self._work))
 
 
-def function(name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX], names: Sequence[str]) -> ca.Function:
+def function(
+    name: str, arguments: Sequence[ca.SX | ca.MX], results: Sequence[ca.SX | ca.MX], names: Sequence[str]
+) -> ca.Function:
     """A CasADi function with dense outputs, as `Kernel` needs them."""
     outputs = [ca.densify(r) for r in results]
     return ca.Function(
