@@ -16,9 +16,9 @@ class Dekf(WholeState):
     """Written as in a textbook, with full matrices."""
 
     def predict(self, h: float) -> None:
+        self._move_effects(h)
         self._kalman.transition(h)
         self._kinematics.call()
-        self._h[0] = h
         self._advance.call()
         f = self._transition(h)
         moved = f @ self.covariance[self._block] @ f.T + np.diag(self.noise(h))

@@ -212,10 +212,7 @@ class ErrorEkf:
     def predict(self, h: float) -> None:
         """Move model and covariance ahead by `h` [s], from the last linearisation."""
         process = self._process(h)
-        self._h[0] = h
-        if self._remember is not None:
-            self._remember.call()
-            self._effects[:] = self._remember.results[0][:, 0]
+        self._move_effects(h)
         if self._in_c is not None:
             self._in_c.predict(h, process.decay_address, process.noise_address)
             return
@@ -226,6 +223,13 @@ class ErrorEkf:
         state = self.state
         state[Q], state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
         state[28:] *= process.decay
+
+    def _move_effects(self, h: float) -> None:
+        """What effects remember, after a step of `h` [s] that has not been made yet."""
+        self._h[0] = h
+        if self._remember is not None:
+            self._remember.call()
+            self._effects[:] = self._remember.results[0][:, 0]
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
         """Correct by a measurement of sensor `index` unless its normalized innovation squared exceeds `limit`.

@@ -39,10 +39,11 @@ class Ukf(WholeState):
         return points
 
     def _arguments(self, points: Array) -> list[Array]:
-        inputs, parameters = (np.tile(a[:, None], self._count) for a in (self.inputs, self.parameters))
-        return [*(points[part] for part in (Q, U, FORCE, SURROUND)), inputs, parameters]
+        same = (np.tile(a[:, None], self._count) for a in (self.inputs, self.parameters, self._effects))
+        return [*(points[part] for part in (Q, U, FORCE, SURROUND)), *same]
 
     def predict(self, h: float) -> None:
+        self._move_effects(h)
         self._kalman.transition(h)
         points = self._points()
         # The step's matrix may be any: that of the mean serves all.
@@ -60,7 +61,7 @@ class Ukf(WholeState):
         points = self._points()
         arguments = self._arguments(points)
         udot = np.asarray(self._dynamics(*arguments)[0]) if sensor.uses_acceleration else np.zeros((14, self._count))
-        q, u, _, around, inputs, _ = arguments
+        q, u, _, around, inputs, *_ = arguments
         mounting = np.tile(np.asarray(sensor.mounting(), dtype=float)[:, None], self._count)
         measured = np.asarray(measure(q, u, udot, around, inputs, points[self.layout.biases[index]], mounting)[0])
         expected = measured.mean(axis=1)
