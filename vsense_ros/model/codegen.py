@@ -17,6 +17,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -27,6 +28,8 @@ from platformdirs import user_cache_path
 
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 log = logging.getLogger(__name__)
+
+Expression = TypeVar("Expression", ca.SX, ca.MX)
 
 _libraries: WeakKeyDictionary[ca.Function, Path] = WeakKeyDictionary()  # where functions are that were compiled
 _broken: set[str] = set()  # compilers that failed in this process: reported once, not tried again
@@ -187,7 +190,7 @@ class Kernel:
 
 
 def function(
-    name: str, arguments: Sequence[ca.SX | ca.MX], results: Sequence[ca.SX | ca.MX], names: Sequence[str]
+    name: str, arguments: Sequence[Expression], results: Sequence[Expression], names: Sequence[str]
 ) -> ca.Function:
     """A CasADi function with dense outputs, as `Kernel` needs them."""
     outputs = [ca.densify(r) for r in results]
