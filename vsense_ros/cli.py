@@ -264,45 +264,66 @@ def demo(out: Path, without_ros: bool) -> None:
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File."
 )
-@click.option("--identify", metavar="FILE", type=click.Path(path_type=Path), help="First identify, and write FILE.")
-@click.option("--sweeps", default=3, show_default=True, help="Of the identification; each takes about ten minutes.")
-def genesis(out: Path, identify: Path | None, sweeps: int) -> None:
-    """Identify the Genesis from two laps, examine the observer on the third.
+@click.option("--vehicle", metavar="FILE", default="genesis", show_default=True, help="Vehicle file, or its name.")
+@click.option(
+    "--identify", metavar="FILE", type=click.Path(path_type=Path), help="Identify the car instead, and write FILE."
+)
+@click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
+def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
+    """Examine the observer on the third Genesis lap, or identify the car from the two others.
 
-    Without --identify the vehicle file in config/vehicles is used, which --identify has made.
+    Identification takes minutes and gives the same values every time. It does not look at the third lap, so that
+    nothing is chosen by what comes out there.
 
     \b
     Examples:
       vsense genesis
-      vsense genesis --identify config/vehicles/genesis.yaml
+      vsense genesis --identify out/genesis.yaml
+      vsense genesis --vehicle out/genesis.yaml
     """
+    from math import degrees
+
     from rich.table import Table
 
     from vsense_ros import genesis as job
-    from vsense_ros.bag.importers import genesis as laps
     from vsense_ros.demo import dataset
     from vsense_ros.evaluate.terminal import console, progress
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_vehicle
 
+    def show(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+        table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+        for i, heading in enumerate(head):
+            table.add_column(heading, justify="right" if i else "left")
+        for row in rows:
+            table.add_row(*row)
+        console().print(table)
+
     folder = dataset("genesis_oxts_can")
     folder = folder if folder.is_dir() else folder.parent
-    car = load_vehicle(vehicle_path("genesis"))
-    if identify is not None:
-        with progress("identifying on the slow and the fast lap") as done:
-            recordings = [laps.read(folder / name) for name in job.IDENTIFIED_FROM]
-            car = job.identify(car, recordings, sweeps, done)
-        save_vehicle(identify, car)
-    with progress("estimating the third lap") as done:
-        results = job.examine(folder, car, done)
-    job.write_results(results, out)
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
-    for heading in ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"):
-        table.add_column(heading, justify="left" if heading == "case" else "right")
-    for name, figures in results.items():
-        values = (figures["side_slip_rmse_deg"], figures["lateral_velocity_nrmsd_percent"])
-        table.add_row(name, *(f"{value:.3f}" for value in values))
-    console().print(table)
+    if identify is None:
+        car = load_vehicle(vehicle_path(vehicle))
+        with progress("estimating the third lap") as done:
+            results = job.examine(folder, car, done)
+        job.write_results(results, out)
+        show(
+            ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"),
+            [(name, *(f"{figure:.3f}" for figure in figures.values())) for name, figures in results.items()],
+        )
+        return
+    before = load_vehicle(vehicle_path(start))
+    with progress("identifying from the slow and the fast lap") as done:
+        found = job.identify(before, job.identification_laps(folder), done)
+    identify.parent.mkdir(parents=True, exist_ok=True)
+    save_vehicle(identify, found.vehicle)
+    numbers = [(knob.name, *(f"{knob.value(car):.4g}" for car in (before, found.vehicle))) for knob in job.KNOBS]
+    yaw = ("mounting angle of the reference", *(f"{car.reference.yaw:.4g}" for car in (before, found.vehicle)))
+    errors = [
+        (f"side slip RMSE on {name} [°]", *(f"{degrees(error):.3f}" for error in pair))
+        for name, *pair in zip(job.IDENTIFIED_FROM, found.before, found.after, strict=True)
+    ]
+    show(("identified", "start", "found"), [*numbers, yaw, *errors])
+    console().print(f"Written to {identify}.", soft_wrap=True)
 
 
 @main.command()

@@ -9,18 +9,17 @@ comparison only.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
-from vsense_ros.evaluate.metrics import SignalScore, align, compare
+from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.fitting import Fit, Knob, Progress, fit, part
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
 from vsense_ros.recording import Recording
@@ -29,128 +28,71 @@ IDENTIFIED_FROM = ("cpg_slow_lap.mat", "cpg_fast_lap.mat")
 EXAMINED_ON = "med_lap_center_8_21.mat"
 OUTAGE = 10.0  # length of the GNSS outage [s]
 
-Progress = Callable[[float], None]
+SOURCE = (
+    "Fitted to the slow and the fast lap by `vsense genesis --identify`: {knobs}, mounting of the reference. "
+    "All else is as in genesis_start.yaml, which says where it comes from."
+)
 
 
-@dataclass(frozen=True)
-class Knob:
-    """Something to identify: the numbers of the vehicle file that change together, each by a power of one factor."""
-
-    name: str
-    powers: Mapping[str, float]  # dotted path in the file: power
-    factor: float  # first step of the search
-
-    def turned(self, vehicle: Vehicle, factor: float) -> Vehicle:
-        """The vehicle with this knob turned by `factor`; raises `ValueError` if that is no valid vehicle."""
-        data = vehicle.model_dump()
-        for path, power in self.powers.items():
-            *steps, last = path.split(".")
-            node: Any = data
-            for step in steps:
-                node = node[step]
-            if isinstance(node[last], tuple):
-                node[last] = tuple(value * factor**power for value in node[last])
-            else:
-                node[last] = node[last] * factor**power
-        return Vehicle.model_validate(data)
-
-
-def _cornering(axle: str, power: float) -> dict[str, float]:
+def _cornering(axle: str) -> dict[str, float]:
     """Cornering stiffness of an axle at unchanged largest force and unchanged shape of the curve."""
     powers: dict[str, float] = {}
     for load in ("nominal", "double"):
         curve = f"physics.{axle}.tyre.lateral.{load}"
         powers |= {
-            f"{curve}.initial_slope": power,
-            f"{curve}.slip_at_maximum": -power,
-            f"{curve}.slip_at_sliding": -power,
+            f"{curve}.initial_slope": 1.0,
+            f"{curve}.slip_at_maximum": -1.0,
+            f"{curve}.slip_at_sliding": -1.0,
         }
     return powers
 
 
-def _curvature(axle: str) -> dict[str, float]:
-    """How early the curve bends, at unchanged initial slope and largest force."""
-    powers: dict[str, float] = {}
-    for load in ("nominal", "double"):
-        curve = f"physics.{axle}.tyre.lateral.{load}"
-        powers |= {f"{curve}.slip_at_maximum": 1.0, f"{curve}.slip_at_sliding": 1.0}
-    return powers
-
-
 KNOBS = (
-    Knob("steering gain", {"sensors.steering.gain": 1}, 1.04),
-    Knob("front cornering stiffness", _cornering("front", 1), 1.08),
-    Knob("rear cornering stiffness", _cornering("rear", 1), 1.08),
-    Knob("front curvature", _curvature("front"), 1.2),
-    Knob("rear curvature", _curvature("rear"), 1.2),
+    Knob("steering gain", {"sensors.steering.gain": 1}, 0.1),
+    Knob("front cornering stiffness", _cornering("front"), 0.2),
+    Knob("rear cornering stiffness", _cornering("rear"), 0.2),
     Knob(
         "place of antenna and reference",
-        {"sensors.position.position": 1, "sensors.velocity.position": 1, "reference.position": 1},
-        1.5,
+        {"reference.position.0": 1, "sensors.position.position.0": 1, "sensors.velocity.position.0": 1},
+        0.3,
+        adds=True,
     ),
-    Knob("front anti-roll stiffness", {"physics.front.antiroll_stiffness": 1}, 1.4),
-    Knob("accelerometer offset", {"sensors.imu.force_offset": 1}, 1.05),
-    Knob("latency of the car's bus", {"sensors.imu.latency": 1, "sensors.steering.latency": 1}, 1.4),
-    Knob("lateral force error", {"observer.force_errors.lateral": 1}, 1.5),
-    Knob("yaw force error", {"observer.force_errors.yaw": 1}, 1.5),
-    Knob("force error time constant", {"observer.force_errors.time_constant": 1}, 1.6),
-    Knob("bank", {"observer.surroundings.bank": 1}, 1.5),
-    Knob("bank time constant", {"observer.surroundings.bank_time_constant": 1}, 1.6),
-    Knob("gyro noise", {"sensors.imu.rate_noise": 1}, 1.5),
-    Knob("accelerometer noise", {"sensors.imu.force_noise": 1}, 1.5),
-    Knob("gyro bias drift", {"sensors.imu.rate_bias_drift": 1}, 3.0),
-    Knob("GNSS velocity noise", {"sensors.velocity.noise": 1}, 1.5),
+    Knob("latency of the car's bus", {"sensors.imu.latency": 1, "sensors.steering.latency": 1}, 0.02, adds=True),
+    Knob("lateral force error", {"observer.force_errors.lateral": 1}, 0.7),
+    Knob("yaw force error", {"observer.force_errors.yaw": 1}, 0.7),
+    Knob("force error time constant", {"observer.force_errors.time_constant": 1}, 0.7),
+    Knob("bank", {"observer.surroundings.bank": 1}, 0.7),
+    Knob("steering offset", {"observer.surroundings.steering_offset": 1}, 0.7),
+    Knob("gyro noise", {"sensors.imu.rate_noise": 1}, 0.5),
+    Knob("accelerometer noise", {"sensors.imu.force_noise": 1}, 0.7),
+    Knob("GNSS velocity noise", {"sensors.velocity.noise": 1}, 0.5),
 )
 
 
-def lateral_error(vehicle: Vehicle, laps: Sequence[Recording]) -> tuple[float, float]:
-    """Geometric mean of the RMSE of side slip [rad] and lateral velocity [m/s] over some laps, each lap with equal
-    weight, once the mean error of the side slip is removed; and that mean error [rad], by which the mounting angle of
-    the reference should change.
+def identification_laps(folder: Path) -> list[Recording]:
+    """The slow and the fast lap, with GNSS as in the three cases of the examination in turn: `OUTAGE` seconds each at
+    10 Hz, at 1 Hz and silent.
 
-    The side slip alone would favour slow parts of the laps, the lateral velocity alone fast ones.
+    With GNSS always there, the fit learns to lean on it, and has nothing to say once it is gone.
     """
-    slip, lateral = [], []
-    for lap in laps:
-        output = read_signals(at_reference(run(lap, vehicle, rate=10.0).output, vehicle), "vsense")
-        truth = read_signals(lap, "reference")
-        slip.append(align(output["side_slip"], truth["side_slip"]).error[:, 0])
-        both = align(output["lateral_velocity"], truth["lateral_velocity"])
-        forward = align(output["longitudinal_velocity"], truth["longitudinal_velocity"])
-        speed = np.interp(both.stamp, forward.stamp, forward.truth[:, 0])
-        lateral.append((both.error[:, 0], speed))
-    mean = float(np.concatenate(slip).mean())
-    slip_square = np.mean([np.mean((e - mean) ** 2) for e in slip])
-    lateral_square = np.mean([np.mean((e - mean * speed) ** 2) for e, speed in lateral])
-    return float((slip_square * lateral_square) ** 0.25), mean
+    return [_with_changing_gnss(genesis.read(folder / name)) for name in IDENTIFIED_FROM]
 
 
-def identify(vehicle: Vehicle, laps: Sequence[Recording], sweeps: int = 3, progress: Progress | None = None) -> Vehicle:
-    """Turn the knobs one after the other, by shrinking factors, as long as side slip and lateral velocity get better.
+def _with_changing_gnss(lap: Recording) -> Recording:
+    channels = dict(lap.channels)
+    for topic in ("gps/fix", "gps/velocity"):
+        channel = channels[topic]
+        turn = (channel.seconds // OUTAGE).astype(int) % 3
+        tenth = np.round(channel.seconds * 10).astype(int) % 10 == 0
+        channels[topic] = channel.select((turn == 0) | ((turn == 1) & tenth))
+    return replace(lap, channels=channels)
 
-    A pattern search needs no derivatives and nothing but the observer itself; it costs about 40 runs over all laps a
-    sweep. `progress` takes the share done.
-    """
-    best, mean = lateral_error(vehicle, laps)
-    factors = {knob.name: knob.factor for knob in KNOBS}
-    for sweep in range(sweeps):
-        for i, knob in enumerate(KNOBS):
-            factor = factors[knob.name]
-            for turn in (factor, 1 / factor):
-                try:
-                    candidate = knob.turned(vehicle, turn)
-                except ValueError:
-                    continue
-                error, candidate_mean = lateral_error(candidate, laps)
-                if error < best:
-                    vehicle, best, mean = candidate, error, candidate_mean
-                    break
-            else:
-                factors[knob.name] = factor**0.5
-            if progress is not None:
-                progress((sweep + (i + 1) / len(KNOBS)) / sweeps)
-    reference = vehicle.reference.model_copy(update={"yaw": vehicle.reference.yaw + mean})
-    return vehicle.model_copy(update={"reference": reference})
+
+def identify(start: Vehicle, laps: Sequence[Recording], progress: Progress | None = None) -> Fit:
+    """The vehicle whose side slip on the laps comes closest to the reference, searched from `start`."""
+    found = fit(start, KNOBS, laps, progress=progress)
+    source = SOURCE.format(knobs=", ".join(knob.name for knob in KNOBS))
+    return replace(found, vehicle=found.vehicle.model_copy(update={"source": source}))
 
 
 def fastest_corner(lap: Recording) -> tuple[float, float]:
@@ -178,18 +120,15 @@ def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) ->
     }
     results: dict[str, dict[str, float]] = {}
     for i, (name, (recording, window)) in enumerate(cases.items()):
-        output = run(recording, vehicle, progress=_part(progress, i, len(cases))).output
+        output = run(recording, vehicle, progress=part(progress, i, len(cases))).output
         results[name] = _figures(_scores(at_reference(output, vehicle), recording, window))
-    others = [genesis.read(folder / name) for name in IDENTIFIED_FROM]
-    fitted = baselines.regression(lap, baselines.fit_regression(others))
+    fitted = baselines.regression(
+        lap, baselines.fit_regression([genesis.read(folder / name) for name in IDENTIFIED_FROM])
+    )
     results["regression"] = _figures(baselines.score_all(fitted, lap))
     rolling = baselines.kinematic(lap, vehicle.physics.chassis.cog_to_rear_axle)
     results["kinematic"] = _figures(baselines.score_all(rolling, lap))
     return results
-
-
-def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
-    return None if progress is None else lambda share: progress((index + share) / count)
 
 
 def _scores(output: Recording, lap: Recording, window: tuple[float, float] | None) -> Mapping[str, SignalScore]:
