@@ -19,6 +19,7 @@ import pytest
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.manoeuvre import generate
 from vsense_ros.model import steps
+from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, estimate_samples, run
 from vsense_ros.observer.run import map_origin
@@ -29,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))
 VEHICLES = ROOT / "config/vehicles"
 IMU, WHEELS = "imu/data", "vehicle/wheel_speeds"
+PARAMETERS = {"chassis.mass": EstimatedParameter(deviation=100.0), "road.friction": EstimatedParameter(deviation=0.2)}
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +62,21 @@ def vehicle(request: pytest.FixtureRequest) -> Vehicle:
 
 @pytest.fixture
 def observer(way: str, vehicle: Vehicle, lane_change: Recording) -> Observer:
-    """Two seconds under way."""
-    made = Observer(vehicle, map_origin(lane_change))
-    for sample in lane_change.samples(tuple(made.topics)):
-        if sample.stamp > lane_change.start + 2_000_000_000:
+    return _under_way(vehicle, lane_change)
+
+
+def _under_way(vehicle: Vehicle, recording: Recording) -> Observer:
+    """An observer after two seconds."""
+    made = Observer(vehicle, map_origin(recording))
+    for sample in recording.samples(tuple(made.topics)):
+        if sample.stamp > recording.start + 2_000_000_000:
             break
         made.add(sample)
     return made
 
 
-@pytest.mark.benchmark(group="observer step: 52 states, 10 measurements")
-def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recording) -> None:
+def _time_steps(benchmark: Any, observer: Observer, lane_change: Recording) -> None:
+    """Steps of pairs of messages of one instant."""
     imu = [s for s in lane_change.samples((IMU,)) if s.stamp > observer.stamp + 8_000_000]
     wheels = lane_change[WHEELS]
     nearest = np.searchsorted(wheels.stamp, [s.stamp for s in imu]).clip(max=len(wheels) - 1)
@@ -82,6 +88,19 @@ def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recordi
 
     benchmark.pedantic(step, setup=lambda: (next(pairs), {}), rounds=2000, warmup_rounds=100)
     assert observer.health[0].used > 2000 or benchmark.stats is None
+
+
+@pytest.mark.benchmark(group="observer step: 52 states, 10 measurements")
+def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recording) -> None:
+    _time_steps(benchmark, observer, lane_change)
+
+
+@pytest.mark.benchmark(group="SPI step: 2 parameters, 52 states, 10 measurements")
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_spi_step(benchmark: Any, kind: str, vehicle: Vehicle, lane_change: Recording) -> None:
+    changes = {"parameters": PARAMETERS, "parameter_filter": kind}
+    estimating = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update=changes)})
+    _time_steps(benchmark, _under_way(estimating, lane_change), lane_change)
 
 
 @pytest.mark.benchmark(group="parts of a step")

@@ -175,6 +175,31 @@ def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehi
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize(("name", "step"), [(MASS, 1e-2), (FRICTION, 1e-5), ("chassis.cog_to_front_axle", 1e-5)])
+def test_the_sensitivity_of_the_state_is_what_another_parameter_makes_of_it(
+    vehicle: Vehicle, name: str, step: float, kind: str
+) -> None:
+    """Two filters, one of which measures what it expects: so nothing but the parameter makes a difference."""
+    value = vehicle.values()[name]
+    parameters = {name: {"deviation": 1e-6 * value}}
+    one = cornering(spi_of(vehicle, kind, parameters))
+    other = cornering(spi_of(vehicle.with_parameters({name: value + step}), kind, parameters))
+    for _ in range(20):
+        for spi in (one, other):
+            spi.predict(0.004)
+            spi.linearize()
+    for index in (0, 1):
+        sense = one._sense[index]
+        assert sense is not None
+        sense.call()
+        measured = sense.results[0][:, 0].copy()
+        for spi in (one, other):
+            spi.correct(index, measured, spi.sensors[index].deviations() ** 2, np.inf)
+    difference = (other.state - one.state)[14:20] / step
+    np.testing.assert_allclose(one.sensitivity[14:20, 0], difference, atol=0.03 * np.abs(difference).max())
+
+
 def test_sigma_points_and_weights_are_those_of_julier(vehicle: Vehicle) -> None:
     made = ParameterUkf(car_of(vehicle), (0, 1), N)
     covariance = np.array([[4.0, 1.0], [1.0, 3.0]])
