@@ -137,7 +137,10 @@ class Spi(ErrorEkf):
                 ],
                 learned,
             )
-            self._seen[i] = _Seen(seen, value, variance, told_of, projected, learn, learned)
+            told, change, udot = np.split(learned, [len(self.extra), len(self.extra) + n])
+            self._seen[i] = _Seen(seen, value, variance, told_of, projected, learn, told, change, udot)
+        self._added_force = self._force.results[0].reshape(-1, order="F")
+        self._accelerations = self.udot.reshape(-1, order="F")
         self._refuse_what_cannot_be_told()
 
     def _refuse_what_cannot_be_told(self) -> None:
@@ -217,14 +220,14 @@ class Spi(ErrorEkf):
         known.seen.call()
         np.dot(self.covariance, known.told_of, out=known.projected)
         known.learn.call()
-        learned, size = known.learned, len(self.extra)
-        self.extra[:] = learned[:size]
+        self.extra[:] = known.told
         self.parameters[self._columns] = self.values
-        self._error[:] = learned[size:-14]
+        change = known.change
+        self._error[FORCE] = change[FORCE]
         self._force.call()
-        for part, by in self._corrections:
-            part += by
-        self.udot[:, 0] += learned[-14:]
+        change[FORCE] = self._added_force
+        self.state += change
+        self._accelerations += known.udot
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -258,7 +261,9 @@ class _Seen:
     told_of: Array  # Hᵀ R⁻¹ Y, (n, p)
     projected: Array  # P times that, (n, p)
     learn: Kernel
-    learned: Array  # its results, of which the first are `extra`
+    told: Array  # its results: new `extra`,
+    change: Array  # (n,) of the state, accelerations in place of the generalized forces,
+    udot: Array  # (14,) and change of the accelerations
 
 
 @cache
