@@ -133,7 +133,7 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
             panel.plot(counts, 1e6 * np.array(times), "o", color=ESTIMATE, label="measured")
             panel.set(title=title, xlabel="bodies", ylabel="µs", xlim=(0, None), ylim=(0, None))
             panel.legend(loc="upper left")
-            lines.append(f"{title}: {duration(slope)} a body, within {100 * off:.1f} % of a straight line.")
+            lines.append(f"- {title}: {duration(slope)} a body, within {100 * off:.1f} % of a straight line.")
         picture.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(picture, dpi=90)
     return [*lines, ""]

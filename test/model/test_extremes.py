@@ -36,11 +36,10 @@ def rolling(vehicle: Vehicle, speed: float) -> Stepper:
 
 def mass_matrix(vehicle: Vehicle, stepper: Stepper) -> np.ndarray:
     """Of the derivatives of u, (14, 14)."""
-    force = model_functions(car_of(vehicle))["force"]
-    columns = [
-        np.asarray(force(stepper.q, stepper.inputs, stepper.surroundings, vehicle.parameter_vector(), unit))[:, 0]
-        for unit in np.eye(14)
-    ]
+    car = car_of(vehicle)
+    force = model_functions(car)["force"]
+    here = [stepper.q, stepper.inputs, stepper.surroundings, vehicle.parameter_vector(), np.zeros(car.memory.numel())]
+    columns = [np.asarray(force(*here, unit))[:, 0] for unit in np.eye(14)]
     return np.column_stack(columns)
 
 
