@@ -432,6 +432,8 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     with waiting("writing C"):
         files = c.write(car, output)
     console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)
+    if fixed := ", ".join(car.observer.parameters):
+        console().print(f"Parameters that keep their values: {fixed}.", soft_wrap=True)
     if check is None:
         return
     from vsense_ros.bag.importers import import_recording

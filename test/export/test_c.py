@@ -20,6 +20,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.export import c, check
 from vsense_ros.export.expressions import c_function, number
 from vsense_ros.model import codegen
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.observer import sensors_of
@@ -201,15 +203,15 @@ def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: V
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "bag"),
-    [("prototype_model", ROOT / "bags/double_lane_change"), ("rav4", DATA / "comma2k19_rav4")],
-    ids=["double lane change", "RAV4"],
-)
-def test_on_a_recording_it_computes_what_the_one_in_python_does(name: str, bag: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("drive", ["double lane change", "double lane change, tyres that lag", "RAV4"])
+def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehicle: Vehicle, tmp_path: Path) -> None:
+    bag = DATA / "comma2k19_rav4" if drive == "RAV4" else ROOT / "bags/double_lane_change"
     if not bag.exists():
         pytest.skip(f"no recording at {bag}; VSENSE_DATA names the folder that has it")
-    driven = vehicle_called(name)
+    driven = vehicle_called("rav4") if drive == "RAV4" else vehicle
+    if drive.endswith("lag"):
+        effects = Effects(tyre_relaxation=TyreRelaxation(front=0.4, rear=0.4))
+        driven = driven.model_copy(update={"physics": driven.physics.model_copy(update={"effects": effects})})
     c.write(driven, tmp_path)
     recording = import_recording(bag)
     difference = check.compare(driven, check.build(tmp_path, STRICT), recording)

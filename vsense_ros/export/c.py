@@ -205,6 +205,7 @@ class _Contents:
                 Entry(identifier(name).upper(), unit, description)
                 for name, unit, description in units(self.vehicle.physics)
             ],
+            "fixed": ", ".join(self.vehicle.observer.parameters),
             "fields": [{"name": k, "size": size, "meaning": _FIELDS[k]} for k, size in fields.items()],
             "sensors": [self._sensor(name) for name in self.observer.correcting],
             "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions},

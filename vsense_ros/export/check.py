@@ -226,10 +226,9 @@ def compare(
     progress: Callable[[float], None] | None = None,
 ) -> Difference:
     """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
-    observer, difference = Observer(vehicle, map_origin(recording)), Difference()
-    twin = _Twin(vehicle, observer.sensors)
-    twin.join(Exported(vehicle, library), difference)
-    observer.filter = twin
+    observer, difference = Observer(vehicle, map_origin(recording), _Twin), Difference()
+    assert isinstance(observer.filter, _Twin)
+    observer.filter.join(Exported(vehicle, library), difference)
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total = sum(len(recording[topic]) for topic in topics)
     for i, sample in enumerate(recording.samples(topics)):

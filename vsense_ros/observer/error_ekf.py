@@ -197,6 +197,7 @@ class ErrorEkf:
         self.state[:] = 0.0
         self.state[: U.stop] = rolling_state(self.vehicle, speed)
         self.inputs[:] = 0.0
+        self._effects[:] = 0.0
         self.covariance[:] = np.diag(self.prior.deviation**2)
 
     def place(self, index: int, value: float, deviation: float) -> None:

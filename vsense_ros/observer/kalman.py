@@ -6,7 +6,7 @@ nearly diagonal map; everything else decays on its own. That is about 40,000 mul
 the 280,000 of F P Fᵀ.
 
 A correction whitens the innovation with a Cholesky factor and subtracts outer products, P - Σ wᵢ wᵢᵀ, which is
-symmetric to the last bit and needs no re-symmetrisation.
+symmetric to the last bit and needs no re-symmetrisation; docs/covariance.md measures it beside other forms.
 """
 
 from __future__ import annotations
