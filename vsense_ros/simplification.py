@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import STANDARD, Manoeuvre
+from vsense_ros.model.full_car import FullCar
 from vsense_ros.model.full_car_simulation import simulate_full_car
 from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
@@ -131,9 +132,11 @@ def table(comparison: Comparison) -> str:
 
 def page(vehicle: Vehicle, comparisons: list[Comparison], pictures: dict[str, str]) -> str:
     """The document; `pictures` are their paths by manoeuvre, seen from it."""
+    full = FullCar(vehicle).mechanism
     parts = [
         "# What the simplified car leaves out\n\n"
-        "The full car has 29 bodies: linkages with 42 constraints, struts, uprights. The simplified one has 9: its\n"
+        f"The full car has {full.bodies} bodies: linkages with {full.constraints} constraints, struts, uprights. The "
+        "simplified one has 9: its\n"
         "hubs are points, guided by the suspension's kinematics. Both have 14 degrees of freedom, the same tyres,\n"
         "springs and dampers. Here the same driver drives the generated manoeuvres in three cars:\n\n"
         f"- **{FULL}**: its linkages, solved in every step;\n"
