@@ -219,14 +219,14 @@ def rich(rng) -> tuple[list[Course], list[Course]]:
         slalom(18 * v, 6.5),
         accelerate_and_brake(),
         coast_down(33 * v),
-        limit_ramp(20 * v, 12.5),
+        limit_ramp(20 * v, 11.0),
         brake_in_turn(21 * v, 4.2, 3.5),
     ]
     held_out = [
         double_lane_change(21 * v, offset=3.0, name="second double lane change"),
         power_on_in_turn(16 * v, 5.5),
         steering_sweep(19 * v, 4.2, fastest=2.0, duration=12.0, name="second sweep"),
-        accelerate_and_brake("second accelerate and brake", slow=11.0, push=2.0, brake=6.0),
+        accelerate_and_brake("second accelerate and brake", slow=13.0, push=2.0, brake=5.5),
     ]
     return train, held_out
 
