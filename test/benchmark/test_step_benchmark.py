@@ -20,7 +20,6 @@ from vsense_ros.model import codegen
 from vsense_ros.model.car import WHEELS, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.full_car import FullCar
-from vsense_ros.model.kinematic_tables import kinematic_tables
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
 from vsense_ros.model.steps import model_functions
 from vsense_ros.model.vehicle import Vehicle
@@ -41,14 +40,15 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def vehicle() -> Vehicle:
     """The observer's car, whose wheels move by tables of the prototype's linkages."""
-    tables = kinematic_tables(load_vehicle(VEHICLES / "prototype_real.yaml"))
-    return load_vehicle(VEHICLES / "prototype_model.yaml").model_copy(update={"suspension": tables})
+    found = load_vehicle(VEHICLES / "prototype_model.yaml")
+    assert found.suspension is not None
+    return found
 
 
 def test_forward_dynamics(benchmark: Any, vehicle: Vehicle) -> None:
     car = car_of(vehicle)
     q, u = rolling_straight(vehicle, SPEED)
-    arguments = [q, u, np.zeros(14), np.zeros(4), np.zeros(5), vehicle.parameter_vector()]
+    arguments = [q, u, np.zeros(14), np.zeros(4), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
     kernel = Kernel(model_functions(car)["dynamics"], arguments)
     benchmark(kernel.call)
     assert np.isfinite(kernel.results[0]).all()
