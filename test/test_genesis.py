@@ -1,5 +1,7 @@
 """The examination on the Genesis: on recordings that no model of ours made."""
 
+from typing import Any
+
 import pytest
 
 from vsense_ros import genesis as job
@@ -22,5 +24,20 @@ def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_
         assert results["10hz"]["side_slip_rmse_deg"] < results[formula]["side_slip_rmse_deg"]
 
 
+def test_the_identified_car_differs_from_where_the_search_began_in_the_knobs_alone():
+    files = ("genesis_identified", "genesis_start")
+    found, start = (load_vehicle(vehicle_path(name)).model_dump(mode="json") for name in files)
+    searched = {path for knob in job.KNOBS for path in knob.powers} | {"reference.yaw", "source"}
+    assert {path.rstrip(".012") for path in _differences(found, start)} <= {path.rstrip(".012") for path in searched}
+
+
 def test_the_third_lap_is_not_among_those_that_are_searched_on():
     assert job.EXAMINED_ON not in job.IDENTIFIED_FROM
+
+
+def _differences(one: Any, other: Any, path: str = "") -> set[str]:
+    if isinstance(one, dict | list):
+        assert len(one) == len(other)
+        keys = one.keys() if isinstance(one, dict) else range(len(one))
+        return {p for key in keys for p in _differences(one[key], other[key], f"{path}{key}.")}
+    return set() if one == other else {path.rstrip(".")}

@@ -86,7 +86,7 @@ def fit(
     vehicle: Vehicle,
     knobs: Sequence[Knob],
     recordings: Sequence[Recording],
-    iterations: int = 6,
+    iterations: int = 3,
     prior: float = PRIOR,
     progress: Progress | None = None,
 ) -> Fit:
