@@ -3,6 +3,7 @@ against filterpy, and both against cars whose parameters are known."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -25,8 +26,10 @@ from vsense_ros.observer.kalman import GAIN_COLUMNS, Kalman
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
 from vsense_ros.observer.spi import Spi
+from vsense_ros.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
+VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 MASS, FRICTION = "chassis.mass", "road.friction"
 BIASES = slice(46, 52)
 BIAS, MOUNTED, NO_EFFECTS = np.zeros(6), Imu().mounting(), np.zeros(0)
@@ -287,9 +290,20 @@ def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell
 
 
 class TestRefusals:
+    def test_in_a_vehicle_file_the_line_is_named(self, tmp_path: Path) -> None:
+        text = (VEHICLES / "prototype_model.yaml").read_text(encoding="utf-8")
+        lines = text.replace(
+            "observer:", "observer:\n  parameters:\n    chassis.weight: {deviation: 10.0}"
+        ).splitlines()
+        path = tmp_path / "car.yaml"
+        path.write_text("\n".join(lines), encoding="utf-8")
+        number = lines.index("  parameters:") + 1
+        with pytest.raises(InputError, match=rf"car\.yaml:{number}: observer\.parameters: .*chassis\.weight"):
+            load_vehicle(path)
+
     def test_a_name_that_the_vehicle_file_does_not_know(self, vehicle: Vehicle) -> None:
         with pytest.raises(
-            ValidationError, match=r"chassis\.weight is no physical parameter; known are .*chassis\.mass"
+            ValidationError, match=r"has chassis\.weight, which is no number below physics; nearest .*chassis"
         ):
             estimating(vehicle, {"chassis.weight": {"deviation": 10.0}})
 
@@ -298,11 +312,11 @@ class TestRefusals:
             EstimatedParameter(deviation=0.1, lower=2.0, upper=1.0)
 
     def test_a_value_outside_its_bounds(self, vehicle: Vehicle) -> None:
-        with pytest.raises(ValidationError, match=r"road\.friction is 1 in the file, outside its bounds 0.1 to 0.9"):
+        with pytest.raises(ValidationError, match=r"bounds road\.friction by 0.1 and 0.9, but in the file it is 1"):
             estimating(vehicle, {FRICTION: {"deviation": 0.1, "lower": 0.1, "upper": 0.9}})
 
     def test_a_bound_that_no_car_can_have(self, vehicle: Vehicle) -> None:
-        with pytest.raises(ValidationError, match=r"chassis\.mass cannot be 100, one of its bounds: hubs and wheels"):
+        with pytest.raises(ValidationError, match=r"bounds chassis\.mass by 100, which cannot be: hubs and wheels"):
             estimating(vehicle, {MASS: {"deviation": 50.0, "lower": 100.0}})
 
     @pytest.mark.parametrize("kind", ["ekf", "ukf"])

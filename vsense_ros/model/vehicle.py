@@ -5,6 +5,8 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
@@ -167,18 +169,25 @@ class Vehicle(Part):
     def _estimated_parameters_exist_and_start_within_their_bounds(self) -> Vehicle:
         known = self.values()
         for name, settings in self.observer.parameters.items():
-            where = f"observer.parameters: {name}"
             if name not in known:
-                alike = [k for k in known if k.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]] or list(known)
-                raise ValueError(f"{where} is no physical parameter; known are {', '.join(alike)}")
+                alike = ", ".join(get_close_matches(name, known, 3, 0.0))
+                raise ValueError(
+                    f"observer.parameters has {name}, which is no number below physics; nearest to it are {alike}"
+                )
             lower, upper = settings.bounds(known[name])
             if not lower <= known[name] <= upper:
-                raise ValueError(f"{where} is {known[name]:g} in the file, outside its bounds {lower:g} to {upper:g}")
+                raise ValueError(
+                    f"observer.parameters bounds {name} by {lower:g} and {upper:g}, but in the file it is "
+                    f"{known[name]:g}"
+                )
             for bound in (lower, upper):
                 try:
                     with_values(self.physics, {name: bound})
                 except ValueError as error:
-                    raise ValueError(f"{where} cannot be {bound:g}, one of its bounds: {_reason(error)}") from None
+                    raise ValueError(
+                        f"observer.parameters bounds {name} by {bound:g}, which cannot be: {_reason(error)}; "
+                        "give it other bounds, or a smaller deviation"
+                    ) from None
         return self
 
     def sensing(self) -> dict[str, SensorBase]:

@@ -119,24 +119,8 @@ class Spi(ErrorEkf):
             v, plain, told, d = (r.reshape(-1, order="F") for r in seen.results)
             told_of, projected = seen.results[0].T, np.zeros(seen.results[0].T.shape)
             learned = np.zeros(len(self.extra) + n + 14)
-            learn = Kernel(
-                functions["parameters_learn"],
-                [
-                    *arguments,
-                    effect,
-                    v,
-                    projected.reshape(-1),
-                    plain,
-                    told,
-                    d,
-                    self._error,
-                    parts[3],
-                    parts[0],
-                    lower,
-                    upper,
-                ],
-                learned,
-            )
+            found = [v, projected.reshape(-1), plain, told, d, self._error, parts[3], parts[0], lower, upper]
+            learn = Kernel(functions["parameters_learn"], [*arguments, effect, *found], learned)
             told, change, udot = np.split(learned, [len(self.extra), len(self.extra) + n])
             self._seen[i] = _Seen(seen, value, variance, told_of, projected, learn, told, change, udot)
         self._added_force = self._force.results[0].reshape(-1, order="F")
