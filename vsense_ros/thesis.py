@@ -174,8 +174,7 @@ def repeat(
         car, trajectory = driven(plant, manoeuvre)
         for step in steps:
             recordings = [
-                record(trajectory, car, seed, name=manoeuvre.name, biased=False, steering_noise=0.0, every=step)
-                for seed in seeds
+                record(trajectory, car, seed, name=manoeuvre.name, biased=False, every=step) for seed in seeds
             ]
             for kind in (kind for kind, of in runs if of == step):
                 vehicle = observing(model, kind, step)

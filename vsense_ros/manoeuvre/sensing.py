@@ -74,18 +74,17 @@ def record(
     name: str,
     about: str = "",
     biased: bool = True,
-    steering_noise: float = STEERING_NOISE,
     every: int | None = None,
 ) -> Recording:
     """Messages of the vehicle's sensors on a trajectory with steps of 1 ms, and the truth below `reference/`.
 
-    `biased=False` leaves the constant errors out; `steering_noise` is the standard deviation at the steering wheel
-    [rad]. With `every` [ms] all sensors of the car itself measure at the same instants, instead of each at its own.
-    A sensor of another kind (a second antenna) gives nothing, and torques are told as they are.
+    `biased=False` leaves the constant errors out. With `every` [ms] all sensors of the car itself measure at the same
+    instants, instead of each at its own. A sensor of another kind (a second antenna) gives nothing; torques are told
+    as they are.
     """
     rng = np.random.RandomState(seed)
     channels = []
-    measuring = _Measuring(trajectory, vehicle, rng, float(biased), steering_noise, every)
+    measuring = _Measuring(trajectory, vehicle, rng, float(biased), every)
     for sensor in vehicle.sensing().values():
         if sensor.kind in _MESSAGES:
             channels.append(_MESSAGES[sensor.kind](sensor, measuring))
@@ -118,7 +117,6 @@ class _Measuring:
     vehicle: Vehicle
     rng: np.random.RandomState
     bias: float  # 1, or 0 for sensors without biases
-    steering_noise: float  # [rad] at the steering wheel
     every: int | None  # [ms] between measurements of all sensors but GNSS; None: each has its own times
 
     def sampling(self, sensor: SensorBase) -> _Sampling:
@@ -201,7 +199,7 @@ def _steering(sensor: Steering, m: _Measuring) -> Channel:
     rows = m.rows(sampling)
     ratio = sensor.ratio or m.vehicle.physics.steering.ratio
     angle = ratio * m.trajectory.inputs[rows, :1] + m.bias * STEERING_BIAS * m.rng.standard_normal()
-    angle = angle + m.steering_noise * m.rng.standard_normal(angle.shape)
+    angle = angle + STEERING_NOISE * m.rng.standard_normal(angle.shape)
     columns = {"position": quantized(angle, sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("velocity", "effort")}
     return _channel(sensor, rows, columns, ("steering_wheel",))

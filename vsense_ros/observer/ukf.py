@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.model.car import car_of
+from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
@@ -20,54 +21,77 @@ Array = NDArray[np.float64]
 
 
 class Ukf(WholeState):
-    """Sigma points are columns (n, 2k) of whole states, the forces among them zero."""
+    """Sigma points are rows (2k, n) of whole states, the forces among them zero."""
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         super().__init__(vehicle, sensors)
         car = car_of(vehicle)
-        self._count = 2 * len(self.kept)
-        functions = model_functions(car)
-        self._dynamics, self._step = (functions[name].map(self._count) for name in ("dynamics", "advance"))
-        sensing = sensor_functions(car, self.sensors)
-        self._measure = [None if s.is_input else sensing[s.kind].map(self._count) for s in self.sensors]
+        functions, sensing = model_functions(car), sensor_functions(car, self.sensors)
+        count = self._count = 2 * len(self.kept)
+
+        def rows(size: int) -> Array:
+            return np.zeros((count, size))
+
+        # Arguments of all points; what they share is filled in with the state.
+        self._parts = [(rows(s.stop - s.start), s) for s in (Q, U, FORCE, SURROUND)]
+        self._shared = [(rows(len(a)), a) for a in (self.inputs, self.parameters, self._effects)]
+        state = [part.reshape(-1) for part, _ in (*self._parts, *self._shared)]
+        inverse, by_q = self._kalman.inverse, self._linearize.results[1]
+        # The step's matrix may be any: that of the mean serves all.
+        self._matrices = [(rows(m.size), m.reshape(-1, order="F")) for m in (self._h, inverse, by_q)]
+        step = [*state, *(m.reshape(-1) for m, _ in self._matrices)]
+        self._step = Kernel(functions["advance"].map(count), step)
+        self._dynamics = Kernel(functions["dynamics"].map(count), state)
+        self._measures: list[tuple[Kernel, Array] | None] = [None] * len(self.sensors)
+        q, u, _, around, inputs, *_ = state
+        udot = self._dynamics.results[0].reshape(-1, order="F")
+        for i, sensor in enumerate(self.sensors):
+            if not sensor.is_input:
+                biases = rows(len(sensor.biases()))
+                mounting = np.tile(np.asarray(sensor.mounting(), dtype=float), count)
+                arguments = [q, u, udot, around, inputs, biases.reshape(-1), mounting]
+                self._measures[i] = Kernel(sensing[sensor.kind].map(count), arguments), biases
 
     def _points(self) -> Array:
+        """Sigma points (2k, n), which the arguments of the functions are set to."""
         deviation = np.sqrt(len(self.kept)) * _root(self.covariance[self._block])
-        points = np.tile(self.state[:, None], self._count)
-        points[self.kept, : len(self.kept)] += deviation
-        points[self.kept, len(self.kept) :] -= deviation
+        points = np.tile(self.state, (self._count, 1))
+        points[: len(self.kept), self.kept] += deviation.T
+        points[len(self.kept) :, self.kept] -= deviation.T
+        for part, where in self._parts:
+            part[:] = points[:, where]
+        for part, value in self._shared:
+            part[:] = value
         return points
-
-    def _arguments(self, points: Array) -> list[Array]:
-        same = (np.tile(a[:, None], self._count) for a in (self.inputs, self.parameters, self._effects))
-        return [*(points[part] for part in (Q, U, FORCE, SURROUND)), *same]
 
     def predict(self, h: float) -> None:
         self._move_effects(h)
         self._kalman.transition(h)
         points = self._points()
-        # The step's matrix may be any: that of the mean serves all.
-        inverse, by_q = (np.tile(m, self._count) for m in (self._kalman.inverse, self._linearize.results[1]))
-        q, u = self._step(*self._arguments(points), np.full((1, self._count), h), inverse, by_q)
-        points[Q], points[U] = np.asarray(q), np.asarray(u)
-        points[FORCE.start :] *= self._process(h).decay[:, None]
-        self.state[:] = points.mean(axis=1)
-        apart = (points - self.state[:, None])[self.kept]
-        self.covariance[self._block] = apart @ apart.T / self._count + np.diag(self.noise(h))
+        for part, value in self._matrices:
+            part[:] = value
+        self._step.call()
+        q, u = self._step.results
+        points[:, Q], points[:, U] = q.T, u.T
+        points[:, FORCE.start :] *= self._process(h).decay
+        self.state[:] = points.mean(axis=0)
+        apart = (points - self.state)[:, self.kept]
+        self.covariance[self._block] = apart.T @ apart / self._count + np.diag(self.noise(h))
 
     def expect(self, index: int) -> tuple[Array, Array, Array]:
-        sensor, measure = self.sensors[index], self._measure[index]
+        measure = self._measures[index]
         assert measure is not None, "inputs have no innovation"
+        kernel, biases = measure
         points = self._points()
-        arguments = self._arguments(points)
-        udot = np.asarray(self._dynamics(*arguments)[0]) if sensor.uses_acceleration else np.zeros((14, self._count))
-        q, u, _, around, inputs, *_ = arguments
-        mounting = np.tile(np.asarray(sensor.mounting(), dtype=float)[:, None], self._count)
-        measured = np.asarray(measure(q, u, udot, around, inputs, points[self.layout.biases[index]], mounting)[0])
-        expected = measured.mean(axis=1)
-        apart = measured - expected[:, None]
-        across = (points - self.state[:, None])[self.kept] @ apart.T / self._count
-        return expected, across, apart @ apart.T / self._count
+        biases[:] = points[:, self.layout.biases[index]]
+        if self.sensors[index].uses_acceleration:
+            self._dynamics.call()
+        kernel.call()
+        measured = kernel.results[0].T
+        expected = measured.mean(axis=0)
+        apart = measured - expected
+        across = (points - self.state)[:, self.kept].T @ apart / self._count
+        return expected, across, apart.T @ apart / self._count
 
 
 def _root(covariance: Array) -> Array:
