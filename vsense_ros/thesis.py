@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from vsense_ros.evaluate.metrics import align
@@ -44,8 +45,9 @@ PARAMETERS = {
     "chassis.mass": EstimatedParameter(deviation=100.0),
     "road.friction": EstimatedParameter(deviation=0.3, lower=0.1, upper=1.5),
 }
-# What the simplified model still lacks once mass and friction are right: the accelerations of the full car that it does
-# not explain in the five generated manoeuvres of bags/, of which the two here are none.
+# About what the simplified model on straight guides lacks against the full car once mass and friction are right: the
+# accelerations that it does not explain in the manoeuvres of bags/, of which the two here are none. On tables of its
+# suspensions it lacks less; a real car would lack more.
 LEFT = ForceErrors(
     longitudinal=0.02, lateral=0.05, vertical=0.1, roll=0.2, pitch=0.05, yaw=0.05, suspension=1.0, time_constant=0.5
 )
@@ -53,6 +55,7 @@ _LEVEL = Surroundings(
     grade=0.0, bank=0.0, steering_offset=0.0, steering_offset_drift=0.0, radius_error=0.0, radius_error_drift=0.0
 )
 _THROTTLE = WheelTorques(noise=1.0)
+_WIDTH = 120  # of the tables
 
 
 @dataclass(frozen=True)
@@ -206,13 +209,16 @@ def repeat(
 
 
 def show(results: Results, console: Console) -> None:
-    """His figures and ours side by side."""
+    """His figures and ours side by side, as wide as they are."""
+    console.width = max(console.width, _WIDTH)
     for i, manoeuvre in enumerate(MANOEUVRES):
         console.print(f"[bold]Manoeuvre {i + 1}: {manoeuvre.title}")
         console.print(_errors(results, i, manoeuvre.name))
     console.print("[bold]Rear right tyre forces in percent of their largest magnitude, manoeuvre 2")
     console.print(_percentages(results, MANOEUVRES[1].name))
-    console.print("[bold]Mass [kg] and friction at the end of manoeuvres 1 and 2 (true: 600; 0.8, 0.6), cost of a step")
+    console.print(
+        r"[bold]Mass \[kg] and friction at the end of manoeuvres 1 and 2 (true: 600; 0.8, 0.6), cost of a step"
+    )
     console.print(_costs(results))
     console.print(
         "Thesis: his simplified model at 4 ms on his own car, in percent of forces that the slides do not name.\n"
@@ -241,7 +247,7 @@ def _errors(results: Results, number: int, manoeuvre: str) -> Table:
     for row in ROWS:
         ours = (results[manoeuvre, *column].rmse[row.signal] for column in columns)
         his = (row.error_ekf[number], row.spi[number])
-        table.add_row(row.label, *(f"{value:.3g}" for value in (*his, *ours)))
+        table.add_row(escape(row.label), *(f"{value:.3g}" for value in (*his, *ours)))
     return table
 
 

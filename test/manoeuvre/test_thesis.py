@@ -5,11 +5,17 @@ from __future__ import annotations
 import io
 import json
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from vsense_ros.manoeuvre import MANOEUVRES as MANOEUVRES_BY_NAME
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
-from vsense_ros.thesis import HIS_PERCENT, KINDS, ROWS, STEPS, repeat, show, write
+from vsense_ros.model.car import car_of
+from vsense_ros.model.full_car_simulation import simulate_full_car
+from vsense_ros.model.simulate import rolling_straight
+from vsense_ros.model.steps import model_functions
+from vsense_ros.thesis import HIS_PERCENT, KINDS, LEFT, PARAMETERS, ROWS, STEPS, repeat, show, write
 
 pytestmark = pytest.mark.slow
 FORCES = ("wheel_force_rr_x", "wheel_force_rr_y", "wheel_force_rr_z")
@@ -76,3 +82,21 @@ def test_the_tables_stand_beside_his_and_in_a_file(results, tmp_path):
     assert set(one) == {
         *("fx_percent", "fy_percent", "fz_percent", "position_rmse_m", "mass_kg", "friction", "step_us_median")
     }
+
+
+def test_what_the_filter_takes_the_model_to_lack_is_no_less_than_it_does(plant, model):
+    """In a manoeuvre that is not one of the two, with the right mass and friction."""
+    manoeuvre = MANOEUVRES_BY_NAME["sine_with_dwell"]
+    q, u = rolling_straight(plant, manoeuvre.speed)
+    car = simulate_full_car(plant, manoeuvre.driver(plant), manoeuvre.duration, step=0.002, keep_every=5, q=q, u=u)
+    right = {name: plant.values()[name] for name in PARAMETERS}
+    known = model.with_parameters(right)
+    rows = slice(20, None)
+    count = len(car.t[rows])
+    dynamics = model_functions(car_of(known))["dynamics"].map(count)
+    memory = np.zeros((car_of(known).memory.numel(), 1))
+    state = (car.q[rows].T, car.u[rows].T, np.zeros((14, 1)), np.zeros((4, 1)), car.inputs[rows].T)
+    explained = np.array(dynamics(*state, known.parameter_vector(), memory)[0]).T
+    lacking = np.sqrt(np.mean((car.udot[rows] - explained) ** 2, axis=0))[:10]
+    believed = [LEFT.longitudinal, LEFT.lateral, LEFT.vertical, LEFT.roll, LEFT.pitch, LEFT.yaw] + [LEFT.suspension] * 4
+    assert (lacking <= believed).all()
