@@ -186,6 +186,41 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 
 
 @main.command()
+@click.argument("recordings", nargs=-1, required=True, type=_EXISTING)
+@_vehicle_option
+@click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to prove it on; repeatable.")
+@click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
+@click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
+def explain(
+    recordings: tuple[Path, ...], vehicle: str, held_out: tuple[Path, ...], assume: tuple[str, ...], report: Path
+) -> None:
+    """Say what physics the model of a car leaves out on RECORDINGS.
+
+    The parameters that a vehicle file is never sure of are fitted first; what is then left over is held against the
+    effects of the library. Writes explain.json, and vehicle.extended.yaml where something is named, which every other
+    command takes as --vehicle.
+
+    \b
+    Example:
+      vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
+    """
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.mismatch.explain import STAGES, answer
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    train, proof = ([import_recording(path) for path in paths] for paths in (recordings, held_out))
+    with progress("searching") as done:
+        steps = iter(range(STAGES))
+        found = answer(train, car, proof, assume, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
+    found.write(report)
+    console().print(found.found["sentence"])
+    console().print(f"Results in {report}.", soft_wrap=True)
+
+
+@main.command()
 @click.argument("manoeuvre")
 @_vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")

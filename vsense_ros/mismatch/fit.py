@@ -1,0 +1,202 @@
+"""Fitting what may be wrong to the evidence: weighted residuals, their derivatives, and damped Gauss-Newton steps.
+
+Each window's share of the normal equations is kept apart, so that any part of the evidence can be left out afterwards
+without simulating anything again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.knobs import Knob
+from vsense_ros.mismatch.prediction import Predictor, Setting
+from vsense_ros.mismatch.signals import SIGNALS, difference
+
+Array = NDArray[np.float64]
+
+SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
+OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
+STEP = 0.25  # of a knob's deviation, for derivatives
+ITERATIONS = 6
+SETTLED = 2e-3  # relative fall of the cost that ends the iterations
+
+_FLOORS = {signal.name: signal.floor for signal in SIGNALS}
+
+
+class DivergedError(Exception):
+    """A simulation left all bounds."""
+
+
+class Residuals:
+    """Weighted differences of measurement and simulation."""
+
+    def __init__(self, predictor: Predictor) -> None:
+        self.predictor = predictor
+        measured = predictor.measured
+        names = [signal.name for signal in SIGNALS if any(signal.name in m for m in measured)]
+        self.deviation = {}
+        for name in names:
+            size = np.concatenate([m[name] - m[name].mean() for m in measured if name in m]).std()
+            self.deviation[name] = float(np.hypot(_FLOORS[name], SHARE * size))
+        self.layout = [[name for name in names if name in m] for m in measured]
+
+    def __call__(self, setting: Setting) -> list[Array]:
+        """Of each window, (signals × instants) in the order of `layout`; in standard deviations.
+
+        Raises `DivergedError`.
+        """
+        result = []
+        for measured, simulated, names in zip(
+            self.predictor.measured, self.predictor.simulated(setting), self.layout, strict=True
+        ):
+            if not simulated:
+                raise DivergedError
+            off = difference(measured, simulated)
+            rows = [off[name] / self.deviation[name] for name in names if name in off]
+            result.append(np.clip(np.concatenate(rows), -OUTLIER, OUTLIER) if rows else np.zeros(0))
+        return result
+
+    def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
+        """Root mean square of each signal's residual in its unit."""
+        sums: dict[str, list[Array]] = {}
+        for rows, names in zip(residuals, self.layout, strict=True):
+            for name, part in zip(names, np.split(rows, len(names)) if names else [], strict=True):
+                sums.setdefault(name, []).append(part)
+        return {
+            name: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) * self.deviation[name] for name, p in sums.items()
+        }
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A setting that fits, and all that is needed to judge changes of it linearly."""
+
+    setting: Setting
+    knobs: tuple[Knob, ...]
+    amounts: Array  # (k,)
+    residuals: list[Array]  # by window
+    slopes: list[Array]  # by window, (rows, k) by the knobs in units of their deviations
+    converged: bool = True
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return cost(self.residuals)
+
+
+def cost(residuals: Sequence[Array]) -> float:
+    """Sum of squares."""
+    return float(sum(r @ r for r in residuals))
+
+
+def turned(start: Setting, knobs: Sequence[Knob], amounts: Array) -> Setting:
+    """The setting with all knobs turned, one after the other."""
+    for knob, amount in zip(knobs, amounts, strict=True):
+        start = start.changed(knob.turn(start.values, float(amount)))
+    return start
+
+
+def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: float = STEP) -> list[Array]:
+    """Secant of the residuals by a knob that is turned by `step` deviations from the fit, per deviation."""
+    for sign in (1.0, -1.0):
+        by = sign * step * knob.deviation
+        present = _amount(fit, knob)
+        if not knob.low <= present + by <= knob.high:
+            continue
+        try:
+            changed = residuals(turned(start, [knob], np.array([by])))
+        except DivergedError:
+            continue
+        return [(c - r) / (sign * step) for c, r in zip(changed, fit.residuals, strict=True)]
+    return [np.zeros(len(r)) for r in fit.residuals]
+
+
+def _amount(fit: Fit, knob: Knob) -> float:
+    names = [k.name for k in fit.knobs]
+    return float(fit.amounts[names.index(knob.name)]) if knob.name in names else 0.0
+
+
+def solve(slopes: Sequence[Array], residuals: Sequence[Array], prior: Array, strength: float) -> Array:
+    """The change of the knobs, in deviations, that minimises the squared residuals and `strength` times the squared
+    distance of the knobs from zero, where `prior` (k,) is where they are now."""
+    normal = sum((s.T @ s for s in slopes), np.zeros((len(prior), len(prior))))
+    right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(prior)))
+    return np.asarray(np.linalg.solve(normal + strength * np.eye(len(prior)), -right - strength * prior), dtype=float)
+
+
+def strength(residuals: Sequence[Array]) -> float:
+    """How much a knob that is one deviation off costs: as much as a misfit of three thousandths of the evidence.
+
+    Residuals of neighbouring instants err together, so that many say little more than few.
+    """
+    return 3e-3 * max(cost(residuals), float(sum(len(r) for r in residuals)))
+
+
+def fit(
+    residuals: Residuals,
+    start: Setting,
+    knobs: Sequence[Knob],
+    *,
+    first: Fit | None = None,
+    iterations: int = ITERATIONS,
+    progress: Callable[[], None] = lambda: None,
+) -> Fit:
+    """Turn `knobs` until the cost no longer falls. `first` is a fit of some of them from which to go on: its slopes are
+    used in the place of new ones. Raises `DivergedError` where the start cannot be simulated.
+    """
+    amounts = np.zeros(len(knobs))
+    known: dict[str, int] = {}
+    if first is not None:
+        known = {knob.name: i for i, knob in enumerate(first.knobs)}
+        for i, knob in enumerate(knobs):
+            if knob.name in known:
+                amounts[i] = first.amounts[known[knob.name]]
+    deviations = np.array([knob.deviation for knob in knobs])
+    low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
+    setting = turned(start, knobs, amounts)
+    present = Fit(setting, tuple(knobs), amounts, residuals(setting), [])
+    slopes = _slopes(residuals, present, first, known, progress)
+    best = replace(present, slopes=slopes)
+    weight = strength(best.residuals)
+    value = best.cost + weight * float(np.sum((amounts / deviations) ** 2))
+    converged = False
+    for iteration in range(iterations):
+        change = solve(best.slopes, best.residuals, best.amounts / deviations, weight) * deviations
+        accepted = False
+        for damping in (1.0, 0.5, 0.2):
+            amounts = np.clip(best.amounts + damping * change, low, high)
+            setting = turned(start, knobs, amounts)
+            try:
+                found = residuals(setting)
+            except DivergedError:
+                continue
+            now = cost(found) + weight * float(np.sum((amounts / deviations) ** 2))
+            if now < value:
+                fall = (value - now) / value
+                best = replace(best, setting=setting, amounts=amounts, residuals=found)
+                value, accepted = now, True
+                break
+        progress()
+        if not accepted or fall < SETTLED:
+            converged = True
+            break
+        if first is None and iteration in (0, 2):
+            best = replace(best, slopes=_slopes(residuals, best, None, {}, progress))
+    return replace(best, converged=converged)
+
+
+def _slopes(
+    residuals: Residuals, at: Fit, first: Fit | None, known: dict[str, int], progress: Callable[[], None]
+) -> list[Array]:
+    columns = []
+    for knob in at.knobs:
+        if first is not None and knob.name in known:
+            columns.append([s[:, known[knob.name]] for s in first.slopes])
+        else:
+            columns.append(slope(residuals, at, knob, at.setting))
+            progress()
+    return [np.column_stack(window) for window in zip(*columns, strict=True)]

@@ -1,0 +1,98 @@
+"""What may be wrong: the parameters that are fitted anyway, and the effects that may be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from vsense_ros.model.effects import BY_ID
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One number that a fit may change: zero where the vehicle file is right, `deviation` what is likely."""
+
+    name: str
+    unit: str
+    deviation: float
+    low: float
+    high: float
+    turn: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
+
+
+def _relative(name: str, deviation: float, *parameters: str) -> Knob:
+    def turn(values: Values, amount: float) -> dict[str, float]:
+        return {p: values[p] * (1 + amount) for p in parameters}
+
+    return Knob(name, "-", deviation, -0.6, 1.5, turn)
+
+
+def _shifted(values: Values, amount: float) -> dict[str, float]:
+    front, rear = values["chassis.cog_to_front_axle"], values["chassis.cog_to_rear_axle"]
+    by = amount * (front + rear)
+    return {"chassis.cog_to_front_axle": front - by, "chassis.cog_to_rear_axle": rear + by}
+
+
+# What a vehicle file is never sure of. Deviations are what catalogues, scales and tyre tests leave open.
+BASE = (
+    _relative("mass", 0.1, "chassis.mass"),
+    Knob("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _shifted),
+    _relative("height of the centre of gravity", 0.1, "chassis.cog_height"),
+    _relative("yaw inertia", 0.1, "chassis.yaw_inertia"),
+    _relative("roll inertia", 0.15, "chassis.roll_inertia"),
+    _relative("cornering stiffness, front", 0.15, "front.cornering_scale"),
+    _relative("cornering stiffness, rear", 0.15, "rear.cornering_scale"),
+    _relative("grip, front", 0.15, "front.grip_scale"),
+    _relative("grip, rear", 0.15, "rear.grip_scale"),
+    _relative("roll stiffness, front", 0.15, "front.suspension_stiffness", "front.antiroll_stiffness"),
+    _relative("roll stiffness, rear", 0.15, "rear.suspension_stiffness", "rear.antiroll_stiffness"),
+    _relative("damping", 0.2, "front.suspension_damping", "rear.suspension_damping"),
+    _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
+    Knob("age of the steering angle", "s", 0.005, -0.03, 0.03, lambda values, amount: {
+        "effects.sensor_delay.steering": values["effects.sensor_delay.steering"] + amount
+    }),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at one place: the sizes that are fitted together, by dotted name."""
+
+    effect: str
+    where: str  # the wheel, axle, axis or sensor; empty where the effect has one size
+    knobs: tuple[Knob, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect} {self.where}".strip()
+
+
+def _knob(effect: str, field: str) -> Knob:
+    info = BY_ID[effect].model_fields[field]
+    extra = info.json_schema_extra
+    assert isinstance(extra, dict)
+    limits = {type(m).__name__: m for m in info.metadata}
+    dotted = f"effects.{effect}.{field}"
+    return Knob(
+        dotted, str(extra["unit"]), float(str(extra["typical"])), float(limits["Ge"].ge), float(limits["Le"].le),
+        lambda values, amount: {dotted: values[dotted] + amount},
+    )  # fmt: skip
+
+
+def candidates() -> tuple[Candidate, ...]:
+    """Each size of each effect by itself, and the sizes of an effect that has no more than two together."""
+    found = []
+    for effect, kind in BY_ID.items():
+        sizes = [
+            name
+            for name, field in kind.model_fields.items()
+            if isinstance(field.json_schema_extra, dict) and field.json_schema_extra["role"] == "size"
+        ]
+        if len(sizes) > 1:
+            found += [Candidate(effect, name, (_knob(effect, name),)) for name in sizes]
+        if len(sizes) <= 2:
+            where = "" if len(sizes) == 1 else " and ".join(sizes)
+            found.append(Candidate(effect, where, tuple(_knob(effect, name) for name in sizes)))
+    return tuple(found)
