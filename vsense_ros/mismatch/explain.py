@@ -84,7 +84,7 @@ def answer(
 
     With `assume` the effects of these ids are fitted, without a search. Raises `InputError` for an unknown id.
     """
-    if unknown := [id for id in assume if id not in BY_ID]:
+    if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
     begun = time.process_time()
     evidence = gather(recordings, vehicle)
@@ -117,13 +117,15 @@ def answer(
     proof = _Proof(held_out, vehicle, residuals, base)
     best = _ranked(explanations)
     level = float(np.sqrt(base.cost / max(sum(len(r) for r in base.residuals), 1)))
-    accepted = [e for e in best if min(e.score, proof.gain(e)) > THRESHOLD and e.improved > 0.5]
+    proven = {id(e): min(e.gain, proof.gain(e)) for e in best}
+    best.sort(key=lambda e: proven[id(e)], reverse=True)
+    accepted = [e for e in best if min(e.score, proven[id(e)]) > THRESHOLD and e.improved > 0.5]
     if assume:
         accepted = best[:1]
     leader = accepted[0] if accepted else None
-    rivals = [e for e in accepted if leader is not None and e.score >= RIVAL * leader.score]
+    rivals = [e for e in accepted if leader is not None and proven[id(e)] >= RIVAL * proven[id(leader)]]
     close = leader is not None and any(
-        e.candidate.effect != leader.candidate.effect and e.score > CLEAR * leader.score for e in accepted
+        e.candidate.effect != leader.candidate.effect and proven[id(e)] > CLEAR * proven[id(leader)] for e in accepted
     )
     if leader is not None:
         verdict = "ambiguous" if close else "named"
