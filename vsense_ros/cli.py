@@ -201,7 +201,7 @@ def explain(
     command takes as --vehicle.
 
     \b
-    Example:
+    Examples:
       vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
     """
     from vsense_ros.bag.importers import import_recording

@@ -37,7 +37,7 @@ RIVAL = 0.85  # of the best one's gain, which keeps another effect in the answer
 CLEAR = 0.9  # of the best one's gain, below which all other effects must stay for the best to be named
 LEFT_OVER = 2.0  # root mean square of the residuals, in deviations, that says that something is left over
 LEAST = 10.0  # [s] of driving
-GENTLE = (0.3, 0.2)  # [m/s²] lateral and longitudinal, below which nothing can be said
+GENTLE = (0.1, 0.1)  # [m/s²] lateral and longitudinal, below which nothing can be said
 SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
