@@ -1,0 +1,198 @@
+"""What a reader of the report finds on it, whatever the answer is, and that it stands alone."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from synthetic_findings import SIGNALS, effect, finding, traces
+from vsense_ros.mismatch.picture import before_and_after, most_affected, when
+from vsense_ros.mismatch.report import VERDICTS, percent, printed, shown_number, shown_value, write_report
+
+EMPTY = {"meta", "link", "br", "img"}
+
+
+class Reader(HTMLParser):
+    """What a page would load from elsewhere, what it says, its pictures, and whether its tags match."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.text = ""
+        self.pictures: list[bytes] = []
+        self.open: list[str] = []
+        self.tags: set[str] = set()
+        self.feed(page)
+        self.close()
+        self.text = re.sub(r"\s+", " ", self.text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.text += " "
+        if tag not in EMPTY:
+            self.open.append(tag)
+        for key, value in attrs:
+            if key in ("src", "href") and not value.startswith(("data:", "#")):
+                self.loads.append(value)
+            if key == "src" and value.startswith("data:image/svg+xml;base64,"):
+                self.pictures.append(base64.b64decode(value.partition(",")[2]))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] != ["style"]:
+            self.text += data
+
+
+def read(found, curves, folder) -> Reader:
+    path = folder / "new" / "report.html"
+    write_report(found, curves, path)
+    page = path.read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert not re.search(r"url\(|@import|<script", page)
+    return Reader(page)
+
+
+def terminal(found) -> str:
+    console = Console(width=110, record=True, force_terminal=False, highlight=False, quiet=False, file=None)
+    with console.capture() as kept:
+        printed(found, console)
+    return re.sub(r"\s+", " ", kept.get())
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("held_out", [True, False], ids=["held out", "nothing held out"])
+def test_every_verdict_has_a_page_that_stands_alone_and_says_the_sentence(verdict, held_out, tmp_path):
+    found = finding(verdict, held_out=held_out)
+    reader = read(found, traces(verdict, held_out=held_out), tmp_path)
+    assert reader.open == []
+    assert reader.loads == []
+    assert found["sentence"] in reader.text
+    for remark in found["remarks"]:
+        assert remark in reader.text
+    for picture in reader.pictures:
+        assert ElementTree.fromstring(picture).tag.endswith("svg")
+    assert bool(reader.pictures) == (verdict != "not_assessable")
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_terminal_says_the_sentence_and_every_remark(verdict):
+    found = finding(verdict)
+    words = terminal(found)
+    assert found["sentence"] in words
+    assert found["remarks"][0] in words
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_what_is_read_back_from_the_file_gives_the_same_page(verdict, tmp_path):
+    found = finding(verdict)
+    again = json.loads(json.dumps(found, allow_nan=False))
+    assert read(found, [], tmp_path).text == read(again, [], tmp_path).text
+
+
+def test_names_are_text_and_neither_tags_nor_formulas(tmp_path):
+    evil = "<script>alert('$x^2$')</script> [bold]"
+    found = finding("named")
+    found |= {"vehicle": evil, "recordings": [evil], "remarks": [evil], "sentence": evil}
+    found["located"]["segments"] = [{"recording": evil, "begin": 0.0, "end": 9.0, "share": 1.0}]
+    found["effects"] = [effect("brake_drag", 0.4, sensor=evil, sentence=evil)]
+    reader = read(found, [replace(trace, recording=evil) for trace in traces("named")], tmp_path)
+    assert "script" not in reader.tags
+    assert reader.text.count(evil) >= 6
+    assert evil in terminal(found)
+
+
+def test_the_first_picture_is_of_the_most_affected_signal_where_no_fit_has_seen_it():
+    shown = most_affected(traces("named"), list(SIGNALS))
+    assert shown is not None
+    assert (shown.signal, shown.recording, shown.held_out) == ("lateral_acceleration", "lap 3", True)
+
+
+def test_among_windows_that_were_fitted_the_first_picture_shows_the_worst():
+    curves = [trace for trace in traces("named") if not trace.held_out]
+    worst = replace(curves[7], before=curves[7].measured + 9.0)
+    assert most_affected([*curves[:7], worst, *curves[8:]], [worst.signal]) is worst
+
+
+def test_a_course_is_drawn_as_it_is_compared_without_constant_and_slope():
+    t = np.arange(0.0, 10.0, 0.04)
+    course = next(trace for trace in traces("named") if trace.signal == "course")
+    adrift = replace(course, t=t, measured=np.sin(t), before=np.sin(t) + 0.3 + 0.1 * t, after=np.sin(t))
+    assert adrift.errors == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert before_and_after(adrift).startswith(b"<?xml")
+
+
+def test_the_held_out_figures_are_those_of_the_fit(tmp_path):
+    found = finding("named")
+    text = read(found, traces("named"), tmp_path).text
+    assert "−82 %" in text
+    assert "on held-out recordings, which no fit has seen: from 0.462 m/s² to 0.0825 m/s²" in text
+    assert "54 % of the squared error of all signals explained, held out" in text
+
+
+def test_without_held_out_recordings_the_page_says_what_the_proof_rests_on(tmp_path):
+    text = read(finding("named", held_out=False), [], tmp_path).text
+    assert "No recording was held out" in text
+    assert "held-out recordings" not in text
+
+
+def test_each_alternative_has_a_reason_why_it_is_not_the_answer(tmp_path):
+    text = read(finding("named"), [], tmp_path).text
+    assert "explains less: 90 % of what the best explains" in text
+    assert "excluded: explains where it was fitted, but no more than chance held out" in text
+    assert "excluded: the size that fits is not physical" in text
+    assert "Tyre underinflation, rear left" in text
+
+
+def test_an_ambiguous_answer_names_all_that_remains_and_the_test_that_separates_it(tmp_path):
+    found = finding("ambiguous")
+    text = read(found, [], tmp_path).text
+    open_answers = text.partition("leave open")[2].partition("over time")[0].partition("Fitted to")[0]
+    assert "IMU roll misalignment" in open_answers
+    assert "Accelerometer bias, y" in open_answers
+    assert "Tyre underinflation" not in open_answers
+    assert "steady turn on a banked road; watch the lateral acceleration" in text
+    assert "steady turn on a banked road; watch the lateral acceleration" in terminal(found)
+
+
+def test_several_effects_at_once_are_all_marked_as_the_answer(tmp_path):
+    found = finding("named")
+    found["effects"] = [effect("brake_drag", 0.5, wheel="fl", accepted=True), effect("road_bank", 0.5, accepted=True)]
+    text = read(found, [], tmp_path).text
+    assert text.count("the answer") == 2
+    assert "Brake drag, front left: angle" in text
+    assert "Road bank: angle" in text
+
+
+def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
+    found = finding("named")
+    found["effects"][1] = effect("gyro_bias", 0.6, gain_held_out=None)
+    assert "excluded: explains where it was fitted, but no more than nothing held out" in read(found, [], tmp_path).text
+
+
+def test_parameters_are_read_in_degrees_and_changes_in_percent():
+    assert shown_value(np.pi / 180, "rad") == "1.00°"
+    assert shown_value(-0.061, "-", change=True) == "−6.1 %"
+    assert shown_value(0.5, "-") == "0.500"
+    assert shown_value(45.04, "kg") == "45.0 kg"
+    assert percent(None) == percent(float("nan")) == "–"
+
+
+@given(st.floats(-1e12, 1e12).filter(lambda value: abs(value) > 1e-12))
+def test_a_number_is_shown_to_three_digits(value):
+    assert float(shown_number(value).replace("−", "-")) == pytest.approx(value, rel=6e-3)
+
+
+def test_a_share_without_a_place_in_time_leaves_the_timeline_out():
+    assert when([], traces("named")) is None

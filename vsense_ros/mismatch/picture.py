@@ -1,0 +1,225 @@
+"""Pictures of a mismatch: recording, model and model with what was left out, and when the error arises.
+
+They are SVG, so that a page can carry them and a printer loses nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from math import ceil, pi
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from vsense_ros.evaluate.picture import ESTIMATE, STYLE, TRUTH
+from vsense_ros.evaluate.signals import thin
+from vsense_ros.mismatch.signals import difference
+
+Array = NDArray[np.float64]
+
+BEFORE = "#D55E00"
+AFTER = ESTIMATE
+UNITS: Mapping[str, tuple[str, float]] = {
+    "rad": ("°", 180 / pi),
+    "rad/s": ("°/s", 180 / pi),
+    "rad/N": ("°/kN", 180e3 / pi),
+    "-": ("", 1.0),
+}  # what people read a parameter in, and the factor to it
+SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
+SHORT = ("fl", "fr", "rl", "rr", "imu", "gnss")  # in names, written in capitals
+OTHERS = 9  # signals that are shown besides the most affected one
+COLUMNS = 3
+LABELLED = 3  # stretches of time whose share is written beside them
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One signal in one window, as measured and as simulated with the base parameters fitted, and with what was found.
+
+    `t` (n,) since the beginning of the recording [s]; `measured`, `before` and `after` (n,) in `unit`.
+    """
+
+    recording: str
+    window: int
+    held_out: bool
+    signal: str
+    unit: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+
+    def error(self, simulated: Array) -> Array:
+        """(n,) measured minus simulated, in the way in which the signal is compared."""
+        found = difference({self.signal: self.measured}, {self.signal: simulated})
+        return found.get(self.signal, self.measured - simulated)
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """Root mean square of the error before and after."""
+        return rms(self.error(self.before)), rms(self.error(self.after))
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """What people read the signal in, and the factor to it."""
+        return SIGNAL_UNITS.get(self.unit, (self.unit, 1.0))
+
+    @property
+    def changed(self) -> bool:
+        return not np.allclose(self.before, self.after, rtol=0.0, atol=1e-9)
+
+
+def rms(value: Array) -> float:
+    return float(np.sqrt(np.mean(value**2)))
+
+
+def label(name: str) -> str:
+    """A name of the files in words."""
+    return " ".join(word.upper() if word in SHORT else word for word in name.split("_"))
+
+
+def heading(name: str) -> str:
+    """A name of the files in words, with a capital."""
+    words = label(name)
+    return words[:1].upper() + words[1:]
+
+
+def most_affected(traces: Sequence[Trace], signals: Sequence[str]) -> Trace | None:
+    """The window with the largest error in the first of `signals` that has any; one that no fit saw, if possible."""
+    for signal in [*signals, *(trace.signal for trace in traces)]:
+        found = [trace for trace in traces if trace.signal == signal]
+        if found:
+            return max(found, key=lambda trace: (trace.held_out, trace.errors[0]))
+    return None
+
+
+def before_and_after(trace: Trace) -> bytes:
+    """One signal in one window: the curves above, their errors below."""
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(12.0, 4.9), facecolor="white")
+        grid = figure.add_gridspec(
+            2, 1, left=0.062, right=0.995, top=0.93, bottom=0.095, hspace=0.12, height_ratios=(2.4, 1)
+        )
+        curves = figure.add_subplot(grid[0])
+        errors = figure.add_subplot(grid[1], sharex=curves)
+        _curves(curves, trace)
+        curves.tick_params(labelbottom=False)
+        curves.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1, fontsize=9.5)
+        unit, factor = trace.shown
+        for name, simulated, colour in _simulations(trace):
+            error = trace.error(simulated) * factor
+            rows = thin(error)
+            errors.plot(trace.t[rows], error[rows], color=colour, lw=1.1, label=name)
+        errors.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
+        curves.set_ylabel(f"{label(trace.signal)} [{unit}]")
+        errors.set_ylabel(f"error [{unit}]")
+        errors.set_xlabel("time in the recording [s]")
+        curves.margins(x=0.005)
+        return _svg(figure)
+
+
+def other_signals(traces: Sequence[Trace], shown: Trace, signals: Sequence[str]) -> bytes | None:
+    """The other signals in the window of `shown`, the most affected first; None where there are none."""
+    beside = {
+        trace.signal: trace
+        for trace in traces
+        if (trace.recording, trace.window, trace.held_out) == (shown.recording, shown.window, shown.held_out)
+        and trace.signal != shown.signal
+    }
+    order = [name for name in signals if name in beside] + [name for name in beside if name not in signals]
+    if not order:
+        return None
+    chosen = [beside[name] for name in order[:OTHERS]]
+    rows = ceil(len(chosen) / COLUMNS)
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(12.0, 1.95 * rows + 0.35), facecolor="white", layout="constrained")
+        every = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True).ravel()
+        for axes, trace in zip(every, chosen, strict=False):
+            _curves(axes, trace)
+            axes.set_title(f"{heading(trace.signal)} [{trace.shown[0]}]")
+            axes.margins(x=0.01)
+        for axes in every[len(chosen) :]:
+            axes.set_visible(False)
+        for axes in every[max(0, len(chosen) - COLUMNS) : len(chosen)]:
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel("time [s]")
+        return _svg(figure)
+
+
+def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> bytes | None:
+    """Which stretches of the recordings carry the error; None where nothing is known of it.
+
+    The height of a bar is the error's share per time, so that a long stretch does not look worse than a short one.
+    """
+    if not segments:
+        return None
+    names = list(dict.fromkeys(str(segment["recording"]) for segment in segments))
+    largest = sorted(segments, key=lambda segment: segment["share"], reverse=True)[:LABELLED]
+    density = {id(s): s["share"] / max(s["end"] - s["begin"], 1e-9) for s in segments}
+    highest = max(*density.values(), 1e-12)
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(12.0, 0.62 * len(names) + 0.62), facecolor="white", layout="constrained")
+        axes = figure.add_subplot()
+        for row, name in enumerate(names):
+            spans = {(trace.t[0], trace.t[-1]) for trace in traces if trace.recording == name and not trace.held_out}
+            for begin, end in spans:
+                axes.plot((begin, end), (-row, -row), color="#c9c9c5", lw=2.4, solid_capstyle="butt", zorder=1)
+            for segment in segments:
+                if segment["recording"] != name:
+                    continue
+                begin, length = segment["begin"], segment["end"] - segment["begin"]
+                height = 0.62 * density[id(segment)] / highest
+                axes.bar(begin, height, length, -row, align="edge", color=BEFORE, edgecolor="white", lw=1.0, zorder=2)
+                if any(segment is one for one in largest):
+                    axes.text(
+                        begin + length / 2, -row + height + 0.03, f"{100 * segment['share']:.0f} %",
+                        ha="center", va="bottom", fontsize=8.0, color=TRUTH,
+                    )  # fmt: skip
+        axes.set_yticks([-row for row in range(len(names))], [_plain(name) for name in names])
+        axes.set_ylim(-len(names) + 0.9, 0.9)
+        axes.grid(visible=False, axis="y")
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", labelsize=9.0, labelcolor=TRUTH)
+        axes.set_xlabel("time in the recording [s]")
+        axes.margins(x=0.005)
+        return _svg(figure)
+
+
+def _simulations(trace: Trace) -> list[tuple[str, Array, str]]:
+    """Name, values and colour of each simulation; one alone where nothing was added to the model."""
+    if not trace.changed:
+        return [("model, re-fitted", trace.before, BEFORE)]
+    return [
+        ("before: model, re-fitted", trace.before, BEFORE),
+        ("after: extended model, re-fitted", trace.after, AFTER),
+    ]
+
+
+def _curves(axes: Axes, trace: Trace) -> None:
+    """Measured and simulated over time; what is compared up to a constant and a slope is laid over the measurement."""
+    _, factor = trace.shown
+    rows = thin(trace.measured)
+    axes.plot(trace.t[rows], trace.measured[rows] * factor, color=TRUTH, lw=1.3, label="measured", zorder=2)
+    for name, simulated, colour in _simulations(trace):
+        value = (trace.measured - trace.error(simulated)) * factor
+        rows = thin(value)
+        axes.plot(trace.t[rows], value[rows], color=colour, lw=1.3, label=name, zorder=3)
+
+
+def _plain(words: str) -> str:
+    """Names are no formulas, whatever signs they hold."""
+    return words.replace("$", r"\$")
+
+
+def _svg(figure: Figure) -> bytes:
+    FigureCanvasSVG(figure)
+    target = BytesIO()
+    figure.savefig(target, format="svg", metadata={"Date": None})
+    return target.getvalue()
