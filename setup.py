@@ -37,7 +37,7 @@ setup(
     maintainer_email="maintainers@vsense-ros.example.com",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={"": ["py.typed", "*.c", "*.html", "*.jinja", "*.j2", "*.yaml", "*.xml", "*.json", "*.csv"]},
+    package_data={"": ["py.typed", "*.c", "*.html", "templates/*.j2", "*.yaml", "*.xml", "*.json", "*.csv"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

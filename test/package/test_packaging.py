@@ -52,10 +52,12 @@ def test_versions_are_pinned_in_the_requirement_files_alone() -> None:
 def test_every_file_of_the_package_is_installed() -> None:
     described = re.search(r"package_data=(\{.*\})", (ROOT / "setup.py").read_text(encoding="utf-8"))
     assert described is not None
+    packages = [path.parent for path in (ROOT / "vsense_ros").rglob("__init__.py")]
     patterns = ["*.py", *ast.literal_eval(described[1])[""]]
+    installed = {path for package in packages for pattern in patterns for path in package.glob(pattern)}
     for path in sorted((ROOT / "vsense_ros").rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
-            assert any(path.match(pattern) for pattern in patterns), f"setup.py leaves {path.relative_to(ROOT)} out"
+            assert path in installed, f"setup.py leaves {path.relative_to(ROOT)} out"
 
 
 @pytest.mark.parametrize("name", ["vsense", *NODES])
