@@ -22,6 +22,7 @@ from vsense_ros.export.expressions import c_function, number
 from vsense_ros.model import codegen
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
+from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.observer import sensors_of
@@ -241,6 +242,13 @@ def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tm
     blind = vehicle.model_copy(update={"sensors": {"imu": vehicle.sensors["imu"]}})
     with pytest.raises(InputError, match="no sensor tells the car's speed"):
         c.write(blind, tmp_path)
+
+
+def test_parameters_to_be_estimated_are_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    parameters = {"chassis.mass": EstimatedParameter(deviation=100.0)}
+    settings = vehicle.observer.model_copy(update={"parameters": parameters})
+    with pytest.raises(InputError, match=r"estimates no parameters; take chassis\.mass out of observer\.parameters"):
+        c.write(vehicle.model_copy(update={"observer": settings}), tmp_path)
 
 
 def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Path) -> None:

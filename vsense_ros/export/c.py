@@ -93,8 +93,13 @@ class Observer:
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> Observer:
-        """Raises `InputError` where the sensors' names cannot be told apart in C."""
+        """Raises `InputError` where the sensors' names cannot be told apart in C, or parameters are to be estimated."""
         sensors = sensors_of(vehicle)
+        if parameters := vehicle.observer.parameters:
+            raise InputError(
+                f"{vehicle.name}: the observer in C is the errorEKF and estimates no parameters; take "
+                f"{', '.join(parameters)} out of observer.parameters"
+            )
         names = [identifier(name) for name in sensors]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"{vehicle.name}: sensors {', '.join(twice)} have the same name in C; rename one")
