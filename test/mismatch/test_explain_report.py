@@ -141,6 +141,13 @@ def test_the_held_out_figures_are_those_of_the_fit(tmp_path):
     assert "54 % of the squared error of all signals explained, held out" in text
 
 
+def test_the_page_says_how_far_from_a_good_model_the_extended_one_stays(tmp_path):
+    found = finding("named")
+    found["fit"]["speed"]["held_out"]["after"] = 3 * SIGNALS["speed"][1]
+    text = read(found, [], tmp_path).text
+    assert "3.0 × what a good model leaves: what remains of the largest error, of the speed" in text
+
+
 def test_without_held_out_recordings_the_page_says_what_the_proof_rests_on(tmp_path):
     text = read(finding("named", held_out=False), [], tmp_path).text
     assert "No recording was held out" in text

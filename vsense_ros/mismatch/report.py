@@ -253,14 +253,21 @@ def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str,
                 (size, f"{one.name}: {name}" + (f", 90 % interval {interval.rstrip(')')}" if interval else ""))
             )
         result.append((answer[0].confidence, "confidence in the name"))
-    if found["verdict"] in ("no_mismatch", "unknown") and found["located"]["signals"]:
-        first = found["located"]["signals"][0]
-        if first["null"] > 0:
-            ratio = first["before"] / first["null"]
-            result.append(
-                (f"{ratio:.1f} ×", f"what a good model leaves: the largest error, of the {label(first['name'])}")
-            )
+    if rest := _remainder(found):
+        times, signal = rest
+        remains = "what remains of the largest error" if _changed(found) else "the largest error"
+        result.append((f"{times:.1f} ×", f"what a good model leaves: {remains}, of the {label(signal)}"))
     return result
+
+
+def _remainder(found: Mapping[str, Any]) -> tuple[float, str] | None:
+    """The largest error of the model as it was found, in multiples of what a good model leaves, and its signal."""
+    ratios = []
+    for signal in found["located"]["signals"]:
+        errors = found["fit"].get(signal["name"], {})
+        if signal["null"] > 0 and (entry := errors.get("held_out") or errors.get("training")):
+            ratios.append((entry["after"] / signal["null"], signal["name"]))
+    return max(ratios, default=None)
 
 
 def _caption(shown: Trace) -> str:
