@@ -33,8 +33,10 @@ from vsense_ros.vehicle_file import save_vehicle
 Array = NDArray[np.float64]
 
 THRESHOLD = 0.03  # relative gain that recordings with nothing hidden do not give
-RIVAL = 0.85  # of the best one's gain, which keeps another effect in the answer set
-CLEAR = 0.9  # of the best one's gain, below which all other effects must stay for the best to be named
+# Another effect stays in the answer set with this share of the best one's gain, if it leaves no more of the cost than
+# this multiple of what the best one leaves; and the best one is not named where another is closer still.
+RIVAL, RIVAL_LEFT = 0.85, 1.5
+CLOSE, CLOSE_LEFT = 0.9, 1.25
 LEFT_OVER = 2.0  # root mean square of the residuals, in deviations, that says that something is left over
 LEAST = 10.0  # [s] of driving
 GENTLE = (0.1, 0.1)  # [m/s²] lateral and longitudinal, below which nothing can be said
@@ -123,10 +125,15 @@ def answer(
     if assume:
         accepted = best[:1]
     leader = accepted[0] if accepted else None
-    rivals = [e for e in accepted if leader is not None and proven[id(e)] >= RIVAL * proven[id(leader)]]
-    close = leader is not None and any(
-        e.candidate.effect != leader.candidate.effect and proven[id(e)] > CLEAR * proven[id(leader)] for e in accepted
-    )
+
+    def beside_the_leader(share: float, left: float) -> list[Explanation]:
+        if leader is None:
+            return []
+        most = proven[id(leader)]
+        return [e for e in accepted if proven[id(e)] >= share * most and 1 - proven[id(e)] <= left * (1 - most)]
+
+    rivals = beside_the_leader(RIVAL, RIVAL_LEFT)
+    close = len(beside_the_leader(CLOSE, CLOSE_LEFT)) > 1
     if leader is not None:
         verdict = "ambiguous" if close else "named"
     else:
@@ -197,7 +204,7 @@ def _hindrance(evidence: Evidence) -> str:
             if evidence.sensors[name].kind != "imu":
                 continue
             rate = readings.value[:, 2]
-            if np.isfinite(rate).any() and np.nanstd(rate) == 0:
+            if np.isfinite(rate).any() and np.nanmax(rate) == np.nanmin(rate):
                 return f"the yaw rate of {window.name} is frozen"
             speed = np.interp(readings.t, window.speed.t, window.speed.value[:, 0])
             if np.nanmax(np.abs(rate * speed), initial=0.0) > SPIN:

@@ -1,0 +1,64 @@
+"""Recordings of a car with something hidden, made without a driver's skill: sines of steering and torque."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.model.car import car_of
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.open_loop import Inputs, OpenLoop
+from vsense_ros.model.sensors import WheelTorques
+from vsense_ros.model.simulate import Trajectory, rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
+from vsense_ros.shared_files import vehicle_path
+from vsense_ros.vehicle_file import load_vehicle
+
+STEP = 1e-3  # [s]
+# Name: speed [m/s], road-wheel angle [rad] and acceleration [m/s²] by time.
+MANOEUVRES = {
+    "sweep": (20.0, lambda t: 0.03 * np.sin(2 * np.pi * (0.2 * t + 0.06 * t**2)), lambda t: 0.3 * np.sin(0.6 * t)),
+    "slalom": (16.0, lambda t: 0.05 * np.sin(2 * np.pi * 0.4 * t), lambda t: 0.3 * np.sin(0.6 * t)),
+    "brake": (22.0, lambda t: 0.02 * np.sin(2 * np.pi * 0.15 * t), lambda t: 2.0 * np.sin(0.6 * t)),
+}
+
+
+@cache
+def prototype() -> Vehicle:
+    """A car on straight guides whose wheel torques are known."""
+    vehicle = load_vehicle(vehicle_path("prototype_real"))
+    sensors = {**vehicle.sensors, "torques": WheelTorques()}
+    return vehicle.model_copy(update={"suspension": None, "linkage": None, "sensors": sensors})
+
+
+def having(vehicle: Vehicle, **effects: dict[str, float]) -> Vehicle:
+    return vehicle.model_copy(
+        update={"physics": vehicle.physics.model_copy(update={"effects": Effects.model_validate(effects)})}
+    )
+
+
+def wrong(vehicle: Vehicle) -> Vehicle:
+    """A vehicle file as engineers have it: mass and tyres are off."""
+    return vehicle.with_parameters(
+        {
+            "chassis.mass": 1.08 * vehicle.values()["chassis.mass"],
+            "front.cornering_scale": 0.9,
+            "rear.cornering_scale": 1.1,
+        }
+    )
+
+
+def driven(vehicle: Vehicle, manoeuvre: str, duration: float = 13.0, seed: int = 0) -> Recording:
+    speed, angle, acceleration = MANOEUVRES[manoeuvre]
+    t = (np.arange(round(duration / STEP)) + 0.5) * STEP
+    inputs = np.zeros((len(t), 5))
+    inputs[:, 0] = angle(t)
+    inputs[:, 1:] = (600.0 * 0.27 * acceleration(t) / 4)[:, None]
+    motion = OpenLoop(car_of(vehicle), keep=1).run(
+        *rolling_straight(vehicle, speed), Inputs(STEP, inputs, np.zeros((len(t), 4))), vehicle.parameter_vector()
+    )
+    trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs)
+    return record(trajectory, vehicle, seed, name=manoeuvre, biased=False)

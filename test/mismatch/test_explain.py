@@ -1,0 +1,97 @@
+"""The search for missing physics on recordings of our own model: that it finds its way, and knows when it cannot.
+
+How well it does on cars that our model did not make is what `make blind` examines.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drives import driven, having, prototype, wrong
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch.explain import answer
+from vsense_ros.recording import Recording
+from vsense_ros.vehicle_file import load_vehicle
+
+
+def without(recording: Recording, topic: str) -> Recording:
+    return replace(recording, channels={k: c for k, c in recording.channels.items() if k != topic})
+
+
+def test_an_effect_that_the_library_does_not_have_is_refused():
+    with pytest.raises(InputError, match=r"no effect ghost; the library has .*aero_drag"):
+        answer([], prototype(), assume=["ghost"])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda r: without(r, "vehicle/steering"), "no steering angle"),
+        (lambda r: without(without(r, "vehicle/wheel_speeds"), "gps/velocity"), "neither wheel speeds nor GNSS"),
+        (lambda r: without(r, "imu/data"), "no inertial measurements"),
+    ],
+)
+def test_without_a_signal_it_needs_nothing_is_named_and_the_reason_given(change, reason):
+    found = answer([change(driven(prototype(), "slalom"))], prototype()).found
+    assert found["verdict"] == "not_assessable"
+    assert reason in found["sentence"]
+    assert found["effects"] == []
+
+
+def test_a_recording_shorter_than_a_manoeuvre_is_not_assessable():
+    found = answer([driven(prototype(), "slalom", duration=4.0)], prototype()).found
+    assert found["verdict"] == "not_assessable"
+
+
+def test_a_frozen_gyro_is_not_assessable():
+    recording = driven(prototype(), "slalom")
+    imu = recording["imu/data"]
+    rates = imu.columns["angular_velocity"].copy()
+    rates[:, 2] = 0.01
+    frozen = replace(imu, columns={**imu.columns, "angular_velocity": rates})
+    found = answer([replace(recording, channels={**recording.channels, "imu/data": frozen})], prototype()).found
+    assert found["verdict"] == "not_assessable"
+    assert "frozen" in found["sentence"]
+
+
+def test_a_spinning_car_is_not_assessable():
+    recording = driven(prototype(), "slalom")
+    imu = recording["imu/data"]
+    rates = imu.columns["angular_velocity"].copy()
+    rates[:, 2] *= 10
+    spinning = replace(imu, columns={**imu.columns, "angular_velocity": rates})
+    found = answer([replace(recording, channels={**recording.channels, "imu/data": spinning})], prototype()).found
+    assert found["verdict"] == "not_assessable"
+
+
+@pytest.mark.slow
+def test_with_nothing_hidden_wrong_mass_and_tyres_are_fitted_and_nothing_is_named():
+    found = answer([driven(prototype(), m) for m in ("sweep", "slalom", "brake")], wrong(prototype())).found
+    assert found["verdict"] == "no_mismatch"
+    assert found["base"]["mass"]["value"] == pytest.approx(1 / 1.08 - 1, abs=0.01)
+    assert found["base"]["cornering stiffness, front"]["value"] == pytest.approx(1 / 0.9 - 1, abs=0.03)
+
+
+@pytest.mark.slow
+def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewhere(tmp_path):
+    true = having(prototype(), brake_drag={"fl": 30.0})
+    result = answer([driven(true, "sweep"), driven(true, "slalom")], wrong(prototype()), [driven(true, "brake")])
+    found = result.found
+    assert found["verdict"] == "named"
+    best = found["effects"][0]
+    assert (best["id"], best["wheel"]) == ("brake_drag", "fl")
+    (torque,) = best["parameters"]
+    assert torque["value"] == pytest.approx(30.0, rel=0.07)
+    assert best["gain_held_out"] > 0.9
+
+    result.write(tmp_path)
+    assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["verdict"] == "named"
+    extended = load_vehicle(tmp_path / "vehicle.extended.yaml")
+    assert extended.physics.effects.brake_drag.fl == pytest.approx(torque["value"])
+    again = answer([driven(true, "sweep"), driven(true, "slalom")], extended).found
+    assert again["verdict"] == "no_mismatch"
+    assert np.isfinite(again["misfit"])
