@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drives import driven, having, prototype, wrong
+from hidden import driven, having, prototype, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.recording import Recording
