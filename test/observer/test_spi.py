@@ -258,6 +258,21 @@ def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> Non
             assert spi.parameters[spi._columns][0] == spi.values[0]
 
 
+def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
+    observer = Observer(estimating(vehicle, {MASS: {"deviation": 10.0, "upper": 710.0}}))
+    spi = observer.filter
+    assert isinstance(spi, Spi)
+    spi.start(10.0)
+
+    def said() -> tuple[str, str]:
+        diagnostic = next(d for d in observer.diagnostics() if d.name == "parameters")
+        return diagnostic.level.name, diagnostic.message
+
+    assert said()[0] == "OK"
+    spi.values[:] = 710.0
+    assert said() == ("WARN", "at its bound: chassis.mass; told so far: nothing; not yet: chassis.mass")
+
+
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str) -> None:
     spi = cornering(spi_of(vehicle, kind))

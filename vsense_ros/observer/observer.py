@@ -464,6 +464,8 @@ class Observer:
         if closest.max(initial=0.0) > 0.9:
             i, j = np.unravel_index(closest.argmax(), closest.shape)
             values["hard to tell apart"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
+        if stuck := spi.at_bounds():
+            return Diagnostic("parameters", Level.WARN, f"at its bound: {', '.join(stuck)}; {seen}", values)
         return Diagnostic("parameters", Level.OK, str(seen), values)
 
     def _own_diagnostic(self) -> Diagnostic:

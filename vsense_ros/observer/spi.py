@@ -88,7 +88,7 @@ class Spi(ErrorEkf):
         self._initial = self.parameters[self._columns]
         self.prior_deviation = np.array([s.deviation for s in settings.values()])
         bounds = [s.bounds(value) for s, value in zip(settings.values(), self._initial, strict=True)]
-        lower, upper = (np.array(b) for b in zip(*bounds, strict=True))
+        self.lower, self.upper = lower, upper = (np.array(b) for b in zip(*bounds, strict=True))
         drift = np.array([s.drift for s in settings.values()]) ** 2
         self._drifts = bool(drift.any())
         biases = tuple((where.start, where.stop) for where in self.layout.biases)
@@ -221,6 +221,11 @@ class Spi(ErrorEkf):
         m, s = self.parameter_covariance, self.sensitivity
         across = s @ m
         return np.append(self.state, self.values), np.block([[self.covariance + across @ s.T, across], [across.T, m]])
+
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters that would be elsewhere if their bounds let them: something else is wrong with the car."""
+        there = (self.values <= self.lower) | (self.values >= self.upper)
+        return tuple(name for name, is_there in zip(self.parameter_names, there, strict=True) if is_there)
 
     def observability(self) -> Observability:
         """What the measurements since the start told of the parameters."""
