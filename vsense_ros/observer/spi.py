@@ -88,7 +88,8 @@ class Spi(ErrorEkf):
         self._initial = self.parameters[self._columns]
         self.prior_deviation = np.array([s.deviation for s in settings.values()])
         bounds = [s.bounds(value) for s, value in zip(settings.values(), self._initial, strict=True)]
-        self.lower, self.upper = lower, upper = (np.array(b) for b in zip(*bounds, strict=True))
+        lower, upper = (np.array(b) for b in zip(*bounds, strict=True))
+        self.lower, self.upper = lower, upper
         drift = np.array([s.drift for s in settings.values()]) ** 2
         self._drifts = bool(drift.any())
         biases = tuple((where.start, where.stop) for where in self.layout.biases)
