@@ -17,10 +17,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.signal import detrend
 
 from vsense_ros.evaluate.picture import ESTIMATE, STYLE, TRUTH
 from vsense_ros.evaluate.signals import thin
-from vsense_ros.mismatch.signals import difference
+from vsense_ros.mismatch.signals import SIGNALS, difference
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "-": ("", 1.0),
 }  # what people read a parameter in, and the factor to it
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
+DRIFTING = {signal.name for signal in SIGNALS if signal.drifting}
 SHORT = ("fl", "fr", "rl", "rr", "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
 COLUMNS = 3
@@ -118,7 +120,7 @@ def before_and_after(trace: Trace) -> bytes:
             rows = thin(error)
             errors.plot(trace.t[rows], error[rows], color=colour, lw=1.1, label=name)
         errors.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
-        curves.set_ylabel(f"{label(trace.signal)} [{unit}]")
+        curves.set_ylabel(_said(trace))
         errors.set_ylabel(f"error [{unit}]")
         errors.set_xlabel("time in the recording [s]")
         curves.margins(x=0.005)
@@ -143,7 +145,7 @@ def other_signals(traces: Sequence[Trace], shown: Trace, signals: Sequence[str])
         every = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True).ravel()
         for axes, trace in zip(every, chosen, strict=False):
             _curves(axes, trace)
-            axes.set_title(f"{heading(trace.signal)} [{trace.shown[0]}]")
+            axes.set_title(_said(trace))
             axes.margins(x=0.01)
         for axes in every[len(chosen) :]:
             axes.set_visible(False)
@@ -203,14 +205,21 @@ def _simulations(trace: Trace) -> list[tuple[str, Array, str]]:
 
 
 def _curves(axes: Axes, trace: Trace) -> None:
-    """Measured and simulated over time; what is compared up to a constant and a slope is laid over the measurement."""
+    """Measured and simulated over time; both without constant and slope where they are compared so, which would hide
+    the error."""
     _, factor = trace.shown
-    rows = thin(trace.measured)
-    axes.plot(trace.t[rows], trace.measured[rows] * factor, color=TRUTH, lw=1.3, label="measured", zorder=2)
+    measured = detrend(trace.measured) if trace.signal in DRIFTING else trace.measured
+    rows = thin(measured)
+    axes.plot(trace.t[rows], measured[rows] * factor, color=TRUTH, lw=1.3, label="measured", zorder=2)
     for name, simulated, colour in _simulations(trace):
-        value = (trace.measured - trace.error(simulated)) * factor
+        value = (measured - trace.error(simulated)) * factor
         rows = thin(value)
         axes.plot(trace.t[rows], value[rows], color=colour, lw=1.3, label=name, zorder=3)
+
+
+def _said(trace: Trace) -> str:
+    """What an axis shows, in words."""
+    return f"{heading(trace.signal)}{', without slope' if trace.signal in DRIFTING else ''} [{trace.shown[0]}]"
 
 
 def _plain(words: str) -> str:
