@@ -37,7 +37,7 @@ _EXPECTED: Mapping[str, Callable[[Hidden, Car], dict[str, float]]] = {
     "aero_drag": _named("area"),
     "aero_downforce": lambda h, car: {axle: -v for axle, v in zip(AXLES, h.knobs["lift_area"], strict=True)},
     "rolling_resistance": lambda h, car: {"coefficient": h.value * (1 + (SPEED_OF_ROLLING / 45) ** 2)},
-    "crosswind": _named("north"),
+    "crosswind": lambda h, car: dict(zip(("east", "north"), h.knobs["wind"], strict=False)),
     "steering_offset": lambda h, car: {"angle": h.value / car.ratio},
     "steering_ratio": lambda h, car: {"relative": 1 / (1 + h.value) - 1},
     "steering_compliance": lambda h, car: {"compliance": h.value * (MECHANICAL_TRAIL + car.front.trail)},
@@ -46,7 +46,6 @@ _EXPECTED: Mapping[str, Callable[[Hidden, Car], dict[str, float]]] = {
     "camber_thrust": _both_axles,
     "tyre_conicity": _conicity,
     "tyre_relaxation": _both_axles,
-    "tyre_load_sensitivity": lambda h, car: dict.fromkeys(AXLES, 1 - 2 ** (-h.value)),
     "tyre_underinflation": _where,
     "wheel_radius": _where,
     "friction_change": _named("relative"),
@@ -65,7 +64,8 @@ _EXPECTED: Mapping[str, Callable[[Hidden, Car], dict[str, float]]] = {
     "gyro_scale": _where,
     "accelerometer_bias": _where,
     "sensor_delay": _where,
-    # Other shapes than the library's: a profile along the path, another stop, another warming.
+    # Other shapes than the library's: a profile along the path, another stop, another warming, a power against a line.
+    "tyre_load_sensitivity": lambda h, car: {},
     "road_grade": lambda h, car: {},
     "road_bank": lambda h, car: {},
     "bump_stop": lambda h, car: {},

@@ -50,21 +50,19 @@ def _air(car, knobs, motion, force, moment):
 
 
 def _slosh(knobs, motion, extra, rate, acceleration, force, moment):
-    """A liquid as a pendulum that swings across the car: pivot 0.1 m above cog and 0.4 m behind, its mass the car's."""
-    angle, speed = extra.slosh
+    """The first mode of a liquid across the car, 0.05 m above cog and 0.15 m behind; its mass is the car's.
+
+    A surface that tilts: what brings the mass back is its weight, so the length of a pendulum gives the frequency.
+    """
+    shift, speed = extra.slosh
     mass, length = knobs.slosh_mass, np.maximum(knobs.slosh_length, 0.05)
-    omega = np.sqrt(GRAVITY / length)
-    across, upward = acceleration[1], acceleration[2]
-    swing = -(upward * np.sin(angle) + across * np.cos(angle)) / length - 2 * knobs.slosh_damping * omega * speed
-    swing = np.where(mass > 0, swing, 0.0)
+    damping = 2 * knobs.slosh_damping * np.sqrt(GRAVITY / length) * speed
+    swing = np.where(mass > 0, -acceleration[1] - acceleration[2] * shift / length - damping, 0.0)
     rate.slosh[0], rate.slosh[1] = speed, swing
-    push = -mass * length * (swing * np.cos(angle) - speed**2 * np.sin(angle))
-    lower = -mass * length * (swing * np.sin(angle) + speed**2 * np.cos(angle))
+    push = -mass * swing
     force[1] += push
-    force[2] += lower
-    moment[0] += length * np.sin(angle) * (lower - mass * upward) - (0.1 - length * np.cos(angle)) * push
-    moment[1] += 0.4 * lower
-    moment[2] -= 0.4 * push
+    moment[0] -= mass * acceleration[2] * shift + 0.05 * push
+    moment[2] -= 0.15 * push
 
 
 def _cargo(knobs, extra, rate, acceleration, force, moment):

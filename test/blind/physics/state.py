@@ -13,7 +13,7 @@ _ROWS = (
     ("twist", 1),  # of the steering column, at the road wheels [rad]
     ("hands", 1),  # steering-wheel angle held by the driver [rad]
     ("slack", 1),  # steering-wheel angle behind a free play [rad]
-    ("slosh", 2),  # angle of a pendulum across and its rate [rad, rad/s]
+    ("slosh", 2),  # place across of moving liquid and its speed [m, m/s]
     ("cargo", 2),  # place across of loose cargo and its speed [m, m/s]
     ("hitch", 2),  # angle of a trailer and its rate [rad, rad/s]
     ("shaft", 2),  # drive torque behind the shafts and its rate, over the demanded [N m, N m/s]
