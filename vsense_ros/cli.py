@@ -197,7 +197,7 @@ def explain(
     """Say what physics the model of a car leaves out on RECORDINGS.
 
     The parameters that a vehicle file is never sure of are fitted first; what is then left over is held against the
-    effects of the library. Writes explain.json, and vehicle.extended.yaml where something is named, which every other
+    effects of the library. Writes explain.json, report.html, and vehicle.extended.yaml where something is named, which every other
     command takes as --vehicle.
 
     \b
@@ -207,6 +207,7 @@ def explain(
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress
     from vsense_ros.mismatch.explain import STAGES, answer
+    from vsense_ros.mismatch.report import printed
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
@@ -216,7 +217,7 @@ def explain(
         steps = iter(range(STAGES))
         found = answer(train, car, proof, assume, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
     found.write(report)
-    console().print(found.found["sentence"])
+    printed(found.found, console())
     console().print(f"Results in {report}.", soft_wrap=True)
 
 

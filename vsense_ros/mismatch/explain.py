@@ -21,7 +21,9 @@ from vsense_ros.errors import InputError
 from vsense_ros.mismatch.evidence import Evidence, excitation, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.knobs import BASE, Candidate, candidates
+from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
+from vsense_ros.mismatch.report import write_report
 from vsense_ros.mismatch.search import Explanation, explain, screen
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.model.effects import BY_ID
@@ -45,32 +47,18 @@ STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
 
 @dataclass(frozen=True)
-class Run:
-    """One side of the comparison in one window."""
-
-    recording: str
-    window: int
-    held_out: bool
-    signal: str
-    unit: str
-    t: Array  # (n,) since the beginning of the recording [s]
-    measured: Array
-    before: Array  # simulated with the base parameters fitted
-    after: Array  # … and with the effect
-
-
-@dataclass(frozen=True)
 class Answer:
     """The content of explain.json, and what else a report shows."""
 
     found: dict[str, Any]
-    runs: list[Run] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
     extended: Vehicle | None = None
 
     def write(self, folder: Path) -> None:
-        """explain.json, and vehicle.extended.yaml where something is named."""
+        """explain.json, report.html, and vehicle.extended.yaml where something is named."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "explain.json").write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_report(self.found, self.traces, folder / "report.html")
         if self.extended is not None:
             save_vehicle(folder / "vehicle.extended.yaml", self.extended)
 
@@ -153,9 +141,9 @@ def answer(
     }
     found["sentence"] = _sentence(verdict, found, leader)
     found["cpu_s"] = time.process_time() - begun
-    runs = _runs(residuals, base, shown, False) + proof.runs(shown)
+    traces = _traces(residuals, base, shown, False) + proof.traces(shown)
     extended = _extended(vehicle, shown.setting) if leader is not None else None
-    return Answer(found, runs, extended)
+    return Answer(found, traces, extended)
 
 
 class _Proof:
@@ -180,8 +168,8 @@ class _Proof:
         except DivergedError:
             return float("-inf")
 
-    def runs(self, shown: Fit) -> list[Run]:
-        return [] if self.residuals is None else _runs(self.residuals, self.base, shown, True)
+    def traces(self, shown: Fit) -> list[Trace]:
+        return [] if self.residuals is None else _traces(self.residuals, self.base, shown, True)
 
 
 def _hindrance(evidence: Evidence) -> str:
@@ -345,7 +333,7 @@ def _sentence(verdict: str, found: Mapping[str, Any], leader: Explanation | None
     )
 
 
-def _runs(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[Run]:
+def _traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[Trace]:
     predictor = residuals.predictor
     units = {signal.name: signal.unit for signal in SIGNALS}
     pairs = zip(
@@ -353,7 +341,7 @@ def _runs(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[R
         predictor.simulated(shown.setting), strict=True,
     )  # fmt: skip
     return [
-        Run(window.name, i, held_out, name, units[name], grid(window), measured[name], before[name], after[name])
+        Trace(window.name, i, held_out, name, units[name], grid(window), measured[name], before[name], after[name])
         for i, (window, measured, before, after) in enumerate(pairs)
         for name in measured
         if name in before and name in after
