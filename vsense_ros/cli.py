@@ -197,8 +197,8 @@ def explain(
     """Say what physics the model of a car leaves out on RECORDINGS.
 
     The parameters that a vehicle file is never sure of are fitted first; what is then left over is held against the
-    effects of the library. Writes explain.json, report.html, and vehicle.extended.yaml where something is named, which every other
-    command takes as --vehicle.
+    effects of the library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
+    which every other command takes as --vehicle.
 
     \b
     Examples:

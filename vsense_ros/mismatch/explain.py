@@ -23,7 +23,7 @@ from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.knobs import BASE, Candidate, candidates
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
-from vsense_ros.mismatch.report import write_report
+from vsense_ros.mismatch.report import shown_value, write_report
 from vsense_ros.mismatch.search import Explanation, explain, screen
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.model.effects import BY_ID
@@ -39,7 +39,9 @@ THRESHOLD = 0.03  # relative gain that recordings with nothing hidden do not giv
 # this multiple of what the best one leaves; and the best one is not named where another is closer still.
 RIVAL, RIVAL_LEFT = 0.85, 1.5
 CLOSE, CLOSE_LEFT = 0.9, 1.25
-LEFT_OVER = 2.0  # root mean square of the residuals, in deviations, that says that something is left over
+# Root mean square of the residuals, in deviations, that says that something is left over; after an effect has been
+# fitted it says that this effect is not what the model lacks, or not all of it.
+LEFT_OVER = 2.0
 LEAST = 10.0  # [s] of driving
 GENTLE = (0.1, 0.1)  # [m/s²] lateral and longitudinal, below which nothing can be said
 SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
@@ -106,10 +108,17 @@ def answer(
     explanations = explain(residuals, predictor.start, base, signatures, progress)
     proof = _Proof(held_out, vehicle, residuals, base)
     best = _ranked(explanations)
-    level = float(np.sqrt(base.cost / max(sum(len(r) for r in base.residuals), 1)))
     proven = {id(e): min(e.gain, proof.gain(e)) for e in best}
     best.sort(key=lambda e: proven[id(e)], reverse=True)
-    accepted = [e for e in best if min(e.score, proven[id(e)]) > THRESHOLD and e.improved > 0.5]
+    level = residuals.level(base.residuals)
+    accepted = [
+        e
+        for e in best
+        if min(e.score, proven[id(e)]) > THRESHOLD
+        and e.improved > 0.5
+        and residuals.level(e.fit.residuals) < LEFT_OVER
+        and proof.mends_the_worst(e)
+    ]
     if assume:
         accepted = best[:1]
     leader = accepted[0] if accepted else None
@@ -151,7 +160,7 @@ class _Proof:
 
     def __init__(self, held_out: Sequence[Recording], vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
         self.residuals: Residuals | None = None
-        self.base = base
+        self.base, self.fitted = base, residuals
         if held_out:
             evidence = gather(held_out, vehicle)
             if evidence.windows:
@@ -166,7 +175,21 @@ class _Proof:
         try:
             return 1 - cost(self.residuals(explanation.fit.setting)) / cost(self.before)
         except DivergedError:
-            return float("-inf")
+            return -1.0
+
+    def mends_the_worst(self, explanation: Explanation) -> bool:
+        """Whether the signal that is furthest from a good model comes closer, on what the fit has not seen if there is
+        any."""
+        residuals, before, after = self.fitted, self.base.residuals, explanation.fit.residuals
+        if self.residuals is not None:
+            residuals, before = self.residuals, self.before
+            try:
+                after = residuals(explanation.fit.setting)
+            except DivergedError:
+                return False
+        errors, left = residuals.by_signal(before), residuals.by_signal(after)
+        worst = max(errors, key=lambda name: errors[name] / residuals.deviation[name])
+        return left[worst] < errors[worst]
 
     def traces(self, shown: Fit) -> list[Trace]:
         return [] if self.residuals is None else _traces(self.residuals, self.base, shown, True)
@@ -322,7 +345,7 @@ def _sentence(verdict: str, found: Mapping[str, Any], leader: Explanation | None
         return f"Something is left over that no effect of the library explains{described}."
     assert leader is not None
     effect = found["effects"][0]
-    size = ", ".join(f"{p['name']} {p['value']:.4g} {p['unit']}".replace(" -", "") for p in effect["parameters"])
+    size = ", ".join(f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"])
     if verdict == "ambiguous":
         names = " or ".join(BY_ID[id].sentence for id in found["answer_set"])
         return f"These recordings cannot tell which it is: {names}."

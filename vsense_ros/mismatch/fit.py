@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
 OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
 STEP = 0.25  # of a knob's deviation, for derivatives
-ITERATIONS = 6
+ITERATIONS = 8
+CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
+GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
 SETTLED = 2e-3  # relative fall of the cost that ends the iterations
 
 _FLOORS = {signal.name: signal.floor for signal in SIGNALS}
@@ -59,6 +61,11 @@ class Residuals:
             rows = [off[name] / self.deviation[name] for name in names if name in off]
             result.append(np.clip(np.concatenate(rows), -OUTLIER, OUTLIER) if rows else np.zeros(0))
         return result
+
+    @staticmethod
+    def level(residuals: Sequence[Array]) -> float:
+        """Root mean square of all residuals, in standard deviations."""
+        return float(np.sqrt(cost(residuals) / max(sum(len(r) for r in residuals), 1)))
 
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual in its unit."""
@@ -120,11 +127,15 @@ def _amount(fit: Fit, knob: Knob) -> float:
     return float(fit.amounts[names.index(knob.name)]) if knob.name in names else 0.0
 
 
-def solve(slopes: Sequence[Array], residuals: Sequence[Array], prior: Array, strength: float) -> Array:
+def solve(
+    slopes: Sequence[Array], residuals: Sequence[Array], prior: Array, strength: float, caution: float = 0.0
+) -> Array:
     """The change of the knobs, in deviations, that minimises the squared residuals and `strength` times the squared
-    distance of the knobs from zero, where `prior` (k,) is where they are now."""
+    distance of the knobs from zero, where `prior` (k,) is where they are now. With `caution` it is shorter, as
+    Levenberg and Marquardt would have it."""
     normal = sum((s.T @ s for s in slopes), np.zeros((len(prior), len(prior))))
     right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(prior)))
+    normal = normal + caution * np.diag(np.diag(normal))
     return np.asarray(np.linalg.solve(normal + strength * np.eye(len(prior)), -right - strength * prior), dtype=float)
 
 
@@ -157,6 +168,8 @@ def fit(
                 amounts[i] = first.amounts[known[knob.name]]
     deviations = np.array([knob.deviation for knob in knobs])
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
+    if first is None:
+        amounts = _likeliest(residuals, start, knobs, amounts)
     setting = turned(start, knobs, amounts)
     present = Fit(setting, tuple(knobs), amounts, residuals(setting), [])
     slopes = _slopes(residuals, present, first, known, progress)
@@ -165,10 +178,10 @@ def fit(
     value = best.cost + weight * float(np.sum((amounts / deviations) ** 2))
     converged = False
     for iteration in range(iterations):
-        change = solve(best.slopes, best.residuals, best.amounts / deviations, weight) * deviations
         accepted = False
-        for damping in (1.0, 0.5, 0.2):
-            amounts = np.clip(best.amounts + damping * change, low, high)
+        for caution in CAUTION:
+            change = solve(best.slopes, best.residuals, best.amounts / deviations, weight, caution) * deviations
+            amounts = np.clip(best.amounts + change, low, high)
             setting = turned(start, knobs, amounts)
             try:
                 found = residuals(setting)
@@ -184,9 +197,25 @@ def fit(
         if not accepted or fall < SETTLED:
             converged = True
             break
-        if first is None and iteration in (0, 2):
+        if first is None and iteration in (0, 2, 4):
             best = replace(best, slopes=_slopes(residuals, best, None, {}, progress))
     return replace(best, converged=converged)
+
+
+def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amounts: Array) -> Array:
+    """Of several values of the grip the one that fits best, as amounts of the knobs."""
+    found = []
+    for change in GRIP:
+        tried = np.array(
+            [change if knob.name.startswith("grip") else a for knob, a in zip(knobs, amounts, strict=True)]
+        )
+        try:
+            found.append((cost(residuals(turned(start, knobs, tried))), change, tried))
+        except DivergedError:
+            continue
+    if not found:
+        raise DivergedError
+    return min(found, key=lambda one: one[0])[2]
 
 
 def _slopes(
