@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import GRAVITY, SPIN, YAW, X
+from vsense_ros.model.car import SPIN, YAW, X
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.tyres import CORNERING_STIFFNESSES
 from vsense_ros.model.vehicle import Axle, Vehicle

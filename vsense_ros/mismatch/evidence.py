@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import GRAVITY
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle

@@ -98,7 +98,9 @@ class Predictor:
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         key = (*mechanical, steering, torques, *around)
-        if key not in self._motions:
+        if key in self._motions:
+            self._motions[key] = self._motions.pop(key)  # the last to be forgotten
+        else:
             if len(self._motions) > 3:
                 self._motions.pop(next(iter(self._motions)))
             self._motions[key] = [

@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.model import spatial
+from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.parameter import numbers, symbols
 from vsense_ros.model.suspension import HubMotion, straight_guide, table_guide
@@ -31,9 +32,7 @@ from vsense_ros.model.tyres import FORCES, STEEPEST_SLOPES
 from vsense_ros.model.tyres.slip import transport_speed
 from vsense_ros.model.vehicle import Vehicle
 
-GRAVITY = 9.80665  # [m/s²] standard acceleration of free fall
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
-AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
 
 WHEELS = ("fl", "fr", "rl", "rr")
 COORDINATES = 14

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.model import codegen, spatial
-from vsense_ros.model.car import AIR_DENSITY, GRAVITY, WHEELS
+from vsense_ros.model.car import WHEELS
+from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.linkage import DoubleWishbone, Linkages, Suspension
 from vsense_ros.model.multibody.assembly import assemble, check

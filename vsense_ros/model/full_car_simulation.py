@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
 from vsense_ros.model.codegen import Kernel, compiled
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.full_car import OUTPUTS, FullCar
 from vsense_ros.model.kinematic_tables import SteeringRack, WheelPosition, steering_rack
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator

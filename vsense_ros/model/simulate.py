@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import COORDINATES, GRAVITY, INPUTS, SPIN, SURROUNDINGS, WHEELS, X, Z, car_of
+from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, WHEELS, X, Z, car_of
 from vsense_ros.model.codegen import Kernel
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.steps import GAMMA, model_functions
 from vsense_ros.model.vehicle import Axle, Vehicle
 

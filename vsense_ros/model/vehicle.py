@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.linkage import Linkages
 from vsense_ros.model.observer_settings import ObserverSettings
@@ -135,7 +136,7 @@ class Physics(Part):
                     f"{most:.4g} kg m²; is the unit kg m²?"
                 )
         for place, axle, arm in (("front", self.front, arms[1]), ("rear", self.rear, arms[0])):
-            load = chassis.mass * 9.80665 * arm / wheelbase / 2
+            load = chassis.mass * GRAVITY * arm / wheelbase / 2
             if axle.suspension_stiffness < load:  # such a spring would be compressed by more than a metre at rest
                 raise ValueError(
                     f"{place}.suspension_stiffness is {axle.suspension_stiffness:g} N/m under a wheel load of "

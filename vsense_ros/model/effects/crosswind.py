@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.effects.base import Effect, shape, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car
 
-AIR_DENSITY = 1.204  # [kg/m³] at 20 °C and 1013 hPa
 CALM = 0.1  # [m/s] keeps the direction of the air flow defined at rest
 
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects.base import Effect, shape, size
 
-GRAVITY = 9.80665  # [m/s²]
 DAMPING = 0.05  # damping ratio of the swing
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.model import codegen, spatial
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.multibody.joints import column
 from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
@@ -32,7 +33,7 @@ SETTLING = 4  # iterations for rates and accelerations that fit given coordinate
 LONGEST = 12  # calls before a step is given up
 
 Array = NDArray[np.float64]
-FREE_FALL = (0.0, 0.0, -9.80665)  # [m/s²] standard acceleration of free fall, in the axes of the ground
+FREE_FALL = (0.0, 0.0, -GRAVITY)  # [m/s²] standard acceleration of free fall, in the axes of the ground
 
 _NAMES = ("z", "dz", "ddz", "multipliers", "parameters", "guides", "gravity", "wrench", "inputs")
 
