@@ -72,6 +72,7 @@ def test_a_spinning_car_is_not_assessable():
 def test_with_nothing_hidden_wrong_mass_and_tyres_are_fitted_and_nothing_is_named():
     found = answer([driven(prototype(), m) for m in ("sweep", "slalom", "brake")], wrong(prototype())).found
     assert found["verdict"] == "no_mismatch"
+    assert {effect["gain_held_out"] for effect in found["effects"]} == {None}
     assert found["base"]["mass"]["value"] == pytest.approx(1 / 1.08 - 1, abs=0.01)
     assert found["base"]["cornering stiffness, front"]["value"] == pytest.approx(1 / 0.9 - 1, abs=0.03)
 

@@ -32,6 +32,17 @@ INTERACTIVE = (
 )
 
 
+def page_environment(package: str) -> jinja2.Environment:
+    """Templates of HTML pages in a package's folder `templates`."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader(package, "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
 def write_report(
     drives: Sequence[Drive], path: Path, *, title: str, pictures: Mapping[str, Path] | None = None
 ) -> Path:
@@ -39,13 +50,7 @@ def write_report(
 
     `pictures` maps the names of drives to PNG files that exist already; the others are drawn for the page.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vsense_ros.evaluate", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment("vsense_ros.evaluate")
     page = environment.get_template("report.html.j2").render(
         title=title,
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

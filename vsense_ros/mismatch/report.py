@@ -10,11 +10,11 @@ from math import floor, inf, isfinite, log10
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jinja2
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.picture import (
     SIGNAL_UNITS,
     UNITS,
@@ -125,13 +125,7 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
     signals = [signal["name"] for signal in located["signals"]]
     shown = most_affected(traces, signals)
     verdict = VERDICTS[found["verdict"]]
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vsense_ros.mismatch", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment("vsense_ros.mismatch")
     page = environment.get_template("explain.html.j2").render(
         found=found,
         verdict=verdict,

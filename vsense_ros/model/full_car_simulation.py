@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.car import COORDINATES, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
 from vsense_ros.model.codegen import Kernel, compiled
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.full_car import OUTPUTS, FullCar
@@ -142,15 +142,7 @@ def simulate_full_car(
     plant.place(start_q, start_u, inputs)
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
-    n = len(kept)
-    result = Trajectory(
-        t=np.array([i * step for i in kept]),
-        q=np.empty((n, COORDINATES)),
-        u=np.empty((n, COORDINATES)),
-        udot=np.empty((n, COORDINATES)),
-        wheels=np.empty((n, len(OUTPUTS), len(WHEELS))),
-        inputs=np.empty((n, len(INPUTS))),
-    )
+    result = Trajectory.unfilled(np.array([i * step for i in kept]))
     row = 0
     for i in range(steps + 1):
         if i:

@@ -37,6 +37,13 @@ class Trajectory:
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 5) as model.car.INPUTS, those of the step that begins here
 
+    @classmethod
+    def unfilled(cls, t: Array) -> Trajectory:
+        """Room for the instants `t` (n,) [s]."""
+        n = len(t)
+        q, u, udot = (np.empty((n, COORDINATES)) for _ in range(3))
+        return cls(t, q, u, udot, wheels=np.empty((n, 7, len(WHEELS))), inputs=np.empty((n, len(INPUTS))))
+
     @property
     def acceleration(self) -> Array:
         """Kinematic acceleration of `cog` in body axes, (n, 3) [m/s²]."""
@@ -115,15 +122,7 @@ def simulate(
 
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
-    n = len(kept)
-    result = Trajectory(
-        t=np.array([i * step for i in kept]),
-        q=np.empty((n, COORDINATES)),
-        u=np.empty((n, COORDINATES)),
-        udot=np.empty((n, COORDINATES)),
-        wheels=np.empty((n, 7, len(WHEELS))),
-        inputs=np.empty((n, len(INPUTS))),
-    )
+    result = Trajectory.unfilled(np.array([i * step for i in kept]))
     row = 0
     for i in range(steps + 1):
         between[:] = inputs
