@@ -122,6 +122,27 @@ def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
 
 @pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
 @pytest.mark.parametrize("seed", SEEDS)
+def test_the_innovation_is_told_component_by_component_given_those_before(kind: Any, seed: int) -> None:
+    p = problem(seed)
+    k, sensed = p.build(kind), p.sensed()
+    value, variance = sensed[0][:, 0] + p.random.normal(size=6), p.random.uniform(0.1, 1, 6)
+    value[2] = np.nan
+    h, innovation = p.jacobian(sensed), value - sensed[0][:, 0]
+    total = h @ p.covariance @ h.T + np.diag(variance)
+    k.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
+    before: list[int] = []
+    for i in (0, 1, 3, 4, 5):  # Gaussian conditioning
+        weights = np.linalg.solve(total[np.ix_(before, before)], total[before, i])
+        deviation = np.sqrt(total[i, i] - weights @ total[before, i])
+        rest = innovation[i] - weights @ innovation[before]
+        assert k.innovation[:, i] == pytest.approx([rest / deviation, deviation], rel=1e-6)
+        before.append(i)
+    assert np.isnan(k.innovation[:, 2]).all()
+    assert np.isnan(k.innovation[:, 6:]).all()
+
+
+@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     p = problem(seed)
     k = p.build(kind)

@@ -24,7 +24,8 @@ struct model {
     double *inverse;                                          /* 14 x 14, column-major */
     double *gain;                                             /* 14 x GAIN, row-major */
     double *covariance, *error;
-    double *udot; /* 14 */
+    double *udot;       /* 14 */
+    double *innovation; /* 2 x COMPONENTS, or null: see kalman.py */
 };
 
 /* A measurement of `components` and what was expected of it. */
@@ -239,6 +240,7 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
     double innovation[COMPONENTS], weights[COMPONENTS], factors[STATES], *p = model->covariance;
     const double *from[STATES];
     int used = 0, component[COMPONENTS];
+    for (int i = 0; i < 2 * COMPONENTS && model->innovation; i++) model->innovation[i] = NAN;
     for (int i = 0; i < sensed->components; i++)
         if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[used++] = i;
     if (used == 0) return -1;
@@ -279,6 +281,10 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
         for (int k = 0; k < a; k++) w -= total[a][k] * weights[k];
         weights[a] = w / total[a][a];
         nis += weights[a] * weights[a];
+        if (model->innovation) {
+            model->innovation[component[a]] = weights[a];
+            model->innovation[COMPONENTS + component[a]] = total[a][a];
+        }
     }
     if (!(nis <= limit)) return nis;
     for (int a = 0; a < used; a++) {

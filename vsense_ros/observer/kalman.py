@@ -28,7 +28,7 @@ DYNAMIC = np.array(DYNAMIC_COORDINATES)
 Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
 _UNIT = np.asfortranarray(np.eye(14))
-_COMPONENTS = 16  # of a measurement, at most, in kalman.c
+COMPONENTS = 16  # of a measurement, at most, in kalman.c
 
 
 class Linearization:
@@ -56,6 +56,9 @@ class Kalman:
         self.inverse = np.zeros((14, 14), order="F")  # (I - γ h J)⁻¹, which the model's step needs
         self.gain = np.zeros((14, len(GAIN_COLUMNS)))  # new errors of the velocities by the old errors
         self.error = np.zeros(len(covariance))  # what a correction found
+        # Of the components of the last measurement, NaN where absent: the innovation that those before it do not tell,
+        # in units of its standard deviation, and that deviation. White noise and its scale, if the filter is right.
+        self.innovation = np.full((2, COMPONENTS), np.nan)
         # What the response is multiplied with; transition of coordinates and velocities; rates of the coordinates by
         # the velocities. The other names are parts of these and of the covariance.
         self._forced = np.zeros((14, len(GAIN_COLUMNS)), order="F")
@@ -132,6 +135,8 @@ class Kalman:
         expected, by_q, by_u, by_udot, by_surroundings = sensed
         model, count = self.model, len(value)
         innovation = value - expected[:, 0]
+        self.innovation[:] = np.nan
+        present: slice | NDArray[np.bool_] = slice(count)
         h = np.zeros((count, len(self.covariance)))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
         heave, travel, velocities, surroundings = self._through
@@ -160,6 +165,7 @@ class Kalman:
             return float("nan")
         whitened = lapack.dtrtrs(factor, right.T, lower=True, overwrite_b=True)[0]
         projected, weights = whitened[:, :-1], whitened[:, -1]
+        self.innovation[:, : len(value)][:, present] = weights, factor.diagonal()
         nis = float(weights @ weights)
         if not nis <= limit:
             return nis
@@ -176,7 +182,7 @@ class ModelStructure(ctypes.Structure):
         (name, ctypes.c_void_p)
         for name in (
             *("by_q", "by_u", "by_surroundings", "by_q_rates", "by_angles", "by_velocity"),
-            *("inverse", "gain", "covariance", "error", "udot"),
+            *("inverse", "gain", "covariance", "error", "udot", "innovation"),
         )
     ]
 
@@ -210,11 +216,11 @@ class CompiledKalman(Kalman):
         self.structure = ModelStructure(
             *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
             *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
-            model.udot.ctypes.data,
+            *(a.ctypes.data for a in (model.udot, self.innovation)),
         )
         self._model = ctypes.byref(self.structure)
         # Copying into these is quicker than asking an array for its address.
-        self._value, self._variance = np.zeros(_COMPONENTS), np.zeros(_COMPONENTS)
+        self._value, self._variance = np.zeros(COMPONENTS), np.zeros(COMPONENTS)
         self._decay, self._added = np.zeros(len(covariance) - U.stop), np.zeros(len(covariance) - U.stop)
         self._process = self._decay.ctypes.data, self._added.ctypes.data
         # By identity; the arrays are kept with it, so that no other object can come to have the same.
