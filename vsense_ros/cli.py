@@ -186,13 +186,25 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 
 
 @main.command()
-@click.argument("recordings", nargs=-1, required=True, type=_EXISTING)
-@_vehicle_option
+@click.argument("recordings", nargs=-1, type=_EXISTING)
+@click.option(
+    "--vehicle", metavar="FILE", help="Vehicle file, or the name of one in config/vehicles (genesis, rav4, …)."
+)
 @click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to prove it on; repeatable.")
 @click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
+@click.option("--fleet", type=_EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
+@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
 @click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
 def explain(
-    recordings: tuple[Path, ...], vehicle: str, held_out: tuple[Path, ...], assume: tuple[str, ...], report: Path
+    recordings: tuple[Path, ...],
+    vehicle: str | None,
+    held_out: tuple[Path, ...],
+    assume: tuple[str, ...],
+    fleet: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    report: Path,
 ) -> None:
     """Say what physics the model of a car leaves out on RECORDINGS.
 
@@ -200,10 +212,26 @@ def explain(
     effects of the library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
     which every other command takes as --vehicle.
 
+    With --fleet, DIR has one folder for each vehicle: its recordings, vehicle.yaml (or one in DIR for all that have
+    none), and in held_out/ those to prove it on. All recordings of a vehicle are explained together, as what is named
+    must hold on those left out of the fit. Vehicles run beside each other on Dask; what was done before, of the same
+    files, is not done again; what cannot be used is listed with its reason. Writes a folder for each vehicle,
+    fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
+
     \b
     Examples:
       vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
+      vsense explain --fleet recordings --report out/fleet
     """
+    if fleet is not None:
+        if recordings or vehicle or held_out or assume:
+            raise click.UsageError("--fleet takes recordings and vehicle files from its folder, and no others")
+        _explain_fleet(fleet, report, scheduler, workers)
+        return
+    if scheduler or workers:
+        raise click.UsageError("--scheduler and --workers belong to --fleet")
+    if not recordings or not vehicle:
+        raise click.UsageError("expected RECORDINGS and --vehicle, or --fleet")
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress
     from vsense_ros.mismatch.explain import STAGES, answer
@@ -218,6 +246,18 @@ def explain(
         found = answer(train, car, proof, assume, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
     found.write(report)
     printed(found.found, console())
+    console().print(f"Results in {report}.", soft_wrap=True)
+
+
+def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.mismatch import fleet, fleet_report
+
+    members = fleet.members(folder)
+    with progress(f"explaining {len(members)} vehicles") as done, fleet.workers(scheduler, count) as client:
+        results = fleet.explain_fleet(members, report, client, progress=done)
+    fleet_report.write(results, report)
+    fleet_report.printed(results, console())
     console().print(f"Results in {report}.", soft_wrap=True)
 
 

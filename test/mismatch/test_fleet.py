@@ -1,0 +1,249 @@
+"""A fleet of vehicles: what stands where, that nothing stops the rest, that nothing is done twice, what is told."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from distributed import Client
+from rich.console import Console
+
+from hidden import driven, having, prototype, wrong
+from synthetic_findings import finding
+from vsense_ros.bag import write_bag
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch import fleet, fleet_report
+from vsense_ros.vehicle_file import save_vehicle
+
+Progress = Callable[[float], None]
+
+
+@pytest.fixture
+def client() -> Iterator[Client]:
+    with Client(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as client:
+        yield client
+
+
+def folder_of(root: Path, name: str, *recordings: str, vehicle: bool = True) -> Path:
+    """A vehicle's folder whose recordings are unreadable."""
+    folder = root / name
+    folder.mkdir()
+    if vehicle:
+        save_vehicle(folder / "vehicle.yaml", prototype())
+    for recording in recordings:
+        (folder / recording).parent.mkdir(exist_ok=True)
+        (folder / recording).write_bytes(b"not a bag")
+    return folder
+
+
+def result_of(member: fleet.Member, found: dict[str, Any], **reasons: str) -> dict[str, Any]:
+    recordings = [{"name": n, "role": role, "reason": reasons.get(n, "")} for n, role, _ in member.recordings]
+    return {"key": "", "vehicle": member.name, "recordings": recordings, "found": found}
+
+
+def test_each_folder_is_a_vehicle_with_its_recordings_and_those_it_is_proven_on(tmp_path):
+    folder_of(tmp_path, "van", "a.mcap", "b.mcap", "held_out/c.mcap", "notes.txt")
+    folder_of(tmp_path, "car", "a.mcap", vehicle=False)
+    (tmp_path / ".cache").mkdir()
+    (tmp_path / "empty").mkdir()
+    car, van = fleet.members(tmp_path)
+    assert (car.name, car.vehicle, list(car.training)) == ("car", None, ["a.mcap"])
+    assert van.vehicle == tmp_path / "van" / "vehicle.yaml"
+    assert van.recordings == [
+        ("a.mcap", "training", tmp_path / "van/a.mcap"),
+        ("b.mcap", "training", tmp_path / "van/b.mcap"),
+        ("held_out/c.mcap", "held_out", tmp_path / "van/held_out/c.mcap"),
+    ]
+
+
+def test_a_vehicle_file_beside_the_folders_is_for_all_that_have_none(tmp_path):
+    save_vehicle(tmp_path / "vehicle.yaml", prototype())
+    folder_of(tmp_path, "one", "a.mcap", vehicle=False)
+    folder_of(tmp_path, "two", "a.mcap")
+    one, two = fleet.members(tmp_path)
+    assert one.vehicle == tmp_path / "vehicle.yaml"
+    assert two.vehicle == tmp_path / "two" / "vehicle.yaml"
+
+
+@pytest.mark.parametrize("name", ["", "missing"])
+def test_a_folder_without_vehicles_is_refused_with_what_was_expected(tmp_path, name):
+    with pytest.raises(InputError, match=r"one folder for each vehicle.*vehicle\.yaml.*held_out"):
+        fleet.members(tmp_path / name)
+
+
+def test_what_happens_with_one_vehicle_does_not_stop_the_others_and_results_keep_their_order(tmp_path, client):
+    for name in ("a", "b", "c"):
+        folder_of(tmp_path, name, "drive.mcap")
+    members = fleet.members(tmp_path)
+
+    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+        progress(0.5)
+        if member.name == "b":
+            raise ZeroDivisionError("by chance")
+        return {"key": "", "vehicle": member.name, "recordings": [], "found": {"verdict": "no_mismatch"}}
+
+    shares: list[float] = []
+    results = fleet.explain_fleet(members, tmp_path / "out", client, work, shares.append)
+    assert [result["vehicle"] for result in results] == ["a", "b", "c"]
+    assert [result["found"]["verdict"] for result in results] == ["no_mismatch", "failed", "no_mismatch"]
+    assert "ZeroDivisionError: by chance" in results[1]["found"]["sentence"]
+    assert "ZeroDivisionError" in (tmp_path / "out" / "b" / "fault.txt").read_text(encoding="utf-8")
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_costs_its_own_vehicle_alone(tmp_path):
+    for name in ("a", "b"):
+        folder_of(tmp_path, name, "drive.mcap")
+    members = fleet.members(tmp_path)
+
+    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+        if member.name == "a":
+            os._exit(11)
+        threads = os.environ["OMP_NUM_THREADS"]
+        return {"key": "", "vehicle": member.name, "recordings": [], "found": {"verdict": threads}}
+
+    with fleet.workers(None, 1) as client:
+        dead, alive = fleet.explain_fleet(members, tmp_path / "out", client, work)
+    assert dead["found"]["verdict"] == "failed"
+    assert "died" in dead["found"]["sentence"]
+    assert alive["found"]["verdict"] == "1", "one thread each"
+
+
+def test_an_absent_scheduler_is_one_message():
+    with pytest.raises(InputError, match="no Dask scheduler at nonsense"), fleet.workers("nonsense"):
+        pass
+
+
+def test_a_vehicle_without_a_file_and_one_with_a_bad_file_are_not_assessable(tmp_path):
+    folder_of(tmp_path, "bad", "a.mcap")
+    (tmp_path / "bad" / "vehicle.yaml").write_text("name: [", encoding="utf-8")
+    folder_of(tmp_path, "none", "a.mcap", vehicle=False)
+    bad, none = (fleet.explain_member(member, tmp_path / "out" / member.name) for member in fleet.members(tmp_path))
+    assert bad["found"]["verdict"] == none["found"]["verdict"] == "not_assessable"
+    assert "not valid YAML" in bad["found"]["sentence"]
+    assert "no vehicle.yaml" in none["found"]["sentence"]
+
+
+def test_an_unreadable_recording_is_a_row_with_its_reason(tmp_path):
+    folder_of(tmp_path, "car", "broken.mcap")
+    (member,) = fleet.members(tmp_path)
+    result = fleet.explain_member(member, tmp_path / "out" / "car")
+    assert result["found"]["verdict"] == "not_assessable"
+    vehicle, recording = fleet_report.rows([result])
+    assert vehicle["recording"] is None
+    assert recording["recording"] == "broken.mcap"
+    assert "broken.mcap" in recording["reason"]
+
+
+def test_what_was_done_of_the_same_files_is_taken_and_of_changed_ones_done_again(tmp_path, monkeypatch):
+    folder = folder_of(tmp_path, "car", "broken.mcap")
+    (member,) = fleet.members(tmp_path)
+    out = tmp_path / "out" / "car"
+    first = fleet.explain_member(member, out)
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("done again")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(fleet, "answer", never)
+        assert fleet.explain_member(member, out) == first
+        (folder / "broken.mcap").write_bytes(b"another bad bag")
+        with pytest.raises(AssertionError, match="done again"):
+            fleet.explain_member(member, out)
+    (out / "result.json").write_text("{", encoding="utf-8")
+    assert fleet.explain_member(member, out)["key"] != first["key"], "a damaged result is made anew"
+
+
+def fleet_of_findings(root: Path) -> list[dict[str, Any]]:
+    for name in ("a", "b", "c", "d"):
+        folder_of(root, name, "one.mcap", "two.mcap", "held_out/three.mcap")
+    a, b, c, d = fleet.members(root)
+    named = finding("named")
+    named["located"]["segments"] = [
+        {"recording": "one.mcap", "begin": 0.0, "end": 9.0, "share": 0.5},
+        {"recording": "one.mcap", "begin": 9.0, "end": 19.0, "share": 0.25},
+        {"recording": "two.mcap", "begin": 0.0, "end": 9.0, "share": 0.25},
+    ]
+    return [
+        result_of(a, named),
+        result_of(b, finding("ambiguous"), **{"two.mcap": "no steering angle"}),
+        result_of(c, finding("no_mismatch")),
+        fleet._failed(d, "the process that worked on it died"),
+    ]
+
+
+def test_the_table_has_a_row_for_each_vehicle_and_for_each_recording_and_effect(tmp_path):
+    fleet_report.write(fleet_of_findings(tmp_path), tmp_path / "out")
+    rows = pq.read_table(tmp_path / "out" / "fleet.parquet").to_pylist()
+    of_a = [row for row in rows if row["vehicle"] == "a"]
+    assert [(row["recording"], row["effect"]) for row in of_a] == [
+        (None, None),
+        ("one.mcap", "imu_roll_misalignment"),
+        ("two.mcap", "imu_roll_misalignment"),
+        ("held_out/three.mcap", "imu_roll_misalignment"),
+    ]
+    assert of_a[1]["error_share"] == pytest.approx(0.75)
+    assert of_a[1]["parameters"] == [{"name": "angle", "unit": "rad", "value": 0.0123, "low": 0.0110, "high": 0.0136}]
+    of_b = [(row["recording"], row["effect"]) for row in rows if row["vehicle"] == "b"]
+    effects = ("imu_roll_misalignment", "accelerometer_bias")
+    assert of_b == [
+        (None, None),
+        *(("one.mcap", effect) for effect in effects),
+        ("two.mcap", None),
+        *(("held_out/three.mcap", effect) for effect in effects),
+    ]
+    assert {row["verdict"] for row in rows if row["vehicle"] == "d"} == {"failed"}
+
+
+def test_the_summary_says_which_effect_on_which_vehicle(tmp_path):
+    results = fleet_of_findings(tmp_path)
+    fleet_report.write(results, tmp_path / "out")
+    with (tmp_path / "out" / "fleet.csv").open(encoding="utf-8") as file:
+        sheet = {line["vehicle"]: line for line in csv.DictReader(file)}
+    assert sheet["a"]["effects"].startswith("imu_roll_misalignment")
+    assert (sheet["b"]["recordings"], sheet["b"]["unused"]) == ("3", "1")
+    page = (tmp_path / "out" / "fleet.html").read_text(encoding="utf-8")
+    assert "4 vehicles: 1 named, 1 ambiguous, 1 no mismatch, 1 failed" in page
+    assert "no steering angle" in page
+    console = Console(record=True, width=110, file=open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    fleet_report.printed(results, console)
+    said = console.export_text()
+    assert "imu_roll_misalignment: 2 of 4 vehicles (a, b)" in said
+    assert "Not used: b/two.mcap: no steering angle" in said
+
+
+@pytest.mark.slow
+def test_a_fleet_with_a_dragging_brake_and_a_bad_bag_is_explained_and_then_known(tmp_path):
+    dragging = having(prototype(), brake_drag={"fl": 30.0})
+    for name, true in (("dragging", dragging), ("sound", prototype())):
+        folder = tmp_path / "fleet" / name
+        folder.mkdir(parents=True)
+        save_vehicle(folder / "vehicle.yaml", wrong(prototype()))
+        for manoeuvre in ("sweep", "slalom"):
+            write_bag(folder / manoeuvre, driven(true, manoeuvre))
+        write_bag(folder / "held_out" / "brake", driven(true, "brake"))
+    broken = tmp_path / "fleet" / "dragging" / "broken"
+    shutil.copytree(tmp_path / "fleet" / "dragging" / "slalom", broken)
+    for bag in broken.glob("*.mcap"):
+        bag.write_bytes(bag.read_bytes()[:100])
+    members = fleet.members(tmp_path / "fleet")
+    with fleet.workers(None, 2) as client:
+        results = fleet.explain_fleet(members, tmp_path / "out", client)
+        first = [json.dumps(result, sort_keys=True) for result in results]
+        again = fleet.explain_fleet(members, tmp_path / "out", client)
+    assert [json.dumps(result, sort_keys=True) for result in again] == first
+    found, sound = (result["found"] for result in results)
+    assert (found["verdict"], sound["verdict"]) == ("named", "no_mismatch")
+    (effect,) = fleet_report.in_answer(found)
+    assert (effect["id"], effect["wheel"]) == ("brake_drag", "fl")
+    assert {r["name"] for r in results[0]["recordings"] if r["reason"]} == {"broken"}
+    assert (tmp_path / "out" / "dragging" / "vehicle.extended.yaml").is_file()

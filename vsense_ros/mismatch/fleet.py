@@ -1,0 +1,292 @@
+"""Many cars at once: each vehicle of a fleet explained in a process of its own, and what was done kept.
+
+A fleet is a folder with one folder for each vehicle. The recordings of a vehicle are explained together, because what
+is named must hold on recordings that were left out of the fit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster, as_completed, get_worker
+
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.explain import STAGES, answer
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
+from vsense_ros.vehicle_file import load_vehicle
+
+VEHICLE_FILE = "vehicle.yaml"
+HELD_OUT = "held_out"
+RESULT = "result.json"
+FAULT = "fault.txt"
+FAILED = "failed"  # the verdict where the search itself broke down
+_PROGRESS = "vsense_fleet_progress"
+_LAYOUT = (
+    f"expected one folder for each vehicle, with its recordings, {VEHICLE_FILE} (or one beside the folders, for all "
+    f"that have none), and those to prove it on in {HELD_OUT}/"
+)
+
+
+@dataclass(frozen=True)
+class Member:
+    """One vehicle of a fleet: its name, its file, and its recordings by name below its folder."""
+
+    name: str
+    vehicle: Path | None
+    training: Mapping[str, Path]
+    held_out: Mapping[str, Path]
+
+    @property
+    def recordings(self) -> list[tuple[str, str, Path]]:
+        """Name, role and path of all of them."""
+        roles = (("training", self.training), ("held_out", self.held_out))
+        return [(name, role, path) for role, paths in roles for name, path in paths.items()]
+
+
+# Of a vehicle and the folder for its results; the progress takes a share, 0 to 1.
+Work = Callable[[Member, Path, Callable[[float], None]], dict[str, Any]]
+
+
+def members(folder: Path) -> list[Member]:
+    """The vehicles of a fleet. Raises `InputError` where there is none."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; {_LAYOUT}")
+    common = folder / VEHICLE_FILE
+    found = []
+    for place in sorted(folder.iterdir()):
+        if not place.is_dir() or place.name.startswith("."):
+            continue
+        own = place / VEHICLE_FILE
+        training, held_out = _recordings(place), _recordings(place / HELD_OUT)
+        if own.is_file() or training or held_out:
+            vehicle = next((path for path in (own, common) if path.is_file()), None)
+            held_out = {f"{HELD_OUT}/{name}": path for name, path in held_out.items()}
+            found.append(Member(place.name, vehicle, training, held_out))
+    if not found:
+        raise InputError(f"{folder}: no vehicle in it; {_LAYOUT}")
+    return found
+
+
+def _recordings(folder: Path) -> dict[str, Path]:
+    """What may be recordings: all that is not a vehicle file."""
+    if not folder.is_dir():
+        return {}
+    return {
+        path.name: path
+        for path in sorted(folder.iterdir())
+        if not path.name.startswith(".")
+        and path.name != HELD_OUT
+        and path.suffix not in (".yaml", ".yml", ".md", ".txt", ".tir", ".json")
+    }
+
+
+@contextmanager
+def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]:
+    """A Dask cluster: the one at an address, or processes of this machine, as many as it has cores, one thread each."""
+    # A recording that brings a process down does so again, and must not take one with it that waits for its turn there.
+    settings = {
+        "distributed.scheduler.allowed-failures": 1,
+        "distributed.scheduler.worker-saturation": 1.0,
+    }
+    with dask.config.set(settings):
+        if scheduler is not None:
+            try:
+                client = Client(scheduler, timeout="20s")
+            except (OSError, ValueError) as error:
+                raise InputError(f"no Dask scheduler at {scheduler}: {error}") from None
+            with client:
+                yield client
+            return
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        with (
+            LocalCluster(
+                n_workers=count or cores,
+                threads_per_worker=1,
+                dashboard_address=None,
+                env={"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                silence_logs=logging.ERROR,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+
+
+def explain_fleet(
+    fleet: Sequence[Member],
+    out: Path,
+    client: Client,
+    work: Work | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[dict[str, Any]]:
+    """Result of each vehicle, in the order of the fleet, from processes that see the same files; `out/<vehicle>` keeps
+    it. Nothing that happens with one vehicle stops the others."""
+    shares = dict.fromkeys((member.name for member in fleet), 0.0)
+
+    def at(event: tuple[float, Any]) -> None:
+        name, share = event[1]
+        if share > shares.get(name, 1.0):
+            shares[name] = share
+            progress(sum(shares.values()) / len(shares))
+
+    client.subscribe_topic(_PROGRESS, at)
+    tasks = {
+        client.submit(_task, work or explain_member, member, out.resolve() / member.name, pure=False): member
+        for member in fleet
+    }
+    results = {}
+    for task in as_completed(list(tasks), raise_errors=False):
+        member = tasks[task]
+        if task.status == "finished":
+            results[member.name] = task.result()
+        else:
+            results[member.name] = _failed(member, _lost(task))
+        at((0.0, (member.name, 1.0)))
+    client.unsubscribe_topic(_PROGRESS)
+    return [results[member.name] for member in fleet]
+
+
+def _lost(task: Any) -> str:
+    """Why a process gave no result."""
+    if task.status == "cancelled":
+        return "the cluster was lost"
+    error = task.exception()
+    return f"the process that worked on it died: {type(error).__name__}: {error}"
+
+
+def _task(work: Work, member: Member, out: Path) -> dict[str, Any]:
+    worker = get_worker()
+    try:
+        return work(member, out, lambda share: worker.log_event(_PROGRESS, (member.name, share)))
+    except Exception as error:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / FAULT).write_text(traceback.format_exc(), encoding="utf-8")
+        return _failed(member, f"{type(error).__name__}: {error}; see {FAULT}")
+
+
+def _failed(member: Member, reason: str) -> dict[str, Any]:
+    found = {"verdict": FAILED, "sentence": reason, "effects": [], "answer_set": []}
+    recordings = [{"name": name, "role": role, "reason": ""} for name, role, _ in member.recordings]
+    return {"key": "", "vehicle": member.name, "recordings": recordings, "found": found}
+
+
+def explain_member(member: Member, out: Path, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
+    """Explain one vehicle, or take what an earlier run left in `out` of the same recordings, vehicle and program.
+
+    The result has `key`, `vehicle`, `recordings` (name, role, and the reason why one was not used), and `found`, the
+    content of explain.json.
+    """
+    if member.vehicle is None:
+        return _refused(member, f"no {VEHICLE_FILE} in its folder, nor in that of the fleet")
+    try:
+        car = load_vehicle(member.vehicle)
+    except InputError as error:
+        return _refused(member, str(error))
+    key = _key(car, member)
+    if (earlier := _kept(out, key)) is not None:
+        return earlier
+    read: dict[str, Recording] = {}
+    reasons: dict[str, str] = {}
+    for name, _, path in member.recordings:
+        try:
+            read[name] = replace(import_recording(path), name=name)
+        except Exception as error:
+            reasons[name] = _in_words(error)
+    steps = iter(range(STAGES))
+
+    def step() -> None:
+        progress(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+
+    def explained() -> Any:
+        parts = ([read[name] for name in names if name in read] for names in (member.training, member.held_out))
+        training, held_out = parts
+        return answer(training, car, held_out, progress=step)
+
+    try:
+        found = explained()
+    except Exception:
+        unusable = _unusable(read, car)
+        if not unusable:
+            raise
+        reasons |= unusable
+        read = {name: recording for name, recording in read.items() if name not in unusable}
+        found = explained()
+    found.write(out)
+    recordings = [
+        {"name": name, "role": role, "reason": reasons.get(name) or _remark(name, found.found["remarks"])}
+        for name, role, _ in member.recordings
+    ]
+    result = {"key": key, "vehicle": member.name, "recordings": recordings, "found": found.found}
+    fresh = out / f"{RESULT}.new"
+    fresh.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    fresh.replace(out / RESULT)
+    (out / FAULT).unlink(missing_ok=True)
+    return result
+
+
+def _refused(member: Member, reason: str) -> dict[str, Any]:
+    failed = _failed(member, reason)
+    return failed | {"found": failed["found"] | {"verdict": "not_assessable"}}
+
+
+def _unusable(read: Mapping[str, Recording], car: Vehicle) -> dict[str, str]:
+    """Recordings that cannot be looked at even alone, with the reason."""
+    reasons = {}
+    for name, recording in read.items():
+        try:
+            gather([recording], car)
+        except Exception as error:
+            reasons[name] = _in_words(error)
+    return reasons
+
+
+def _in_words(error: Exception) -> str:
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+
+
+def _remark(name: str, remarks: Sequence[str]) -> str:
+    """What was said about a recording."""
+    return "; ".join(r.removeprefix(f"{name}: ") for r in remarks if r.startswith(f"{name}: "))
+
+
+def _kept(out: Path, key: str) -> dict[str, Any] | None:
+    try:
+        result = json.loads((out / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return result if isinstance(result, dict) and result.get("key") == key else None
+
+
+def _key(car: Vehicle, member: Member) -> str:
+    """Changes with whatever the answer depends on."""
+    digest = hashlib.sha256(_program().encode())
+    digest.update(car.model_dump_json().encode())
+    for name, _, path in member.recordings:
+        for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
+            digest.update(f"\0{name}/{file.relative_to(path)}\0".encode())
+            with file.open("rb") as content:
+                digest.update(hashlib.file_digest(content, "sha256").digest())
+    return digest.hexdigest()
+
+
+@cache
+def _program() -> str:
+    """Hash of the sources of this package: another version may answer otherwise."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".c")):
+        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
