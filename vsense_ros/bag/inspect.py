@@ -73,12 +73,12 @@ class Inspection:
 
 def inspect(recording: Recording) -> Inspection:
     """Look through a recording."""
-    doubts = _doubts(recording)
+    found = doubts(recording)
     return Inspection(
         recording.name,
         recording.start,
         recording.duration,
-        tuple(_topic(channel, recording.start, doubts.get(topic, [])) for topic, channel in recording.channels.items()),
+        tuple(_topic(channel, recording.start, found.get(topic, [])) for topic, channel in recording.channels.items()),
         tuple(topic for topic in INPUTS if topic not in recording),
         recording.notes,
         recording.messages_lost,
@@ -188,16 +188,16 @@ def _inertial(channel: Channel, live: dict[str, Array]) -> Iterator[str]:
             yield f"{name} is frozen for {length[longest]:.1f} s from {seconds[first[longest]]:.1f} s on"
 
 
-def _doubts(recording: Recording) -> dict[str, list[str]]:
+def doubts(recording: Recording) -> dict[str, list[str]]:
     """Doubts about units and signs, by topic."""
-    doubts = {
+    found = {
         "imu/data": [*_gravity(recording), *_turning(recording)],
         "vehicle/wheel_speeds": list(_rolling(recording)),
         "vehicle/steering": [*_steering_range(recording), *_steering_sign(recording)],
         "gps/fix": list(_fixes(recording)),
         "vehicle/brake_pressure": list(_pressure(recording)),
     }
-    return {topic: found for topic, found in doubts.items() if found}
+    return {topic: sentences for topic, sentences in found.items() if sentences}
 
 
 def _channel(recording: Recording, topic: str) -> Channel | None:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -65,6 +64,11 @@ class Evidence:
     recordings: tuple[str, ...]
     remarks: tuple[str, ...]
 
+    def by_recording(self) -> list[list[Window]]:
+        """Windows of each recording that has some."""
+        numbers = sorted({w.recording for w in self.windows})
+        return [[w for w in self.windows if w.recording == number] for number in numbers]
+
 
 def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
     """Windows of all recordings in which the car drives and its steering angle and speed are known."""
@@ -74,9 +78,13 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
     sensors = vehicle.sensing()
     for index, recording in enumerate(recordings):
         name = recording.name or f"recording {index + 1}"
-        readings = {
-            sensor: found for sensor, settings in sensors.items() if (found := _read(recording, settings)) is not None
-        }
+        readings: dict[str, Readings] = {}
+        for sensor, settings in sensors.items():
+            found = _read(recording, settings)
+            if isinstance(found, str):
+                remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
+            elif found is not None:
+                readings[sensor] = found
         used |= {sensor: sensors[sensor] for sensor in readings}
         kinds: dict[str, str] = {sensors[sensor].kind: sensor for sensor in readings}
         if "steering" not in kinds:
@@ -93,16 +101,18 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
     return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks))
 
 
-def _read(recording: Recording, sensor: SensorBase) -> Readings | None:
+def _read(recording: Recording, sensor: SensorBase) -> Readings | str | None:
+    """The measurements of a sensor; why there are none in its messages; nothing where there are no messages."""
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
     channel = recording[sensor.topic]
     origin = _origin(recording)
     reader = Reader(0, sensor, Map(origin))
     start = min(int(c.stamp.min()) for c in recording.channels.values() if len(c))
-    events = [event for row in range(len(channel)) if not isinstance(event := reader.read(channel.sample(row)), str)]
+    read = [reader.read(channel.sample(row)) for row in range(len(channel))]
+    events = [event for event in read if not isinstance(event, str)]
     if len(events) < 2:
-        return None
+        return next(event for event in read if isinstance(event, str))
     stamps = np.array([event.stamp for event in events], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
@@ -186,17 +196,3 @@ def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: floa
     nearest = np.flatnonzero(present)[np.argmin(np.abs(velocity.t[present] - at))]
     east, north = velocity.value[nearest, :2]
     return float(np.arctan2(north, east))
-
-
-def excitation(window: Window, sensors: Mapping[str, SensorBase]) -> tuple[float, float]:
-    """Largest lateral acceleration and largest change of speed per time, roughly, both in m/s²."""
-    speed = window.speed
-    slow = np.arange(window.begin, window.end, 0.25)
-    along = np.interp(slow, speed.t, speed.value[:, 0])
-    longitudinal = float(np.percentile(np.abs(np.diff(along)) / 0.25, 95)) if len(slow) > 2 else 0.0
-    lateral = 0.0
-    for name, found in window.readings.items():
-        if sensors[name].kind == "imu":
-            rate = np.interp(slow, found.t, np.nan_to_num(found.value[:, 2]))
-            lateral = float(np.percentile(np.abs(rate * along), 95))
-    return lateral, min(longitudinal, 2 * GRAVITY)

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch.evidence import Evidence, excitation, gather
+from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
+from vsense_ros.mismatch.gate import hindrance
 from vsense_ros.mismatch.knobs import BASE, Candidate, candidates
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
@@ -42,9 +43,6 @@ CLOSE, CLOSE_LEFT = 0.9, 1.25
 # Root mean square of the residuals, in deviations, that says that something is left over; after an effect has been
 # fitted it says that this effect is not what the model lacks, or not all of it.
 LEFT_OVER = 2.0
-LEAST = 10.0  # [s] of driving
-GENTLE = (0.1, 0.1)  # [m/s²] lateral and longitudinal, below which nothing can be said
-SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
 
@@ -79,14 +77,14 @@ def answer(
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
     begun = time.process_time()
-    evidence = gather(recordings, vehicle)
+    evidence, unseen = gather(recordings, vehicle), gather(held_out, vehicle)
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
         "remarks": list(evidence.remarks), "located": {"signals": [], "segments": [], "region": None, "force": None},
         "effects": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {}, "threshold": THRESHOLD,
     }  # fmt: skip
-    if reason := _hindrance(evidence):
+    if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
         found["sentence"] = f"Nothing can be said: {reason}."
         found["cpu_s"] = time.process_time() - begun
         return Answer(found)
@@ -106,7 +104,7 @@ def answer(
         offered = (_together(assume),)
     signatures = screen(residuals, base, offered, progress)
     explanations = explain(residuals, predictor.start, base, signatures, progress)
-    proof = _Proof(held_out, vehicle, residuals, base)
+    proof = _Proof(unseen, vehicle, residuals, base)
     found["remarks"] += proof.remarks
     found["held_out"] = proof.recordings
     best = _ranked(explanations)
@@ -161,20 +159,16 @@ def answer(
 class _Proof:
     """Recordings that no fit has seen."""
 
-    def __init__(self, held_out: Sequence[Recording], vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
+    def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
         self.residuals: Residuals | None = None
         self.base, self.fitted = base, residuals
-        self.remarks: tuple[str, ...] = ()
-        self.recordings: list[str] = []  # that prove something
+        self.remarks = evidence.remarks
+        self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
         self._after: dict[int, list[Array] | None] = {}
-        if held_out:
-            evidence = gather(held_out, vehicle)
-            self.remarks = evidence.remarks
-            self.recordings = [held_out[i].name for i in sorted({w.recording for w in evidence.windows})]
-            if evidence.windows:
-                self.residuals = Residuals(Predictor(vehicle, evidence))
-                self.residuals.deviation |= residuals.deviation
-                self.before = self.residuals(base.setting)
+        if evidence.windows:
+            self.residuals = Residuals(Predictor(vehicle, evidence))
+            self.residuals.deviation |= residuals.deviation
+            self.before = self.residuals(base.setting)
 
     def _with(self, explanation: Explanation) -> list[Array] | None:
         """Residuals with an effect, simulated once; None where it leaves all bounds."""
@@ -208,34 +202,6 @@ class _Proof:
 
     def traces(self, shown: Fit) -> list[Trace]:
         return [] if self.residuals is None else _traces(self.residuals, self.base, shown, True)
-
-
-def _hindrance(evidence: Evidence) -> str:
-    """Why nothing can be said of the evidence, or nothing."""
-    if not evidence.windows:
-        return "; ".join(evidence.remarks) or "there is no recording"
-    driven = sum(w.duration for w in evidence.windows)
-    if driven < LEAST:
-        return f"only {driven:.1f} s of driving can be used, {LEAST:g} s are needed"
-    strongest = np.max([excitation(w, evidence.sensors) for w in evidence.windows], axis=0)
-    if strongest[0] < GENTLE[0] and strongest[1] < GENTLE[1]:
-        return (
-            f"the car hardly moves otherwise than straight ahead at constant speed (at most {strongest[0]:.2f} m/s² "
-            f"lateral and {strongest[1]:.2f} m/s² longitudinal)"
-        )
-    if not any(evidence.sensors[name].kind == "imu" for w in evidence.windows for name in w.readings):
-        return "there are no inertial measurements, with which a simulation could be compared"
-    for window in evidence.windows:
-        for name, readings in window.readings.items():
-            if evidence.sensors[name].kind != "imu":
-                continue
-            rate = readings.value[:, 2]
-            if np.isfinite(rate).any() and np.nanmax(rate) == np.nanmin(rate):
-                return f"the yaw rate of {window.name} is frozen"
-            speed = np.interp(readings.t, window.speed.t, window.speed.value[:, 0])
-            if np.nanmax(np.abs(rate * speed), initial=0.0) > SPIN:
-                return f"the car spins in {window.name}, or its yaw rate is wrong"
-    return ""
 
 
 def _together(ids: Sequence[str]) -> Candidate:

@@ -1,0 +1,197 @@
+"""Recordings that were spoilt on purpose: nothing is named, and the reason is the right one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hidden import driven, prototype
+from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.gate import hindrance
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Channel, Recording
+
+RATES, FORCES = "angular_velocity", "linear_acceleration"
+
+
+def reason(*recordings: Recording, held_out: tuple[Recording, ...] = (), vehicle: Vehicle | None = None) -> str:
+    vehicle = vehicle or prototype()
+    every = [*recordings, *held_out]
+    return hindrance(every, gather(recordings, vehicle), gather(held_out, vehicle), vehicle)
+
+
+def without(*topics: str) -> Callable[[Recording], Recording]:
+    return lambda r: replace(r, channels={k: c for k, c in r.channels.items() if k not in topics})
+
+
+def with_channel(recording: Recording, channel: Channel) -> Recording:
+    return replace(recording, channels={**recording.channels, channel.topic: channel})
+
+
+def changed(topic: str, field: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Recording], Recording]:
+    def apply(recording: Recording) -> Recording:
+        channel = recording[topic]
+        columns = {**channel.columns, field: change(channel.columns[field].copy())}
+        return with_channel(recording, replace(channel, columns=columns))
+
+    return apply
+
+
+def held(column: int | slice, first: int, last: int) -> Callable[[np.ndarray], np.ndarray]:
+    """The value of row `first` until row `last`."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        values[first:last, column] = values[first, column]
+        return values
+
+    return change
+
+
+def scaled(column: int | slice, factor: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[:, column] *= factor
+        return values
+
+    return change
+
+
+def later(topic: str, seconds: float) -> Callable[[Recording], Recording]:
+    return lambda r: with_channel(r, replace(r[topic], stamp=r[topic].stamp + round(seconds * 1e9)))
+
+
+def in_frame(topic: str, frame: str) -> Callable[[Recording], Recording]:
+    return lambda r: with_channel(r, replace(r[topic], frame_id=frame))
+
+
+def all_of(*changes: Callable[[Recording], Recording]) -> Callable[[Recording], Recording]:
+    def apply(recording: Recording) -> Recording:
+        for change in changes:
+            recording = change(recording)
+        return recording
+
+    return apply
+
+
+NO_GNSS = without("gps/fix", "gps/velocity")
+
+
+@pytest.mark.parametrize("manoeuvre", ["sweep", "slalom", "brake"])
+@pytest.mark.parametrize("change", [lambda r: r, NO_GNSS, without("vehicle/wheel_speeds")])
+def test_a_drive_with_all_sensors_right_passes(manoeuvre, change):
+    assert reason(change(driven(prototype(), manoeuvre))) == ""
+
+
+def test_a_coarse_gyro_that_keeps_its_value_on_a_straight_passes():
+    coarse = changed("imu/data", RATES, lambda w: np.round(w / 0.006) * 0.006)
+    assert reason(coarse(driven(prototype(), "brake"))) == ""
+
+
+def test_a_recording_shorter_than_a_manoeuvre_is_refused():
+    assert "nowhere 6 s of driving" in reason(driven(prototype(), "slalom", duration=4.0))
+
+
+def test_one_manoeuvre_is_too_little():
+    assert "only 7.1 s of driving can be used, 10 s are needed" in reason(driven(prototype(), "slalom", duration=7.2))
+
+
+def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
+    assert "straight ahead at constant speed (at most 0.01 m/s² lateral" in reason(driven(prototype(), "straight"))
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (without("vehicle/steering"), "no steering angle"),
+        (without("vehicle/wheel_speeds", "gps/velocity"), "neither wheel speeds nor GNSS"),
+        (without("imu/data"), "no inertial measurements"),
+        (in_frame("imu/data", "imu_rear"), "frame_id 'imu_rear', expected 'imu_link'"),
+        (changed("imu/data", RATES, held(2, 0, 100_000)), "the yaw rate is frozen"),
+        (changed("imu/data", RATES, held(2, 1000, 1400)), "the yaw rate is frozen for 1.6 s"),
+        (changed("imu/data", FORCES, held(0, 1000, 1400)), "the longitudinal acceleration is frozen"),
+        (changed("vehicle/wheel_speeds", "velocity", held(3, 500, 800)), "the speed of the wheel rr is frozen"),
+        (changed("vehicle/wheel_speeds", "velocity", held(slice(None), 500, 800)), "the speed of the wheel fl is"),
+        (changed("vehicle/steering", "position", held(0, 400, 800)), "the steering angle is frozen for 4.0 s"),
+        (changed("gps/velocity", "linear", held(slice(None), 40, 90)), "GNSS velocity to the east is frozen"),
+        (changed("imu/data", RATES, lambda w: np.clip(w, -0.12, 0.12)), "the yaw rate is at the end of its range"),
+        (changed("imu/data", FORCES, lambda f: np.clip(f, -2.0, 20)), "acceleration is at the end of its range"),
+        (changed("imu/data", RATES, scaled(2, 10)), "the car spins"),
+        (changed("imu/data", RATES, scaled(slice(None), 180 / np.pi)), "the car spins in slalom, or the unit"),
+        (changed("imu/data", FORCES, scaled(slice(None), 1 / 9.81)), "specific force looks like g"),
+        (changed("imu/data", FORCES, scaled(1, -1)), "the lateral acceleration has the sign opposite"),
+        (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), "is its unit wrong?"),
+        (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.27)), "look like m/s, expected rad/s"),
+        (changed("vehicle/steering", "position", scaled(0, 0.07)), "the road-wheel angle is"),
+        (changed("vehicle/steering", "position", scaled(0, -1)), "expected positive to the left"),
+        (changed("vehicle/wheel_torques", "effort", scaled(slice(None), 1e-3)), "the wheel torque over radius"),
+        (all_of(NO_GNSS, changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 3.6))), "yaw rate or speed"),
+        (all_of(NO_GNSS, changed("vehicle/steering", "position", scaled(0, -1))), "the road-wheel angle has the sign"),
+        (all_of(NO_GNSS, later("vehicle/steering", 1.2)), "the road-wheel angle"),
+    ],
+)  # fmt: skip
+def test_a_spoilt_recording_is_refused_for_what_was_done_to_it(change, found):
+    manoeuvre = "brake" if found.startswith("the wheel torque") else "slalom"
+    assert found in reason(change(driven(prototype(), manoeuvre)))
+
+
+def test_one_spoilt_recording_among_good_ones_is_refused_by_name_held_out_or_not():
+    good, bad = driven(prototype(), "sweep"), changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))
+    assert "the car spins in slalom" in reason(good, bad)
+    assert "the car spins in slalom" in reason(good, held_out=(bad,))
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda r: replace(r, metadata={**r.metadata, "vehicle": "van"}), "the vehicle is 'Prototype"),
+        (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.93)), "% larger than those of"),
+        (changed("imu/data", FORCES, lambda f: np.add(f, [0.0, 2.0, 0.0])), "the lateral accelerometer has shifted by 2.0"),
+    ],
+)
+def test_recordings_of_different_cars_or_mountings_are_refused(change, found):
+    other = change(driven(prototype(), "slalom"))
+    assert found in reason(driven(prototype(), "sweep"), other)
+    assert found in reason(driven(prototype(), "sweep"), held_out=(other,))
+
+
+def test_sensors_of_one_topic_in_two_places_are_refused():
+    sensors = prototype().sensors
+    anywhere = prototype().model_copy(
+        update={"sensors": {**sensors, "imu": sensors["imu"].model_copy(update={"frame_id": ""})}}
+    )
+    moved = in_frame("imu/data", "imu_rear")(driven(prototype(), "slalom"))
+    assert "frame of imu/data is 'imu_link' in one and 'imu_rear'" in reason(
+        driven(prototype(), "sweep"), moved, vehicle=anywhere
+    )
+
+
+def test_an_upside_down_sensor_that_the_file_knows_of_passes():
+    sensors = prototype().sensors
+    turned = sensors["imu"].model_copy(update={"attitude": (np.pi, 0.0, 0.0)})
+    vehicle = prototype().model_copy(update={"sensors": {**sensors, "imu": turned}})
+    flip = all_of(*(changed("imu/data", field, lambda v: v * [1.0, -1.0, -1.0]) for field in (RATES, FORCES)))
+    recording = driven(prototype(), "slalom")
+    assert reason(flip(recording), vehicle=vehicle) == ""
+    assert "gravity is on -z" in reason(flip(recording))
+
+
+def test_two_sensors_of_one_kind_are_refused():
+    sensors = prototype().sensors
+    second = sensors["imu"].model_copy(update={"topic": "imu/second"})
+    vehicle = prototype().model_copy(update={"sensors": {**sensors, "second": second}})
+    recording = driven(prototype(), "slalom")
+    assert reason(recording, vehicle=vehicle) == ""
+    twice = with_channel(recording, replace(recording["imu/data"], topic="imu/second"))
+    assert "2 sensors of the kind imu with measurements (imu, second)" in reason(twice, vehicle=vehicle)
+
+
+def test_what_is_refused_is_not_assessable_and_nothing_is_named(tmp_path):
+    result = answer([changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))], prototype())
+    assert result.found["verdict"] == "not_assessable"
+    assert result.found["effects"] == []
+    assert "the car spins" in result.found["sentence"]
+    result.write(tmp_path)
+    assert not (tmp_path / "vehicle.extended.yaml").exists()
