@@ -77,6 +77,7 @@ def finding(verdict: str, *, held_out: bool = True) -> dict[str, Any]:
             "region": {"description": "the error of the lateral acceleration grows with the lateral acceleration"},
             "force": {"axis": "yaw", "lever_arm": 1.2345678} if verdict == "unknown" else None,
         },
+        "out_of_reach": [{"id": "aero_drag", "reason": "it needs wheel torques, which these recordings do not have"}],
         "effects": EFFECTS if added else [effect("brake_drag", 0.013, wheel="fr")],
         "answer_set": {
             "named": ["imu_roll_misalignment"],

@@ -148,7 +148,7 @@ def test_one_spoilt_recording_among_good_ones_is_refused_by_name_held_out_or_not
     [
         (lambda r: replace(r, metadata={**r.metadata, "vehicle": "van"}), "the vehicle is 'Prototype"),
         (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.93)), "% larger than those of"),
-        (changed("imu/data", FORCES, lambda f: np.add(f, [0.0, 2.0, 0.0])), "the lateral accelerometer has shifted by 2.0"),
+        (changed("imu/data", FORCES, lambda f: np.add(f, [0.0, 2.0, 0.0])), "lateral accelerometer has shifted by 2.0"),
     ],
 )
 def test_recordings_of_different_cars_or_mountings_are_refused(change, found):
@@ -186,6 +186,12 @@ def test_two_sensors_of_one_kind_are_refused():
     assert reason(recording, vehicle=vehicle) == ""
     twice = with_channel(recording, replace(recording["imu/data"], topic="imu/second"))
     assert "2 sensors of the kind imu with measurements (imu, second)" in reason(twice, vehicle=vehicle)
+
+
+def test_an_effect_that_needs_an_absent_signal_is_not_assessable():
+    found = answer([without("vehicle/wheel_torques")(driven(prototype(), "slalom"))], prototype(), assume=["aero_drag"])
+    assert found.found["verdict"] == "not_assessable"
+    assert "aero_drag: it needs wheel torques, which these recordings do not have" in found.found["sentence"]
 
 
 def test_what_is_refused_is_not_assessable_and_nothing_is_named(tmp_path):

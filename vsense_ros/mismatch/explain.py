@@ -21,7 +21,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance
-from vsense_ros.mismatch.knobs import BASE, Candidate, candidates
+from vsense_ros.mismatch.knobs import BASE, Candidate, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.report import shown_value, write_report
@@ -82,27 +82,36 @@ def answer(
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
         "remarks": list(evidence.remarks), "located": {"signals": [], "segments": [], "region": None, "force": None},
-        "effects": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {}, "threshold": THRESHOLD,
+        "effects": [], "out_of_reach": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {},
+        "threshold": THRESHOLD,
     }  # fmt: skip
-    if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
+
+    def nothing_said(reason: str) -> Answer:
         found["sentence"] = f"Nothing can be said: {reason}."
         found["cpu_s"] = time.process_time() - begun
         return Answer(found)
+
+    if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
+        return nothing_said(reason)
+    beyond = out_of_reach({evidence.sensors[name].kind for w in evidence.windows for name in w.readings})
+    if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
+        return nothing_said("; ".join(lacking))
     predictor = Predictor(vehicle, evidence)
     residuals = Residuals(predictor)
     try:
         base = fit(residuals, predictor.start, BASE, progress=progress)
     except DivergedError:
-        found["sentence"] = (
-            "Nothing can be said: the car of the vehicle file leaves the road when it is driven with the recorded "
-            "inputs; is it the file of this car?"
+        return nothing_said(
+            "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
+            "of this car?"
         )
-        found["cpu_s"] = time.process_time() - begun
-        return Answer(found)
-    offered = candidates()
-    if assume:
-        offered = (_together(assume),)
+    offered = (_together(assume),) if assume else tuple(c for c in candidates() if c.effect not in beyond)
     signatures = screen(residuals, base, offered, progress)
+    traceless = {c.effect for c in offered} - {s.candidate.effect for s in signatures}
+    beyond |= dict.fromkeys(sorted(traceless), "nothing that was recorded depends on it")
+    found["out_of_reach"] = [{"id": id, "reason": reason} for id, reason in beyond.items()]
+    if not signatures:
+        return nothing_said("no effect of the library would leave a trace in these recordings")
     explanations = explain(residuals, predictor.start, base, signatures, progress)
     proof = _Proof(unseen, vehicle, residuals, base)
     found["remarks"] += proof.remarks

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from vsense_ros.model.effects import BY_ID
@@ -79,6 +79,24 @@ def _knob(effect: str, field: str) -> Knob:
         dotted, str(extra["unit"]), float(str(extra["typical"])), float(limits["Ge"].ge), float(limits["Le"].le),
         lambda values, amount: {dotted: values[dotted] + amount},
     )  # fmt: skip
+
+
+_SENSORS = {
+    "imu": "inertial measurements",
+    "wheel_speeds": "wheel speeds",
+    "wheel_torques": "wheel torques",
+    "gnss_velocity": "a GNSS velocity",
+}
+
+
+def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
+    """Effects by id of which nothing can be said with these kinds of sensors, with the reason."""
+    missing = {id: [kind for kind in effect.needs if kind not in kinds] for id, effect in BY_ID.items()}
+    return {
+        id: f"it needs {' and '.join(_SENSORS[kind] for kind in lacking)}, which these recordings do not have"
+        for id, lacking in missing.items()
+        if lacking
+    }
 
 
 def candidates() -> tuple[Candidate, ...]:

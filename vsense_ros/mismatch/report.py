@@ -177,6 +177,9 @@ def printed(found: Mapping[str, Any], console: Console) -> None:
             console.print(Text(f"The report shows {len(rows)} signals.", style="dim"))
     for remark in found["remarks"]:
         console.print(Text(f"Note: {remark}", style="yellow"))
+    for reason in dict.fromkeys(one["reason"] for one in found["out_of_reach"]):
+        ids = ", ".join(one["id"] for one in found["out_of_reach"] if one["reason"] == reason)
+        console.print(Text(f"Nothing can be said of {ids}: {reason}", style="yellow"))
     console.print(Text(f"{found['cpu_s']:.0f} s of computing", style="dim"))
 
 

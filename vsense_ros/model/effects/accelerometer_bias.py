@@ -22,6 +22,7 @@ class AccelerometerBias(Effect):
         "road_bank",
         "road_grade",
     )
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     x: float = size("m/s²", "added by the sensor along x", typical=0.1, high=5.0)
     y: float = size("m/s²", "added by the sensor along y", typical=0.1, high=5.0)

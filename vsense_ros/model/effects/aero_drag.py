@@ -20,6 +20,7 @@ class AeroDrag(Effect):
     sentence: ClassVar[str] = "air drag that grows with the square of the speed"
     excited_by: ClassVar[tuple[str, ...]] = ("coast-down", "speed changes at high speed")
     mistaken_for: ClassVar[tuple[str, ...]] = ("rolling_resistance", "road_grade", "brake_drag")
+    needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 
     area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
 

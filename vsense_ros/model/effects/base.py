@@ -51,6 +51,7 @@ class Effect(Part):
     sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
     excited_by: ClassVar[tuple[str, ...]] = ()  # manoeuvres that show it
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
+    needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
     memory: ClassVar[tuple[str, ...]] = ()
 
     def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

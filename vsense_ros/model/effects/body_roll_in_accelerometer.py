@@ -17,6 +17,7 @@ class BodyRollInAccelerometer(Effect):
     sentence: ClassVar[str] = "gravity that reaches the lateral accelerometer as the body rolls"
     excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("imu_yaw_misalignment", "steering_ratio")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     gain: float = size("-", "additional roll of the sensor per roll of the body", typical=0.5, low=-2.0, high=5.0)
 

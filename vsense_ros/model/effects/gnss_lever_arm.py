@@ -17,6 +17,7 @@ class GnssLeverArm(Effect):
     sentence: ClassVar[str] = "a GNSS antenna that sits elsewhere than the vehicle file says"
     excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay",)
+    needs: ClassVar[tuple[str, ...]] = ("gnss_velocity",)
 
     x: float = size("m", "added to the place of the antenna, forward", typical=0.5, high=10.0)
     y: float = size("m", "added to the place of the antenna, to the left", typical=0.5, high=5.0)

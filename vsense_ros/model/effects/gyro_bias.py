@@ -17,6 +17,7 @@ class GyroBias(Effect):
     sentence: ClassVar[str] = "a gyro that does not read zero at rest"
     excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "steering_offset")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     x: float = size("rad/s", "added by the sensor about x", typical=0.005, high=0.2)
     y: float = size("rad/s", "added by the sensor about y", typical=0.005, high=0.2)

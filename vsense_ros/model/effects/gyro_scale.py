@@ -17,6 +17,7 @@ class GyroScale(Effect):
     sentence: ClassVar[str] = "a gyro that reads a multiple of the rate"
     excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_ratio", "roll_steer")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     x: float = size("-", "relative error of the gyro about x", typical=0.02, high=0.5)
     y: float = size("-", "relative error of the gyro about y", typical=0.02, high=0.5)

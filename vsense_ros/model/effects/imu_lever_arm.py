@@ -17,6 +17,7 @@ class ImuLeverArm(Effect):
     sentence: ClassVar[str] = "an inertial measurement unit that sits elsewhere than the vehicle file says"
     excited_by: ClassVar[tuple[str, ...]] = ("steering sweep",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("camber_thrust", "imu_yaw_misalignment")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     x: float = size("m", "added to the place of the sensor, forward", typical=0.3, high=5.0)
     y: float = size("m", "added to the place of the sensor, to the left", typical=0.3, high=3.0)

@@ -17,6 +17,7 @@ class ImuPitchMisalignment(Effect):
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its y axis"
     excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("accelerometer_bias", "road_grade")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     angle: float = size("rad", "added to the pitch angle of the mounting", typical=0.03, high=0.5)
 

@@ -17,6 +17,7 @@ class ImuRollMisalignment(Effect):
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its x axis"
     excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("accelerometer_bias", "road_bank", "payload_offset")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     angle: float = size("rad", "added to the roll angle of the mounting", typical=0.03, high=0.5)
 

@@ -17,6 +17,7 @@ class ImuYawMisalignment(Effect):
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its z axis"
     excited_by: ClassVar[tuple[str, ...]] = ("accelerating and braking", "cornering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("imu_lever_arm", "accelerometer_bias")
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
 
     angle: float = size("rad", "added to the yaw angle of the mounting", typical=0.03, high=0.5)
 

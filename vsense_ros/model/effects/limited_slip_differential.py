@@ -19,6 +19,7 @@ class LimitedSlipDifferential(Effect):
     sentence: ClassVar[str] = "a differential that couples left and right wheel"
     excited_by: ClassVar[tuple[str, ...]] = ("brake in turn", "tight turns", "accelerating in turns")
     mistaken_for: ClassVar[tuple[str, ...]] = ("brake_drag", "tyre_load_sensitivity")
+    needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 
     front: float = size("N m s/rad", "torque per difference of speed, front", typical=40.0, low=0.0, high=5000.0)
     rear: float = size("N m s/rad", "torque per difference of speed, rear", typical=40.0, low=0.0, high=5000.0)

@@ -15,6 +15,7 @@ class RollingResistance(Effect):
     sentence: ClassVar[str] = "rolling resistance in proportion to the wheel loads"
     excited_by: ClassVar[tuple[str, ...]] = ("coast-down", "driving at constant speed")
     mistaken_for: ClassVar[tuple[str, ...]] = ("aero_drag", "road_grade", "brake_drag")
+    needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 
     coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.02, high=0.3)
 

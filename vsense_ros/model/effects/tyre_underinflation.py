@@ -18,6 +18,7 @@ class TyreUnderinflation(Effect):
     sentence: ClassVar[str] = "a tyre with too little pressure"
     excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("wheel_radius", "brake_drag")
+    needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 
     fl: float = size("-", "relative loss of pressure, front left", typical=0.3, low=-0.5, high=0.9)
     fr: float = size("-", "relative loss of pressure, front right", typical=0.3, low=-0.5, high=0.9)

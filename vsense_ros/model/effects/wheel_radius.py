@@ -15,6 +15,7 @@ class WheelRadius(Effect):
     sentence: ClassVar[str] = "a wheel of another radius"
     excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_underinflation",)
+    needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 
     fl: float = size("-", "relative error of the radius, front left", typical=0.01, high=0.2)
     fr: float = size("-", "relative error of the radius, front right", typical=0.01, high=0.2)
