@@ -8,10 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drives import FIX, IMU, SECOND, SENSORS, STEERING, VELOCITY, WHEELS, distance, feed, follow, messages, seconds
+from drives import (
+    FIX,
+    IMU,
+    SECOND,
+    SENSORS,
+    STEERING,
+    VELOCITY,
+    WHEELS,
+    changed,
+    distance,
+    feed,
+    follow,
+    messages,
+    seconds,
+)
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES, drive, generate
 from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.simulate import simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, run
@@ -19,7 +34,7 @@ from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
 
 
-def settings(vehicle: Vehicle, **changes: float) -> Vehicle:
+def settings(vehicle: Vehicle, **changes: object) -> Vehicle:
     return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update=changes)})
 
 
@@ -83,8 +98,13 @@ def test_merged_measurements_in_any_order_give_nearly_the_same_state(vehicle: Ve
     assert position < 0.02
 
 
-def test_gnss_that_comes_200_ms_late_gives_the_same_state(vehicle: Vehicle, lane_change: Recording) -> None:
-    stream = messages(lane_change, 6.0)
+@pytest.mark.parametrize("parameter_filter", ["none", "ekf", "ukf"])
+@pytest.mark.parametrize("way", ["compiled", "without compiled step"])
+def test_gnss_that_comes_200_ms_late_gives_the_same_state(
+    parameter_filter: str, way: str, vehicle: Vehicle, lane_change: Recording
+) -> None:
+    """Whether parameters are estimated along, and whether what is done again is done in one call of C."""
+    stream = messages(lane_change, 4.0)
     in_time = without_ties(stream)
     begin = in_time[0].stamp + SECOND  # both start alike
     late = [
@@ -92,10 +112,44 @@ def test_gnss_that_comes_200_ms_late_gives_the_same_state(vehicle: Vehicle, lane
     ]
     late.sort(key=lambda s: s.received or 0)
     exact = settings(vehicle, merge_window=0.0)
-    ordered = feed(observer_of(exact, lane_change), in_time)
-    other = feed(observer_of(exact, lane_change), late)
-    assert other.health[other.names.index("velocity")].late > 40
+    if parameter_filter != "none":
+        mass = {"chassis.mass": EstimatedParameter(deviation=100.0, drift=1.0)}
+        exact = settings(exact, parameters=mass, parameter_filter=parameter_filter)
+    ordered, other = (observer_of(exact, lane_change) for _ in range(2))
+    if way != "compiled":
+        other.filter._in_c = None
+    for observer, arriving in ((ordered, in_time), (other, late)):
+        feed(observer, arriving)
+    assert other.health[other.names.index("velocity")].late > 20
     assert max(distance(ordered, other)) < 1e-9
+    np.testing.assert_allclose(other.snapshot().state, ordered.snapshot().state, rtol=1e-8, atol=1e-8)
+
+
+def test_what_is_refused_among_what_is_done_again_is_treated_as_it_was(
+    vehicle: Vehicle, lane_change: Recording
+) -> None:
+    """Every fifth fix is 30 m off, wheel speeds are wrong for longer than the observer's patience, all GNSS is late:
+    what happens again in one call of C is what happens again one by one."""
+
+    def spoilt(sample: Sample) -> Sample:
+        if sample.topic == FIX and sample.stamp // (SECOND // 10) % 5 == 0:
+            return changed(sample, latitude=sample.values["latitude"] + 3e-4)
+        if sample.topic == WHEELS and 2.0 < seconds(lane_change, sample) < 3.0:
+            return changed(sample, velocity=sample.values["velocity"] + 8.0)
+        return sample
+
+    stream = [spoilt(s) for s in messages(lane_change, 5.0)]
+    made = [observer_of(vehicle, lane_change) for _ in range(2)]
+    made[1].filter._in_c = None
+    in_c, in_python = (feed(observer, stream) for observer in made)
+    assert max(distance(in_c, in_python)) < 1e-9
+    assert [vars(h) for h in in_c.health] == [
+        {**vars(h), "innovation_ratio": pytest.approx(h.innovation_ratio), "problem": ours.problem}
+        for h, ours in zip(in_python.health, in_c.health, strict=True)
+    ]
+    refused = {name: health.refused for name, health in zip(in_c.names, in_c.health, strict=True)}
+    assert refused["position"] > 5
+    assert refused["wheel_speeds"] > 50
 
 
 def test_looking_at_the_estimate_does_not_change_it(vehicle: Vehicle, lane_change: Recording) -> None:

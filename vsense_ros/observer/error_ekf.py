@@ -11,18 +11,19 @@ model step, so that the tyres' damping of side slip and yaw is known to the filt
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
+from vsense_ros.model.car import INPUTS, PITCH, ROLL, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.compiled_step import CompiledStep
+from vsense_ros.observer.compiled_step import Backup, CompiledStep, Process, Replayed
 from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kalman
 
 Array = NDArray[np.float64]
@@ -101,13 +102,13 @@ def rolling_state(vehicle: Vehicle, speed: float) -> Array:
     return state
 
 
-class _Process(NamedTuple):
-    """Decay and added variance of the states behind the velocities (n - 28) within some time, and where they stand."""
-
-    decay: Array
-    noise: Array
-    decay_address: int
-    noise_address: int
+def largest_state(size: int) -> Array:
+    """Amounts (n,) beyond which no car's state is."""
+    largest = np.full(size, 1e15)
+    largest[[ROLL, PITCH]] = 1.5, 1.4
+    velocities = largest[U]
+    velocities[[X, Y, YAW]] = 150.0, 150.0, 20.0
+    return largest
 
 
 class ErrorEkf:
@@ -116,8 +117,11 @@ class ErrorEkf:
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
     the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
     model. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
-    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there.
+    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there; one whose
+    operations are others is not `at_once`, which would call those of C.
     """
+
+    at_once: ClassVar[bool] = True
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], extra: int = 0) -> None:
         self.vehicle = vehicle
@@ -135,7 +139,8 @@ class ErrorEkf:
         )
         self.covariance = covariance.reshape(n, n)
         self.parameters[:] = physical
-        self._distances = [car.parameter_names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")]
+        names = car.parameter_names
+        self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
         q, u, force, around = (self.state[s] for s in (Q, U, FORCE, SURROUND))
         arguments = [q, u, force, around, self.inputs, self.parameters, self._effects]
         self._linearize = Kernel(functions["linearize"], arguments, linearization)
@@ -167,17 +172,27 @@ class ErrorEkf:
                 mounting = np.asarray(sensor.mounting(), dtype=float)
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
+        self.largest = largest_state(n)
+        coordinates, velocities = (r.reshape(-1, order="F") for r in self._advance.results)
+        remembered = np.zeros(0) if self._remember is None else self._remember.results[0].reshape(-1, order="F")
         self._in_c = CompiledStep.of(
             self._kalman,
-            [self._kinematics, self._advance, self._force],
-            self.state,
-            self._h,
+            {name: getattr(self, f"_{name}") for name in ("linearize", "kinematics", "advance", "force", "remember")},
+            {
+                **{name: getattr(self, name) for name in ("memory", "state", "inputs", "largest")},
+                "effects": self._effects,
+                "length": self._h,
+                "remembered": remembered,
+                "coordinates": coordinates,
+                "velocities": velocities,
+                "added": self._force.results[0].reshape(-1, order="F"),
+            },
             list(zip(self._sense, self._uses_acceleration, self.layout.biases, strict=True)),
         )
         self.prior = Prior.of(vehicle, sensors)
-        self._processes: dict[int, _Process] = {}
+        self._processes: dict[int, Process] = {}
 
-    def _process(self, h: float) -> _Process:
+    def _process(self, h: float) -> Process:
         """What happens within `h` [s] to the states behind the velocities.
 
         Kept for steps of equal length to 10 µs: a thousandth of a step changes less than the settings are known to.
@@ -189,7 +204,7 @@ class ErrorEkf:
             prior = self.prior
             decay = np.exp(-h * prior.rate[28:])
             noise = prior.deviation[28:] ** 2 * (1 - decay**2) + prior.density[28:] * h
-            known = self._processes[length] = _Process(decay, noise, decay.ctypes.data, noise.ctypes.data)
+            known = self._processes[length] = Process(decay, noise, decay.ctypes.data, noise.ctypes.data)
         return known
 
     def start(self, speed: float) -> None:
@@ -213,10 +228,10 @@ class ErrorEkf:
     def predict(self, h: float) -> None:
         """Move model and covariance ahead by `h` [s], from the last linearisation."""
         process = self._process(h)
-        self._move_effects(h)
         if self._in_c is not None:
-            self._in_c.predict(h, process.decay_address, process.noise_address)
+            self._in_c.predict(h, process)
             return
+        self._move_effects(h)
         self._kalman.transition(h)
         self._kinematics.call()
         self._advance.call()
@@ -264,7 +279,45 @@ class ErrorEkf:
     @property
     def axle_distances(self) -> Array:
         """Of the front and the rear axle from cog, (2,) [m]."""
-        return self.parameters[self._distances]
+        return self.parameters.take(self._distances)
+
+    def sane(self) -> bool:
+        """Whether the state is a car's."""
+        return bool(self.covariance.item(14, 14) > 0 and np.all(np.abs(self.state) < self.largest))
+
+    def backup(self) -> Backup:
+        """A place where the filter may be kept."""
+        memory = np.empty_like(self.memory)
+        return Backup(memory, memory.ctypes.data)
+
+    def move(self, kept: Backup, steps: int, h: float) -> bool:
+        """Keep the filter as it is, then move it ahead by `steps` steps of `h` [s], linearised after each.
+
+        False, and the filter is as it was, if its state is not a car's or cannot be moved.
+        """
+        if self._in_c is not None and self.at_once:
+            return self._in_c.move(kept, steps, h, self._process(h))
+        if not self.sane():
+            return False
+        kept.memory[:] = self.memory
+        try:
+            for _ in range(steps):
+                self.predict(h)
+                self.linearize()
+        except (FloatingPointError, np.linalg.LinAlgError):
+            self.memory[:] = kept.memory
+            return False
+        return True
+
+    def replay(self, events: Sequence[Replayed]) -> tuple[int, bool, Array]:
+        """Let events happen again, up to one that the filter could not move to or that its gate refused.
+
+        Returns how many happened, whether the filter moved to the one that did not, and the normalized innovations
+        squared of the measurements (those of inputs mean nothing). Without a compiler none happens.
+        """
+        if self._in_c is None or not self.at_once:
+            return 0, False, np.zeros(0)
+        return self._in_c.replay(events, [self._process(event.h) if event.steps else None for event in events])
 
     def lose_trust(self) -> None:
         """Forget how errors belong together, and double their standard deviations."""

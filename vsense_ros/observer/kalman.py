@@ -220,7 +220,7 @@ class CompiledKalman(Kalman):
         )
         self._model = ctypes.byref(self.structure)
         # Copying into these is quicker than asking an array for its address.
-        self._value, self._variance = np.zeros(COMPONENTS), np.zeros(COMPONENTS)
+        self.value, self.variance = np.zeros(COMPONENTS), np.zeros(COMPONENTS)
         self._decay, self._added = np.zeros(len(covariance) - U.stop), np.zeros(len(covariance) - U.stop)
         self._process = self._decay.ctypes.data, self._added.ctypes.data
         # By identity; the arrays are kept with it, so that no other object can come to have the same.
@@ -256,14 +256,14 @@ class CompiledKalman(Kalman):
         """What C needs of a sensor's results, which must stay where they are; the measurement is that of `measured`."""
         return SensedStructure(
             *(len(sensed[0]), uses_acceleration, biases.start, biases.stop - biases.start),
-            *(self._value.ctypes.data, self._variance.ctypes.data),
+            *(self.value.ctypes.data, self.variance.ctypes.data),
             *(a.ctypes.data for a in sensed),
         )
 
     def measured(self, value: Array, variance: Array) -> None:
         """Keep the measurement (m,) that comes next."""
         count = len(value)
-        self._value[:count], self._variance[:count] = value, variance
+        self.value[:count], self.variance[:count] = value, variance
 
 
 def kalman(model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import ROLL, YAW, X, Y
+from vsense_ros.model.car import YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.compiled_step import Backup, Replayed
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
@@ -45,12 +46,12 @@ _stamp_of = attrgetter("stamp")
 class _Instant:
     """The filter after all that happened at one time.
 
-    The newest instant is the filter itself; its `memory` is written when the filter moves on.
+    The newest instant is the filter itself, which is `kept` when it moves on.
     """
 
     stamp: int
     latest: int  # stamp of its events, of which inputs may be newer than the instant
-    memory: Array
+    kept: Backup
     events: list[Event] = field(default_factory=list)
 
 
@@ -295,17 +296,26 @@ class Observer:
     def _occur(self, event: Event) -> None:
         """Let an event happen, not before those of the newest instant of the history."""
         instant = self._history[-1]
-        # An input holds from here on: the model need not be brought to the very time it was read.
         stamp = event.stamp
-        if stamp > instant.stamp + self._merge and self._sets[event.sensor] is None:
-            self._require_sanity()
-            instant.memory[:] = self.filter.memory
-            self._advance(instant.stamp, stamp)
+        if self._is_later(event, instant):
+            if not self.filter.move(instant.kept, *self._steps(stamp - instant.stamp)):
+                self._recover()
+                instant.kept.memory[:] = self.filter.memory
             instant = self._remember(stamp)
         self._happen(event)
         instant.events.append(event)
         if stamp > instant.latest:
             instant.latest = stamp
+
+    def _is_later(self, event: Event, instant: _Instant) -> bool:
+        """Whether an event has an instant of its own. An input holds from where it comes on: the model need not be
+        brought to the very time it was read."""
+        return event.stamp > instant.stamp + self._merge and self._sets[event.sensor] is None
+
+    def _steps(self, time: int) -> tuple[int, float]:
+        """Number and length [s] of the steps for some time [ns]."""
+        count = max(1, -(-time // self._step))
+        return count, time * 1e-9 / count
 
     def _insert(self, event: Event) -> None:
         """Put a late event in its place; what follows it is done again when the newest state is next needed."""
@@ -317,15 +327,41 @@ class Observer:
             del self._history[kept:]
             self._spare += undone
             self._ahead[:0] = sorted((e for instant in undone for e in instant.events), key=_stamp_of)
-            self.filter.memory[:] = self._history[-1].memory
+            self.filter.memory[:] = self._history[-1].kept.memory
         insort(self._ahead, event, key=_stamp_of)
 
     def _catch_up(self) -> None:
         """Do again what came after a late measurement."""
-        if self._ahead:
-            ahead, self._ahead = self._ahead, []
-            for event in ahead:
-                self._occur(event)
+        while self._ahead:
+            del self._ahead[: self._replay(self._ahead)]
+            if self._ahead:
+                self._occur(self._ahead.pop(0))
+
+    def _replay(self, events: list[Event]) -> int:
+        """Let events happen in one go, up to one that needs a closer look; returns how many did."""
+        if not self.heading_known:
+            return 0
+        history, instants, plan = self._history, [self._history[-1]], []
+        for event in events:
+            index, instant = event.sensor, instants[-1]
+            what = index, self._sets[index], event.value, event.variance, self._limits[index]
+            if self._is_later(event, instant):
+                plan.append(Replayed(*what, instant.kept.address, *self._steps(event.stamp - instant.stamp)))
+                instant = self._remember(event.stamp)
+            else:
+                plan.append(Replayed(*what))
+            instants.append(instant)
+        done, moved, nis = self.filter.replay(plan)
+        newest = instants[done + moved]
+        while history[-1] is not newest:
+            self._spare.append(history.pop())
+        for event, instant, found in zip(events[:done], instants[1:], nis.tolist(), strict=False):
+            instant.events.append(event)
+            if event.stamp > instant.latest:
+                instant.latest = event.stamp
+            if not event.counted:
+                self._count(event, found)
+        return done
 
     def _restart(self, event: Event) -> None:
         self._restarts += 1
@@ -340,74 +376,56 @@ class Observer:
             health.stamps.clear()
         self._gather(event)
 
-    def _advance(self, start: int, end: int) -> None:
-        count = max(1, -(-(end - start) // self._step))
-        h = (end - start) * 1e-9 / count
-        try:
-            for i in range(count):
-                if i:
-                    self.filter.linearize()
-                self.filter.predict(h)
-        except (FloatingPointError, np.linalg.LinAlgError):
-            self._recover()
-        self.filter.linearize()
-
     def _happen(self, event: Event) -> None:
         """Let an event act on the filter at its present time; what happens again is not counted again."""
-        f, index, value, first = self.filter, event.sensor, event.value, not event.counted
-        health, inputs, limit = self.health[index], self._sets[index], self._limits[index]
-        event.counted = True
+        f, index, value = self.filter, event.sensor, event.value
+        inputs, limit, nis = self._sets[index], self._limits[index], 0.0
         if inputs is not None:
             np.copyto(f.inputs[inputs], value, where=np.isfinite(value))
-            health.used += first
+        elif self.heading_known or self._helps(event):
+            nis = f.correct(index, value, event.variance, limit)
+        else:
+            event.counted = True
             return
-        if not self.heading_known:
-            kind = self._list[index].kind
-            if kind == "gnss_velocity" and self._align(event):
-                pass
-            elif kind in ("gnss_velocity", "gnss_position"):
-                if kind == "gnss_position" and first:
-                    np.copyto(f.state[0:2], value, where=np.isfinite(value))
-                return
-        nis = f.correct(index, value, event.variance, limit)
-        if not nis <= limit:
-            if first:
-                health.refused += 1
-                health.refused_in_a_row += 1
-                health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
-            if health.refused_in_a_row >= PATIENCE and np.isfinite(nis):
-                # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
-                f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
-        elif first:
+        if not event.counted:
+            self._count(event, nis)
+        if not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis):
+            # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
+            f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
+
+    def _helps(self, event: Event) -> bool:
+        """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
+        kind = self._list[event.sensor].kind
+        if kind == "gnss_velocity":
+            return self._align(event)
+        if kind != "gnss_position":
+            return True
+        if not event.counted:
+            np.copyto(self.filter.state[0:2], event.value, where=np.isfinite(event.value))
+        return False
+
+    def _count(self, event: Event, nis: float) -> None:
+        """Keep what became of an event, of a measurement its normalized innovation squared."""
+        event.counted = True
+        index = event.sensor
+        health, limit = self.health[index], self._limits[index]
+        if self._sets[index] is not None:
+            health.used += 1
+        elif nis <= limit:
             health.refused_in_a_row = 0
             health.used += 1
-            health.innovation_ratio += 0.02 * (nis / len(value) - health.innovation_ratio)
-
-    def _require_sanity(self) -> None:
-        """Before anything is built on what the newest instant has made of the state."""
-        if not self._sane():
-            self._recover()
-
-    def _sane(self) -> bool:
-        """Whether the state is a car's."""
-        f = self.filter
-        tail = f.state[ROLL:20].tolist()  # roll, pitch, … forward and lateral velocity, …, yaw rate
-        return (
-            abs(tail[0]) < 1.5
-            and abs(tail[1]) < 1.4
-            and abs(tail[11]) < 150
-            and abs(tail[12]) < 150
-            and abs(tail[16]) < 20
-            and f.covariance.item(14, 14) > 0
-            and f.state.dot(f.state) < 1e30  # false for NaN
-        )
+            health.innovation_ratio += 0.02 * (nis / len(event.value) - health.innovation_ratio)
+        else:
+            health.refused += 1
+            health.refused_in_a_row += 1
+            health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def _recover(self) -> None:
         """Go on from the newest sane state before this instant, with less trust in it."""
         self._faults += 1
         for instant in reversed(self._history[:-1]):
-            self.filter.memory[:] = instant.memory
-            if self._sane():
+            self.filter.memory[:] = instant.kept.memory
+            if self.filter.sane():
                 break
         self.filter.lose_trust()
 
@@ -416,7 +434,7 @@ class Observer:
         history = self._history
         if len(history) > 2 and history[0].stamp < stamp - self._reach:
             self._spare.append(history.pop(0))
-        instant = self._spare.pop() if self._spare else _Instant(0, 0, np.empty_like(self.filter.memory))
+        instant = self._spare.pop() if self._spare else _Instant(0, 0, self.filter.backup())
         instant.stamp = instant.latest = stamp
         instant.events = []
         if stamp > self._newest:
@@ -433,8 +451,8 @@ class Observer:
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
         self._catch_up()
-        if self.started:
-            self._require_sanity()
+        if self.started and not self.filter.sane():
+            self._recover()
         return Estimate.of(self.stamp, self.filter)
 
     def parameters(self) -> dict[str, tuple[float, float]]:

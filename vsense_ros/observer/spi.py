@@ -19,6 +19,7 @@ from vsense_ros.model.car import Car, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.compiled_step import Learned
 from vsense_ros.observer.error_ekf import ErrorEkf, layout
 from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
 from vsense_ros.observer.parameter_ekf import ParameterEkf
@@ -78,8 +79,10 @@ class Spi(ErrorEkf):
         settings = vehicle.observer.parameters
         self.parameter_names = tuple(settings)
         n, k = layout(sensors).size, len(settings)
-        super().__init__(vehicle, sensors, extra=k + k * k + n * k + k * k)
-        parts = np.split(self.extra, np.cumsum([k, k * k, n * k]).tolist())
+        known = k + k * k + n * k + k * k
+        super().__init__(vehicle, sensors, extra=known + 14 * k)
+        self._learned, effect = self.extra[:known], self.extra[known:]
+        parts = np.split(self._learned, np.cumsum([k, k * k, n * k]).tolist())
         self.values = parts[0]
         self.parameter_covariance, self.information = (parts[i].reshape(k, k) for i in (1, 3))
         self.sensitivity = parts[2].reshape(k, n).T
@@ -99,15 +102,14 @@ class Spi(ErrorEkf):
         flat = [m.reshape(-1, order="F") for m in self._linearize.results[:4]]
         s, m = parts[2], parts[1]
         arguments = [q, u, force, around, self.inputs, self.parameters, *flat, s, m, self._effects]
-        self._effect = Kernel(functions["parameters_effect"], arguments)
-        effect = self._effect.results[0].reshape(-1, order="F")
+        self._effect = Kernel(functions["parameters_effect"], arguments, effect)
         kinematics = [r.reshape(-1, order="F") for r in self._kinematics.results]
         self._decay = np.zeros(n - U.stop)
         gain = self._kalman.gain.reshape(-1)
         self._spread = Kernel(
             functions["parameters_predict"], [s, m, effect, drift, gain, *kinematics, self._h, self._decay]
         )
-        self._seen: list[_Seen | None] = [None] * len(self.sensors)
+        self._seen: list[Learned | None] = [None] * len(self.sensors)
         for i, sensor in enumerate(self.sensors):
             sense = self._sense[i]
             if sense is None:
@@ -119,13 +121,31 @@ class Spi(ErrorEkf):
             seen = Kernel(functions[f"seen_{i}"], [*arguments, effect, bias, mounting, value, variance, *sensed])
             v, plain, told, d = (r.reshape(-1, order="F") for r in seen.results)
             told_of, projected = seen.results[0].T, np.zeros(seen.results[0].T.shape)
-            learned = np.zeros(len(self.extra) + n + 14)
+            learned = np.zeros(known + n + 14)
             found = [v, projected.reshape(-1), plain, told, d, self._error, parts[3], parts[0], lower, upper]
             learn = Kernel(functions["parameters_learn"], [*arguments, effect, *found], learned)
-            told, change, udot = np.split(learned, [len(self.extra), len(self.extra) + n])
-            self._seen[i] = _Seen(seen, value, variance, told_of, projected, learn, told, change, udot)
+            told, change, udot = np.split(learned, [known, known + n])
+            self._seen[i] = Learned(seen, value, variance, told_of, projected, learn, told, change, udot)
         self._added_force = self._force.results[0].reshape(-1, order="F")
         self._accelerations = self.udot.reshape(-1, order="F")
+        moved, grown, added = (r.reshape(-1, order="F") for r in self._spread.results)
+        if self._in_c is not None and not self._in_c.learn(
+            (self._effect, self._spread),
+            self._drifts,
+            self._columns,
+            {
+                "learned": self._learned,
+                "sensitivity": s,
+                "covariance": m,
+                "decay": self._decay,
+                "physical": self.parameters,
+                "moved": moved,
+                "grown": grown,
+                "added": added,
+            },
+            self._seen,
+        ):
+            self._in_c = None
         self._refuse_what_cannot_be_told()
 
     def _refuse_what_cannot_be_told(self) -> None:
@@ -184,6 +204,8 @@ class Spi(ErrorEkf):
 
     def predict(self, h: float) -> None:
         super().predict(h)
+        if self._in_c is not None:
+            return
         self._decay[:] = self._process(h).decay
         self._spread.call()
         sensitivity, covariance, added = self._spread.results
@@ -194,18 +216,18 @@ class Spi(ErrorEkf):
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
         nis = super().correct(index, value, variance, limit, scale)
-        known = self._seen[index]
+        known = self._seen[index] if self._in_c is None else None
         if scale == 1.0 and known is not None and 0 <= nis <= limit:  # what is forced upon the filter tells nothing
             self._learn(known, value, variance)
         return nis
 
-    def _learn(self, known: _Seen, value: Array, variance: Array) -> None:
+    def _learn(self, known: Learned, value: Array, variance: Array) -> None:
         """What a measurement by which the state has just been corrected tells of the parameters."""
         known.value[:], known.variance[:] = value, variance
         known.seen.call()
         np.dot(self.covariance, known.told_of, out=known.projected)
         known.learn.call()
-        self.extra[:] = known.told
+        self._learned[:] = known.learned
         self.parameters[self._columns] = self.values
         change = known.change
         self._error[FORCE] = change[FORCE]
@@ -239,21 +261,6 @@ class Spi(ErrorEkf):
             np.linalg.eigvalsh(prior[:, None] * self.information * prior),
             self.parameter_covariance / np.outer(deviation, deviation),
         )
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """The functions of one sensor, and the arrays they are bound to."""
-
-    seen: Kernel
-    value: Array  # (m,)
-    variance: Array  # (m,)
-    told_of: Array  # Hᵀ R⁻¹ Y, (n, p)
-    projected: Array  # P times that, (n, p)
-    learn: Kernel
-    told: Array  # its results: new `extra`,
-    change: Array  # (n,) of the state, accelerations in place of the generalized forces,
-    udot: Array  # (14,) and change of the accelerations
 
 
 @cache
