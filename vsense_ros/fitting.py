@@ -11,10 +11,12 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import align
@@ -29,7 +31,9 @@ Progress = Callable[[float], None]
 
 RATE = 10.0  # at which the errors are taken [Hz]: side slip changes slower than that
 DIFFERENCE = 0.1  # of a knob, for the Jacobian [steps]
-LEAST_GAIN = 0.002  # of an iteration, as a share of the sum of squares
+LEAST_GAIN = 0.002  # of an iteration, as a share of the sum of squares: a thousandth of the error
+LEAST_STEP = 1e-3  # of an iteration, as a share of the way from the start
+ITERATIONS = 20  # at most
 PRIOR = 0.001  # share of the mean square error at the start that a knob one step from its start value costs
 DIGITS = 4  # that are kept of a fitted number
 
@@ -77,8 +81,8 @@ class Fit:
 def turned(vehicle: Vehicle, knobs: Sequence[Knob], steps: Sequence[float] | Array, digits: int = 17) -> Vehicle:
     """The vehicle with its knobs turned; raises `ValueError` if that is no valid vehicle."""
     data = vehicle.model_dump(mode="json")
-    for knob, count in zip(knobs, steps, strict=True):
-        knob.turn(data, float(count), digits)
+    for knob, turns in zip(knobs, steps, strict=True):
+        knob.turn(data, float(turns), digits)
     return Vehicle.model_validate(data)
 
 
@@ -86,45 +90,40 @@ def fit(
     vehicle: Vehicle,
     knobs: Sequence[Knob],
     recordings: Sequence[Recording],
-    iterations: int = 3,
+    iterations: int = ITERATIONS,
     prior: float = PRIOR,
     progress: Progress | None = None,
 ) -> Fit:
     """Turn the knobs so that the mean square error of the side slip is least, each recording with equal weight.
 
-    Gauss-Newton, no knob by more than a step at a time, ended when an iteration gains less than `LEAST_GAIN`. The mean
-    error is the mounting angle of the reference, so it is taken out and `reference.yaw` changed by it. A knob that the
-    recordings do not tell anything about stays where it is: a departure by n steps costs n² `prior`. Runs are shared
-    out to all processors; the result does not depend on how many there are. `progress` takes the share done.
+    Gauss-Newton within a region of trust, at first of one step, ended when an iteration that went as foreseen gains
+    less than `LEAST_GAIN`. The mean error is the mounting angle of the reference, so it is taken out and
+    `reference.yaw` changed by it. A knob that the recordings do not tell anything about stays where it is: a departure
+    by n steps costs n² `prior`. Runs are shared out to all processors; the result does not depend on how many there
+    are. `progress` takes the share done, of `iterations`.
     """
     weight = prior**0.5
-    steps = np.zeros(len(knobs))
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(recordings) * len(knobs))) as pool:
-        before = here = _errors(pool, [vehicle], recordings)[0]
+        before = _errors(pool, [vehicle], recordings)[0]
         scale = float(np.sqrt(np.mean(np.square(rmse(before)))))
+        rounds = count()
 
-        def residuals(errors: Sequence[Array], at: Array) -> Array:
-            return np.concatenate([_stacked(errors) / scale, weight * at])
+        def residuals(steps: Array, errors: Sequence[Array] | None = None) -> Array:
+            if errors is None:
+                errors = _errors(pool, [turned(vehicle, knobs, steps)], recordings)[0]
+            return np.concatenate([_stacked(errors) / scale, weight * steps])
 
-        for iteration in range(iterations):
-            nearby = [steps + DIFFERENCE * unit for unit in np.eye(len(knobs))]
-            share = part(progress, iteration, iterations)
-            ahead = _errors(pool, [turned(vehicle, knobs, at) for at in nearby], recordings, share)
-            now = residuals(here, steps)
-            columns = [residuals(errors, at) - now for errors, at in zip(ahead, nearby, strict=True)]
-            change = np.linalg.lstsq(np.column_stack(columns) / DIFFERENCE, -now)[0]
-            change /= max(1.0, float(np.abs(change).max()))
-            gain = 0.0
-            for shorter in (1.0, 0.5, 0.25):
-                candidate = steps + shorter * change
-                errors = _errors(pool, [turned(vehicle, knobs, candidate)], recordings)[0]
-                gain = 1.0 - float(np.sum(residuals(errors, candidate) ** 2) / np.sum(now**2))
-                if gain > 0.0:
-                    steps, here = candidate, errors
-                    break
-            if gain < LEAST_GAIN:
-                break
-        fitted = turned(vehicle, knobs, steps, DIGITS)
+        def jacobian(steps: Array) -> Array:
+            nearby = [steps, *(steps + DIFFERENCE * unit for unit in np.eye(len(knobs)))]
+            share = part(progress, next(rounds), iterations)
+            errors = _errors(pool, [turned(vehicle, knobs, at) for at in nearby], recordings, share)
+            here, *ahead = (residuals(at, error) for at, error in zip(nearby, errors, strict=True))
+            return np.column_stack([(there - here) / DIFFERENCE for there in ahead])
+
+        search = least_squares(
+            residuals, np.zeros(len(knobs)), jacobian, ftol=LEAST_GAIN, xtol=LEAST_STEP, max_nfev=iterations
+        )
+        fitted = turned(vehicle, knobs, search.x, DIGITS)
         found = _errors(pool, [fitted], recordings)[0]
     yaw = _rounded(vehicle.reference.yaw + _mean(found), DIGITS)
     fitted = fitted.model_copy(update={"reference": fitted.reference.model_copy(update={"yaw": yaw})})
