@@ -195,6 +195,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 @click.option("--fleet", type=_EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
+@click.option("--next", "design", is_flag=True, help="Say which manoeuvre would tell an ambiguous answer apart.")
 @click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
 def explain(
     recordings: tuple[Path, ...],
@@ -204,6 +205,7 @@ def explain(
     fleet: Path | None,
     scheduler: str | None,
     workers: int | None,
+    design: bool,
     report: Path,
 ) -> None:
     """Say what physics the model of a car leaves out on RECORDINGS.
@@ -218,20 +220,36 @@ def explain(
     files, is not done again; what cannot be used is listed with its reason. Writes a folder for each vehicle,
     fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
 
+    With --next, after an ambiguous answer (of RECORDINGS, or the one in the folder of --report), generated manoeuvres
+    are driven with each effect of the answer set at its fitted size, and ranked by what they would tell: next.json.
+
     \b
     Examples:
       vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
+      vsense explain --next --vehicle genesis --report out/explain
       vsense explain --fleet recordings --report out/fleet
     """
     if fleet is not None:
-        if recordings or vehicle or held_out or assume:
+        if recordings or vehicle or held_out or assume or design:
             raise click.UsageError("--fleet takes recordings and vehicle files from its folder, and no others")
         _explain_fleet(fleet, report, scheduler, workers)
         return
     if scheduler or workers:
         raise click.UsageError("--scheduler and --workers belong to --fleet")
-    if not recordings or not vehicle:
-        raise click.UsageError("expected RECORDINGS and --vehicle, or --fleet")
+    if not vehicle or not (recordings or design):
+        raise click.UsageError("expected --vehicle and RECORDINGS, or --vehicle and --next, or --fleet")
+    if not recordings and (held_out or assume):
+        raise click.UsageError("--hold-out and --assume need RECORDINGS")
+    if recordings:
+        design &= _explain(recordings, vehicle, held_out, assume, report) == "ambiguous"
+    if design:
+        _design(vehicle, report)
+
+
+def _explain(
+    recordings: tuple[Path, ...], vehicle: str, held_out: tuple[Path, ...], assume: tuple[str, ...], report: Path
+) -> str:
+    """The verdict."""
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress
     from vsense_ros.mismatch.explain import STAGES, answer
@@ -247,6 +265,22 @@ def explain(
     found.write(report)
     printed(found.found, console())
     console().print(f"Results in {report}.", soft_wrap=True)
+    return str(found.found["verdict"])
+
+
+def _design(vehicle: str, report: Path) -> None:
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.mismatch import design
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    rivals, base = design.left_open(design.answered(report), car)
+    with progress("driving the manoeuvres") as done:
+        found = design.separations(car, rivals, base, progress=done)
+    design.written(found, rivals, report)
+    design.printed(found, console())
+    console().print(f"Results in {report / design.NEXT}.", soft_wrap=True)
 
 
 def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from vsense_ros.manoeuvre import STANDARD, drive
+from vsense_ros.manoeuvre import TESTS, drive
 from vsense_ros.manoeuvre.driver import SpeedKeeper, ramp, steady_steering, understeer_gradient
 from vsense_ros.model.simulate import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
@@ -138,7 +138,7 @@ def test_without_slip_damping_or_resistance_a_bouncing_car_keeps_its_energy(plan
     assert np.allclose(height, height[0] - 0.5 * 9.80665 * motion.t**2, atol=2e-3)
 
 
-@pytest.mark.parametrize("name", [m.name for m in STANDARD])
+@pytest.mark.parametrize("name", [m.name for m in TESTS])
 def test_tyre_forces_and_accelerations_belong_together(plant, name):
     """Newton for the whole car in a manoeuvre: the tyres' forces, and air and slope, make its acceleration."""
     motion = drive(name, plant)

@@ -7,10 +7,14 @@ from __future__ import annotations
 
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import (
+    accelerate_and_brake,
     brake_in_turn,
+    coast_down,
     double_lane_change,
     sine_with_dwell,
+    slow_ramp_steer,
     steady_state_circle,
+    steering_sweep,
     step_steer,
     throttle_and_steer,
 )
@@ -24,10 +28,15 @@ from vsense_ros.recording import Recording
 STANDARD = tuple(
     module.MANOEUVRE for module in (double_lane_change, step_steer, sine_with_dwell, steady_state_circle, brake_in_turn)
 )
-MANOEUVRES = {m.name: m for m in (*STANDARD, *throttle_and_steer.MANOEUVRES)}
+# Those that a test of a car may be made of.
+TESTS = (
+    *STANDARD,
+    *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
+)
+MANOEUVRES = {m.name: m for m in (*TESTS, *throttle_and_steer.MANOEUVRES)}
 STEP = 1e-3  # [s] of the simulation
 
-__all__ = ["MANOEUVRES", "STANDARD", "Manoeuvre", "drive", "generate"]
+__all__ = ["MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
 
 
 def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:

@@ -1,0 +1,148 @@
+"""The design of the next test: that it ranks manoeuvres as physics does, and says where none would help."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from hidden import prototype
+from synthetic_findings import finding
+from vsense_ros.cli import main
+from vsense_ros.errors import InputError
+from vsense_ros.manoeuvre import MANOEUVRES
+from vsense_ros.mismatch import design
+from vsense_ros.mismatch.design import Option, Rival, Separation, left_open, separations
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.vehicle_file import save_vehicle
+
+
+def choice(*names: str) -> list[Option]:
+    return [Option(MANOEUVRES[name]) for name in names]
+
+
+def rival(effect: str, known: float = 0.05, **sizes: float) -> Rival:
+    """With sizes that are known to a share of their own."""
+    named = {f"effects.{effect}.{name}": size for name, size in sizes.items()}
+    return Rival(effect, named, {name: known * abs(size) for name, size in named.items()})
+
+
+def untold_torques() -> Vehicle:
+    car = prototype()
+    return car.model_copy(update={"sensors": {k: s for k, s in car.sensors.items() if s.kind != "wheel_torques"}})
+
+
+@pytest.mark.slow
+def test_a_delay_and_a_relaxing_tyre_are_told_apart_by_a_sweep_and_not_by_rolling_out():
+    rivals = [rival("tyre_relaxation", front=0.5, rear=0.5), rival("sensor_delay", imu=0.02)]
+    best, *_, worst = separations(prototype(), rivals, {}, choice("coast_down", "step_steer", "steering_sweep"))
+    assert best.test.manoeuvre.name == "steering_sweep"
+    assert worst.test.manoeuvre.name == "coast_down"
+    assert worst.distance < 1.0
+    assert set(best.pair) == {"tyre_relaxation", "sensor_delay"}
+
+
+@pytest.mark.slow
+def test_an_effect_is_not_told_from_itself():
+    same = rival("aero_drag", area=0.3), rival("aero_drag", area=0.3)
+    (found,) = separations(prototype(), same, {}, choice("accelerate_and_brake"))
+    assert found.distance == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_size_makes_up_for_a_difference_as_far_as_it_is_uncertain():
+    def distance(known: float) -> float:
+        sizes = [rival("rolling_resistance", known, coefficient=c) for c in (0.010, 0.012)]
+        return separations(prototype(), sizes, {}, choice("accelerate_and_brake"))[0].distance
+
+    assert distance(1.0) < 0.5
+    assert distance(1.0) < 0.1 * distance(0.001)
+
+
+@pytest.mark.slow
+def test_a_slope_is_told_from_a_bias_by_driving_the_other_way():
+    """Forward, with unknown torques, gravity along the car and a bias of its accelerometer are one and the same."""
+    rivals = [rival("road_grade", grade=0.02), rival("accelerometer_bias", x=0.196)]
+    straight = MANOEUVRES["accelerate_and_brake"]
+    found = separations(untold_torques(), rivals, {}, [Option(straight), Option(straight, opposite=True)])
+    again, back = sorted(found, key=lambda one: one.test.opposite)
+    assert back.distance > 5 * again.distance
+    assert back.signal == "longitudinal_acceleration"
+
+
+def parameter(name: str, unit: str, value: float) -> dict:
+    return {"name": name, "unit": unit, "value": value, "interval_90": [0.9 * value, 1.1 * value]}
+
+
+def ambiguous(vehicle: Vehicle) -> dict:
+    return finding("ambiguous") | {
+        "vehicle": vehicle.name,
+        "answer_set": ["tyre_relaxation", "sensor_delay imu"],
+        "effects": [
+            {"id": "tyre_relaxation", "axle": "front", "parameters": [parameter("front", "m", 0.4)]},
+            {"id": "sensor_delay", "sensor": "imu", "parameters": [parameter("imu", "s", 0.01)]},
+            {"id": "aero_drag", "parameters": [parameter("area", "m²", 0.1)]},
+        ],
+        "base": {"mass": {"unit": "-", "value": -0.05}},
+    }
+
+
+def test_the_rivals_are_those_of_the_answer_set_with_their_fitted_sizes():
+    rivals, base = left_open(ambiguous(prototype()), prototype())
+    assert [r.name for r in rivals] == ["tyre_relaxation front", "sensor_delay imu"]
+    assert rivals[1].sizes == {"effects.sensor_delay.imu": 0.01}
+    assert rivals[1].deviations["effects.sensor_delay.imu"] == pytest.approx(0.001 / 1.645)
+    assert base == {"mass": -0.05}
+
+
+def test_only_an_ambiguous_answer_about_this_vehicle_asks_for_another_test():
+    with pytest.raises(InputError, match="the verdict is named"):
+        left_open(finding("named"), prototype())
+    with pytest.raises(InputError, match="the answer is about the vehicle 'another'"):
+        left_open(ambiguous(prototype()) | {"vehicle": "another"}, prototype())
+    with pytest.raises(InputError, match="answer set has 1 effects"):
+        left_open(ambiguous(prototype()) | {"answer_set": ["sensor_delay imu"]}, prototype())
+    with pytest.raises(InputError, match=r"no effect of the library has effects\.ghost\.size"):
+        separations(prototype(), [rival("ghost", size=1.0)], {})
+
+
+def test_the_best_test_is_said_and_stands_in_the_answer(tmp_path):
+    (tmp_path / "explain.json").write_text(json.dumps(ambiguous(prototype())), encoding="utf-8")
+    sweep, step = choice("steering_sweep", "step_steer")
+    found = [Separation(sweep, 12.0, "yaw_rate", ("a", "b")), Separation(step, 1.0, "speed", ("a", "b"))]
+    design.written(found, [Rival("a", {}, {}), Rival("b", {}, {})], tmp_path)
+    answer = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))
+    assert answer["would_separate"]["manoeuvre"] == "Steering sweep"
+    assert answer["would_separate"]["information"] == pytest.approx(72.0)
+    assert [one["id"] for one in json.loads((tmp_path / "next.json").read_text(encoding="utf-8"))["tests"]] == [
+        "steering_sweep",
+        "step_steer",
+    ]
+    assert "Drive: Steering sweep (ISO 7401" in said(found)
+    assert "None of these tests would tell them apart" in said(found[1:])
+    design.written(found[1:], [], tmp_path)
+    assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["would_separate"] is None
+
+
+def said(found: list[Separation]) -> str:
+    console = Console(record=True, width=110, file=open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    design.printed(found, console)
+    return console.export_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "no answer there yet"), ("{", "not what vsense explain writes"), ("[]", "it has no verdict")],
+)
+def test_without_an_answer_the_user_is_told_what_to_run(tmp_path: Path, content, message):
+    if content is not None:
+        (tmp_path / "explain.json").write_text(content, encoding="utf-8")
+    save_vehicle(tmp_path / "car.yaml", prototype())
+    arguments = ["explain", "--next", "--vehicle", str(tmp_path / "car.yaml"), "--report", str(tmp_path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert message in result.output

@@ -1,0 +1,26 @@
+"""ISO 10521-1: rolling out in neutral gear on a straight road."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.model.simulate import Driver
+from vsense_ros.model.vehicle import Vehicle
+
+SPEED = 120 / 3.6
+DURATION = 30.0  # [s]; the standard goes on until 15 km/h
+
+
+def driver(vehicle: Vehicle) -> Driver:
+    return lambda t, q, u: np.zeros(5)
+
+
+MANOEUVRE = Manoeuvre(
+    "coast_down",
+    "Coast-down",
+    "ISO 10521-1, straight ahead in neutral gear from 120 km/h, for 30 s",
+    duration=DURATION,
+    speed=SPEED,
+    driver=driver,
+)

@@ -1,0 +1,285 @@
+"""The next test: which manoeuvre would tell effects apart that the recordings at hand leave open.
+
+Each manoeuvre is driven with the car as it was fitted, recorded with the vehicle's own sensors, and simulated with each
+effect at its fitted size. What the signals of two effects differ by counts as far as the base parameters, and the other
+effect's size within its interval, cannot make up for it (the projection of `search`), in units of what sensors and a
+good model leave. That is the distance between two hypotheses about a Gaussian residual, d′ (Green & Swets 1966); half
+its square is the information, the expected log-likelihood ratio (Kullback & Leibler 1951). Residuals of neighbouring
+instants err together, which makes both too large, of all tests alike.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from vsense_ros.errors import InputError
+from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, solve, strength, turned
+from vsense_ros.mismatch.knobs import BASE, Knob, candidates
+from vsense_ros.mismatch.picture import label
+from vsense_ros.mismatch.prediction import Predictor, Setting, with_all_effects
+from vsense_ros.model.car import YAW
+from vsense_ros.model.effects import BY_ID, Effect
+from vsense_ros.model.simulate import Trajectory, rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+ANSWER, NEXT = "explain.json", "next.json"
+TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
+SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect with its fitted sizes by dotted name, and their standard deviations."""
+
+    name: str
+    sizes: Mapping[str, float]
+    deviations: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Option:
+    """A manoeuvre to choose from; `opposite`: on the same road as the recordings, the other way."""
+
+    manoeuvre: Manoeuvre
+    opposite: bool = False
+
+    @property
+    def title(self) -> str:
+        return f"{self.manoeuvre.title}{', on the same road the other way' if self.opposite else ''}"
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a test would tell of the two rivals that it tells apart worst."""
+
+    test: Option
+    distance: float  # d′ [-]
+    signal: str  # that tells most of it
+    pair: tuple[str, str]
+
+    @property
+    def information(self) -> float:
+        """Expected log-likelihood ratio [nat]."""
+        return 0.5 * self.distance**2
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "manoeuvre": self.test.title,
+            "id": self.test.manoeuvre.name,
+            "opposite": self.test.opposite,
+            "signal": self.signal,
+            "d_prime": self.distance,
+            "information": self.information,
+            "pair": list(self.pair),
+        }
+
+
+CHOICE = (
+    *(Option(manoeuvre) for manoeuvre in TESTS),
+    *(Option(manoeuvre, opposite=True) for manoeuvre in TESTS if manoeuvre.name == "accelerate_and_brake"),
+)
+
+
+def answered(report: Path) -> dict[str, Any]:
+    """The explain.json in a folder. Raises `InputError` where there is none."""
+    path = report / ANSWER
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no answer there yet; run vsense explain with --report {report} first") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not what vsense explain writes: {error}") from None
+    if not isinstance(found, dict) or "verdict" not in found:
+        raise InputError(f"{path}: not what vsense explain writes: it has no verdict")
+    return found
+
+
+def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
+    """The answer set of explain.json with its sizes, and what was fitted besides, by name of the base parameter.
+
+    Raises `InputError` where there is nothing to tell apart.
+    """
+    if found.get("verdict") != "ambiguous":
+        raise InputError(
+            f"the verdict is {found.get('verdict')}: only an ambiguous answer leaves effects to tell apart"
+        )
+    if found["vehicle"] != vehicle.name:
+        raise InputError(
+            f"the answer is about the vehicle {found['vehicle']!r}, the vehicle file about {vehicle.name!r}"
+        )
+    answer = set(found["answer_set"])
+    rivals = []
+    for entry in found["effects"]:
+        place = next((entry[key] for key in ("wheel", "axle", "sensor", "axis") if entry.get(key)), "")
+        name = f"{entry['id']} {place}".strip()
+        if {entry["id"], name} & answer:
+            parameters = {f"effects.{entry['id']}.{p['name']}": p for p in entry["parameters"]}
+            sizes = {dotted: float(p["value"]) for dotted, p in parameters.items()}
+            widths = {dotted: p["interval_90"][1] - p["interval_90"][0] for dotted, p in parameters.items()}
+            rivals.append(Rival(name, sizes, {dotted: width / (2 * 1.645) for dotted, width in widths.items()}))
+    if len(rivals) < 2:
+        raise InputError(f"the answer set has {len(rivals)} effects, two are needed to be told apart")
+    return rivals, {name: float(entry["value"]) for name, entry in found["base"].items()}
+
+
+def separations(
+    vehicle: Vehicle,
+    rivals: Sequence[Rival],
+    base: Mapping[str, float],
+    choice: Sequence[Option] = CHOICE,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Separation]:
+    """What each test would tell, the most telling first; those that the car cannot drive are left out.
+
+    `base` are the fitted amounts of the base parameters by name. Raises `InputError` for a size that no effect has.
+    """
+    knobs = {knob.name: knob for candidate in candidates() for knob in candidate.knobs}
+    if unknown := [name for rival in rivals for name in rival.sizes if name not in knobs]:
+        raise InputError(f"no effect of the library has {', '.join(unknown)}")
+    amounts = np.array([base.get(knob.name, 0.0) for knob in BASE])
+    found = []
+    for i, test in enumerate(choice):
+        with suppress(DivergedError, FloatingPointError):
+            found.append(_separation(vehicle, rivals, amounts, knobs, test))
+        progress((i + 1) / len(choice))
+    return sorted((one for one in found if one is not None), key=lambda one: one.distance, reverse=True)
+
+
+def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> None:
+    """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json."""
+    content = {
+        "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
+        "telling": TELLING,
+        "tests": [one.as_json() for one in found],
+    }
+    (report / NEXT).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    best = found[0].as_json() if found and found[0].distance >= TELLING else None
+    answer = json.loads((report / ANSWER).read_text(encoding="utf-8"))
+    (report / ANSWER).write_text(json.dumps(answer | {"would_separate": best}, indent=1) + "\n", encoding="utf-8")
+
+
+def printed(found: Sequence[Separation], console: Console) -> None:
+    """Print what each test would tell, and which to drive."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
+    several = len({name for one in found for name in one.pair}) > 2
+    for name in ("next test", "signal that tells", "d′", "information", *(["least apart"] if several else [])):
+        table.add_column(name, justify="right" if name in ("d′", "information") else "left")
+    for one in found:
+        information = f"{one.information:.3g} nat"
+        cells = [one.test.title, label(one.signal), f"{one.distance:.1f}", information]
+        cells += [" and ".join(one.pair)] if several else []
+        table.add_row(*(Text(cell) for cell in cells))
+    console.print(table)
+    if not found or found[0].distance < TELLING:
+        console.print(f"None of these tests would tell them apart: d′ stays below {TELLING:g}.", soft_wrap=True)
+    else:
+        best = found[0]
+        said = f"Drive: {best.test.title} ({best.test.manoeuvre.source}); watch the {label(best.signal)}."
+        console.print(Text(said, style="bold"), soft_wrap=True)
+
+
+def _separation(
+    vehicle: Vehicle, rivals: Sequence[Rival], amounts: Array, knobs: Mapping[str, Knob], test: Option
+) -> Separation | None:
+    """None where the manoeuvre gives nothing to compare."""
+    known = vehicle.values()
+    fitted = turned(Setting(with_all_effects(vehicle).values()), BASE, amounts)
+    car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
+    motion = _with_run_up(car, test)
+    evidence = gather([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
+    if not evidence.windows:
+        return None
+    evidence = _steered_truly(evidence, motion)
+    residuals = Residuals(Predictor(vehicle, evidence))
+    base = Fit(fitted, BASE, amounts, residuals(fitted), [])
+    for name, error in residuals.by_signal(base.residuals).items():  # of the true model: what the sensors leave
+        residuals.deviation[name] = max(residuals.deviation[name], error)
+    base = replace(base, residuals=residuals(fitted))
+    absorbing = [slope(residuals, base, knob, fitted) for knob in BASE]
+    fits = [_rival(residuals, fitted, rival, knobs, test) for rival in rivals]
+    worst: tuple[float, list[Array], tuple[str, str]] | None = None
+    for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
+        off = [x - y for x, y in zip(wrong.residuals, true.residuals, strict=True)]
+        weight = strength(off)
+        # In units in which the interval of a size weighs as much as a deviation of a base parameter.
+        certain = [rivals[b].deviations[k.name] / k.deviation * np.sqrt(weight) for k in wrong.knobs]
+        slopes = [
+            np.column_stack([*columns, own * certain]) for *columns, own in zip(*absorbing, wrong.slopes, strict=True)
+        ]
+        change = solve(slopes, off, np.zeros(slopes[0].shape[1]), weight)
+        left = [r + s @ change for r, s in zip(off, slopes, strict=True)]
+        square = cost(left) + weight * float(change @ change)
+        if worst is None or square < worst[0]:
+            worst = square, left, (rivals[a].name, rivals[b].name)
+    assert worst is not None
+    by_signal = {name: error / residuals.deviation[name] for name, error in residuals.by_signal(worst[1]).items()}
+    return Separation(test, float(np.sqrt(worst[0])), max(by_signal, key=lambda name: by_signal[name]), worst[2])
+
+
+def _rival(residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[str, Knob], test: Option) -> Fit:
+    """The car with a rival, and what its sizes do."""
+    turning = tuple(knobs[name] for name in rival.sizes)
+    sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
+    setting = turned(fitted, turning, sizes)
+    fit = Fit(setting, turning, sizes, residuals(setting), [])
+    columns = [slope(residuals, fit, knob, setting) for knob in turning]
+    return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])
+
+
+def _seen(name: str, size: float, test: Option) -> float:
+    """A size as a test meets it: a road slopes the other way for who drives the other way."""
+    _, effect, _ = name.split(".")
+    road = BY_ID[effect].slope is not Effect.slope
+    return -size if test.opposite and road else size
+
+
+def _steered_truly(evidence: Evidence, motion: Trajectory) -> Evidence:
+    """Without the noise of the steering angle, to which models would respond that the car did not hear of."""
+    steering = {name for name, sensor in evidence.sensors.items() if sensor.kind == "steering"}
+    windows = []
+    for window in evidence.windows:
+        true = {
+            name: replace(found, value=np.interp(found.t, motion.t, motion.inputs[:, 0])[:, None])
+            for name, found in window.readings.items()
+            if name in steering
+        }
+        windows.append(replace(window, readings={**window.readings, **true}))
+    return replace(evidence, windows=tuple(windows))
+
+
+def _with_run_up(car: Vehicle, test: Option) -> Trajectory:
+    """The drive, after a straight run that is as long as what a comparison passes over."""
+    motion = drive(test.manoeuvre.name, car)
+    count = round((RUN_IN + 0.5) * 1e3)
+    q, u = rolling_straight(car, test.manoeuvre.speed)
+    run = Trajectory.unfilled(np.linspace(0.0, count * 1e-3, count, endpoint=False))
+    run.q[:], run.u[:], run.udot[:], run.wheels[:], run.inputs[:] = q, u, 0.0, motion.wheels[0], 0.0
+    run.q[:, 0] = motion.q[0, 0] + test.manoeuvre.speed * 1e-3 * (np.arange(count) - count)
+    whole = Trajectory(
+        np.append(run.t, motion.t + count * 1e-3),
+        *(
+            np.concatenate([getattr(run, part), getattr(motion, part)])
+            for part in ("q", "u", "udot", "wheels", "inputs")
+        ),
+    )
+    if test.opposite:
+        whole.q[:, :2] *= -1
+        whole.q[:, YAW] += np.pi
+    return whole
