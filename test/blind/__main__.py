@@ -33,12 +33,20 @@ def _progress() -> Progress:
 @click.option("--split", type=click.Choice(sorted(cases.SEEDS)), default="public", show_default=True)
 @click.option("--cases", "count", type=int, help="Only the first so many: a mixture of all kinds.")
 @click.option("--set", "manoeuvres", multiple=True, help="Only cases of these manoeuvre sets.")
+@click.option("--kind", "kinds", multiple=True, help="Only cases in which this is hidden: effect, nothing, double, …")
 @click.option("--processes", type=int, default=2, show_default=True)
 @click.pass_context
-def main(context: click.Context, out: Path, split: str, count: int | None, manoeuvres: tuple[str, ...], processes: int):
+def main(
+    context: click.Context, out: Path, split: str, count: int | None, manoeuvres: tuple[str, ...],
+    kinds: tuple[str, ...], processes: int,
+) -> None:  # fmt: skip
     """The examination of `vsense explain`."""
     every = cases.all_cases(split)
-    chosen = [case for case in every if not manoeuvres or case.manoeuvres in manoeuvres][:count]
+    chosen = [
+        case
+        for case in every
+        if (not manoeuvres or case.manoeuvres in manoeuvres) and (not kinds or case.kind in kinds)
+    ][:count]
     context.obj = {"out": out / split, "split": split, "every": every, "chosen": chosen, "processes": processes}
 
 

@@ -75,10 +75,16 @@ def finding(verdict: str, *, held_out: bool = True) -> dict[str, Any]:
                 {"recording": "slalom $5^", "begin": 15.0, "end": 25.0, "share": 0.05},
             ],
             "region": {"description": "the error of the lateral acceleration grows with the lateral acceleration"},
-            "force": {"axis": "yaw", "lever_arm": 1.2345678} if verdict == "unknown" else None,
+            "force": {
+                "description": "a lateral force that follows the side slip, 1.2 m behind the centre of gravity",
+                "sizes": [{"name": "lateral_force_lateral", "unit": "N/(m/s²)", "value": 81.2}],
+                "gain": 0.42,
+            }
+            if verdict == "unknown"
+            else None,
         },
         "out_of_reach": [{"id": "aero_drag", "reason": "it needs wheel torques, which these recordings do not have"}],
-        "effects": EFFECTS if added else [effect("brake_drag", 0.013, wheel="fr")],
+        "effects": list(EFFECTS) if added else [effect("brake_drag", 0.013, wheel="fr")],
         "answer_set": {
             "named": ["imu_roll_misalignment"],
             "ambiguous": ["imu_roll_misalignment", "accelerometer_bias y"],

@@ -29,7 +29,7 @@ from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, solve, strength, turned
-from vsense_ros.mismatch.knobs import BASE, Knob, candidates
+from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates
 from vsense_ros.mismatch.picture import label
 from vsense_ros.mismatch.prediction import Predictor, Setting, with_all_effects
 from vsense_ros.model.car import YAW
@@ -153,11 +153,13 @@ def separations(
     knobs = {knob.name: knob for candidate in candidates() for knob in candidate.knobs}
     if unknown := [name for rival in rivals for name in rival.sizes if name not in knobs]:
         raise InputError(f"no effect of the library has {', '.join(unknown)}")
-    amounts = np.array([base.get(knob.name, 0.0) for knob in BASE])
+    own = {name for rival in rivals for name in rival.sizes}
+    common = tuple(knob for knob in base_knobs(vehicle) if knob.name not in own)
+    amounts = np.array([base.get(knob.name, 0.0) for knob in common])
     found = []
     for i, test in enumerate(choice):
         with suppress(DivergedError, FloatingPointError):
-            found.append(_separation(vehicle, rivals, amounts, knobs, test))
+            found.append(_separation(vehicle, rivals, common, amounts, knobs, test))
         progress((i + 1) / len(choice))
     return sorted((one for one in found if one is not None), key=lambda one: one.distance, reverse=True)
 
@@ -196,11 +198,16 @@ def printed(found: Sequence[Separation], console: Console) -> None:
 
 
 def _separation(
-    vehicle: Vehicle, rivals: Sequence[Rival], amounts: Array, knobs: Mapping[str, Knob], test: Option
+    vehicle: Vehicle,
+    rivals: Sequence[Rival],
+    common: tuple[Knob, ...],
+    amounts: Array,
+    knobs: Mapping[str, Knob],
+    test: Option,
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    fitted = turned(Setting(with_all_effects(vehicle).values()), BASE, amounts)
+    fitted = turned(Setting(with_all_effects(vehicle).values()), common, amounts)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
     evidence = gather([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
@@ -208,11 +215,11 @@ def _separation(
         return None
     evidence = _steered_truly(evidence, motion)
     residuals = Residuals(Predictor(vehicle, evidence))
-    base = Fit(fitted, BASE, amounts, residuals(fitted), [])
+    base = Fit(fitted, common, amounts, residuals(fitted), [], 0.0)
     for name, error in residuals.by_signal(base.residuals).items():  # of the true model: what the sensors leave
         residuals.deviation[name] = max(residuals.deviation[name], error)
     base = replace(base, residuals=residuals(fitted))
-    absorbing = [slope(residuals, base, knob, fitted) for knob in BASE]
+    absorbing = [slope(residuals, base, knob, fitted) for knob in common]
     fits = [_rival(residuals, fitted, rival, knobs, test) for rival in rivals]
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
@@ -238,7 +245,7 @@ def _rival(residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[s
     turning = tuple(knobs[name] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     setting = turned(fitted, turning, sizes)
-    fit = Fit(setting, turning, sizes, residuals(setting), [])
+    fit = Fit(setting, turning, sizes, residuals(setting), [], 0.0)
     columns = [slope(residuals, fit, knob, setting) for knob in turning]
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch.evidence import Evidence, gather
+from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance
-from vsense_ros.mismatch.knobs import BASE, Candidate, candidates, out_of_reach
+from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
+from vsense_ros.mismatch.knobs import BASE, Candidate, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.report import shown_value, write_report
-from vsense_ros.mismatch.search import Explanation, explain, screen
+from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.signals import SIGNALS, grid
-from vsense_ros.model.effects import BY_ID
+from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES, WHEELS
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
@@ -35,14 +36,6 @@ from vsense_ros.vehicle_file import save_vehicle
 
 Array = NDArray[np.float64]
 
-THRESHOLD = 0.03  # relative gain that chance does not give, from a study of the method; not calibrated on this one yet
-# Another effect stays in the answer set with this share of the best one's gain, if it leaves no more of the cost than
-# this multiple of what the best one leaves; and the best one is not named where another is closer still.
-RIVAL, RIVAL_LEFT = 0.85, 1.5
-CLOSE, CLOSE_LEFT = 0.9, 1.25
-# Root mean square of the residuals, in deviations, that says that something is left over; after an effect has been
-# fitted it says that this effect is not what the model lacks, or not all of it.
-LEFT_OVER = 2.0
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
 
@@ -99,169 +92,114 @@ def answer(
     predictor = Predictor(vehicle, evidence)
     residuals = Residuals(predictor)
     try:
-        base = fit(residuals, predictor.start, BASE, progress=progress)
+        base = fit(residuals, predictor.start, base_knobs(vehicle, beyond), progress=progress)
     except DivergedError:
         return nothing_said(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         )
-    offered = (_together(assume),) if assume else tuple(c for c in candidates() if c.effect not in beyond)
-    signatures = screen(residuals, base, offered, progress)
-    traceless = {c.effect for c in offered} - {s.candidate.effect for s in signatures}
+    offered = tuple(c for c in candidates() if c.effect not in beyond and (not assume or c.effect in assume))
+    search = Search(residuals, predictor.start, base, offered, progress)
+    traceless = {c.effect for c in offered} - search.visible
     beyond |= dict.fromkeys(sorted(traceless), "nothing that was recorded depends on it")
     found["out_of_reach"] = [{"id": id, "reason": reason} for id, reason in beyond.items()]
-    if not signatures:
+    if not search.visible:
         return nothing_said("no effect of the library would leave a trace in these recordings")
-    explanations = explain(residuals, predictor.start, base, signatures, progress)
-    proof = _Proof(unseen, vehicle, residuals, base)
+    proof = Proof(unseen, vehicle, residuals, base)
     found["remarks"] += proof.remarks
     found["held_out"] = proof.recordings
-    best = _ranked(explanations)
-    seen = {id(e): proof.gain(e) for e in best}
-    proven = {id(e): min(e.gain, e.left_out if (g := seen[id(e)]) is None else g) for e in best}
-    best.sort(key=lambda e: proven[id(e)], reverse=True)
-    level = residuals.level(base.residuals)
-    accepted = [
-        e
-        for e in best
-        if min(e.score, proven[id(e)]) > THRESHOLD
-        and e.improved > 0.5
-        and residuals.level(e.fit.residuals) < LEFT_OVER
-        and proof.mends_the_worst(e)
-    ]
+    described: list[Explanation] = []
     if assume:
-        accepted = best[:1]
-    leader = accepted[0] if accepted else None
-
-    def beside_the_leader(share: float, left: float) -> list[Explanation]:
-        if leader is None:
-            return []
-        most = proven[id(leader)]
-        return [e for e in accepted if proven[id(e)] >= share * most and 1 - proven[id(e)] <= left * (1 - most)]
-
-    rivals = beside_the_leader(RIVAL, RIVAL_LEFT)
-    close = len(beside_the_leader(CLOSE, CLOSE_LEFT)) > 1
-    if leader is not None:
-        verdict = "ambiguous" if close else "named"
+        explanations = search.together([_all_of(id) for id in assume])
     else:
-        verdict = "unknown" if level > LEFT_OVER else "no_mismatch"
+        explanations = found_last = search.singles()
+        while found_last := search.further(found_last, THRESHOLD):
+            explanations = [*explanations, *found_last]
+        if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:
+            described = search.described()
+    judged = judge(explanations, described, proof)
+    if assume and explanations:
+        judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
+    leader, verdict = judged.leader, judged.verdict
     shown = leader.fit if leader is not None else base
     found |= {
         "verdict": verdict,
-        "located": _located(residuals, base),
-        "effects": [
-            entry for e in best for entry in _entries(e, seen[id(e)], accepted=e is leader and verdict == "named")
-        ],
-        "answer_set": list(dict.fromkeys(e.candidate.effect for e in rivals)),
-        "would_separate": _separating(residuals, rivals) if close else None,
+        "located": _located(residuals, base) | {"force": _force(judged)},
+        "effects": _effects(judged),
+        "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
+        "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
         "fit": _errors(residuals, base, shown, proof),
-        "base": {k.name: {"unit": k.unit, "value": float(a)} for k, a in zip(BASE, base.amounts, strict=True)},
-        "misfit": level,
+        "base": {k.name: {"unit": k.unit, "value": float(a)} for k, a in zip(base.knobs, base.amounts, strict=True)},
+        "misfit": residuals.level(base.residuals),
     }
-    found["sentence"] = _sentence(verdict, found, leader)
+    found["sentence"] = _sentence(found)
     found["cpu_s"] = time.process_time() - begun
-    traces = _traces(residuals, base, shown, False) + proof.traces(shown)
-    extended = _extended(vehicle, shown.setting) if verdict == "named" else None
+    traces = _traces(residuals, base, shown, False)
+    if proof.residuals is not None:
+        traces += _traces(proof.residuals, base, shown, True)
+    extended = _extended(vehicle, shown.setting) if leader is not None and verdict != "ambiguous" else None
     return Answer(found, traces, extended)
 
 
-class _Proof:
-    """Recordings that no fit has seen."""
-
-    def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
-        self.residuals: Residuals | None = None
-        self.base, self.fitted = base, residuals
-        self.remarks = evidence.remarks
-        self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
-        self._after: dict[int, list[Array] | None] = {}
-        if evidence.windows:
-            self.residuals = Residuals(Predictor(vehicle, evidence))
-            self.residuals.deviation |= residuals.deviation
-            self.before = self.residuals(base.setting)
-
-    def _with(self, explanation: Explanation) -> list[Array] | None:
-        """Residuals with an effect, simulated once; None where it leaves all bounds."""
-        assert self.residuals is not None
-        if id(explanation) not in self._after:
-            try:
-                self._after[id(explanation)] = self.residuals(explanation.fit.setting)
-            except DivergedError:
-                self._after[id(explanation)] = None
-        return self._after[id(explanation)]
-
-    def gain(self, explanation: Explanation) -> float | None:
-        """Relative fall of the cost, -1 where the simulation leaves all bounds; None without held-out recordings."""
-        if self.residuals is None:
-            return None
-        after = self._with(explanation)
-        return -1.0 if after is None else 1 - cost(after) / cost(self.before)
-
-    def mends_the_worst(self, explanation: Explanation) -> bool:
-        """Whether the signal that is furthest from a good model comes closer, on what the fit has not seen if there is
-        any."""
-        residuals, before = self.fitted, self.base.residuals
-        after: list[Array] | None = explanation.fit.residuals
-        if self.residuals is not None:
-            residuals, before, after = self.residuals, self.before, self._with(explanation)
-        if after is None:
-            return False
-        errors, left = residuals.by_signal(before), residuals.by_signal(after)
-        worst = max(errors, key=lambda name: errors[name] / residuals.deviation[name])
-        return left[worst] < errors[worst]
-
-    def traces(self, shown: Fit) -> list[Trace]:
-        return [] if self.residuals is None else _traces(self.residuals, self.base, shown, True)
+def _all_of(id: str) -> Candidate:
+    """An effect with all its sizes free."""
+    knobs = {knob.name: knob for c in candidates() if c.effect == id for knob in c.knobs}
+    return Candidate(id, "", tuple(knobs.values()), BY_ID[id].sentence)
 
 
-def _together(ids: Sequence[str]) -> Candidate:
-    every = {c.name: c for c in candidates()}
-    knobs = {k.name: k for c in every.values() if c.effect in ids for k in c.knobs}
-    return Candidate("+".join(ids), "", tuple(knobs.values()))
+def _in_words(explanation: Explanation, candidate: Candidate) -> str:
+    """The physics of a candidate; of a force with a moment that follows the same, where it acts."""
+    sizes = {name.rsplit(".", 1)[-1]: size for name, size in explanation.sizes.items()}
+    for name, force in sizes.items():
+        if name.startswith("lateral_force_") and force:
+            moment = sizes.get(name.replace("lateral_force", "yaw_moment"), 0.0)
+            where = "ahead of" if moment * force > 0 else "behind"
+            return f"{candidate.sentence}, {abs(moment / force):.1f} m {where} the centre of gravity"
+    return candidate.sentence
 
 
-def _ranked(explanations: Sequence[Explanation]) -> list[Explanation]:
-    """The best place of each effect, best effect first."""
-    best: dict[str, Explanation] = {}
-    for explanation in explanations:
-        best.setdefault(explanation.candidate.effect, explanation)
-    return list(best.values())
+def _effects(judged: Judged) -> list[dict[str, Any]]:
+    """Entries of all effects that were fitted, those of the leader first."""
+    entries: list[dict[str, Any]] = []
+    told: set[str] = set()
+    for explanation in (*filter(None, [judged.leader]), *judged.ranked):
+        for candidate in explanation.candidates:
+            if candidate.effect not in told:
+                told.add(candidate.effect)
+                accepted = explanation is judged.leader and judged.verdict == "named"
+                entries.append(_entry(explanation, candidate, judged.held_out[id(explanation)], accepted))
+    return entries
 
 
-def _entries(explanation: Explanation, held_out: float | None, accepted: bool) -> list[dict[str, Any]]:
-    """One entry of `effects` for each effect of an explanation: one, unless several were assumed."""
-    result = []
-    for id in explanation.candidate.effect.split("+"):
-        parameters = []
-        for (dotted, value), deviation in zip(explanation.sizes.items(), explanation.deviations, strict=True):
-            _, effect, name = dotted.split(".")
-            if effect != id:
-                continue
-            knob = next(k for k in explanation.candidate.knobs if k.name == dotted)
-            interval = [value - 1.645 * deviation, value + 1.645 * deviation]
-            parameters.append({"name": name, "unit": knob.unit, "value": value, "interval_90": interval})
-        entry: dict[str, Any] = {"id": id, "sentence": BY_ID[id].sentence}
-        place = explanation.candidate.where
-        kinds = {**dict.fromkeys(WHEELS, "wheel"), **dict.fromkeys(AXLES, "axle")}
-        if place in kinds:
-            entry[kinds[place]] = place
-        elif place and " and " not in place:
-            entry["sensor" if id == "sensor_delay" else "axis"] = place
-        entry |= {
-            "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
-            "gain_held_out": held_out, "keep": explanation.keep, "accepted": accepted,
-            "confidence": max(0.0, explanation.score) / (max(0.0, explanation.score) + THRESHOLD),
-        }  # fmt: skip
-        result.append(entry)
-    return result
+def _entry(explanation: Explanation, candidate: Candidate, held_out: float | None, accepted: bool) -> dict[str, Any]:
+    parameters = []
+    for knob in candidate.knobs:
+        value, half = explanation.sizes[knob.name], 1.645 * explanation.deviations[knob.name]
+        name = knob.name.rsplit(".", 1)[-1]
+        parameters.append(
+            {"name": name, "unit": knob.unit, "value": value, "interval_90": [value - half, value + half]}
+        )
+    entry: dict[str, Any] = {"id": candidate.effect, "sentence": _in_words(explanation, candidate)}
+    place = candidate.where
+    kinds = {**dict.fromkeys(WHEELS, "wheel"), **dict.fromkeys(AXLES, "axle")}
+    if place in kinds:
+        entry[kinds[place]] = place
+    elif place and " and " not in place:
+        entry["sensor" if candidate.effect == "sensor_delay" else "axis"] = place
+    return entry | {
+        "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
+        "gain_held_out": held_out, "keep": explanation.keep, "accepted": accepted,
+        "confidence": max(0.0, explanation.score) / (max(0.0, explanation.score) + THRESHOLD),
+    }  # fmt: skip
 
 
 def _separating(residuals: Residuals, rivals: Sequence[Explanation]) -> dict[str, str]:
     """A manoeuvre that shows the first answer rather than the second, and the signal in which the two differ most in
     the present recordings."""
-    first, second = rivals[0], next(e for e in rivals if e.candidate.effect != rivals[0].candidate.effect)
-    ways = [
-        w for w in BY_ID[first.candidate.effect].excited_by if w not in BY_ID[second.candidate.effect].excited_by
-    ] or list(BY_ID[first.candidate.effect].excited_by)
+    first, second = rivals[0], next(e for e in rivals if set(e.effects) != set(rivals[0].effects))
+    one = next(id for id in first.effects if id not in second.effects)
+    known = {way for id in second.effects for way in BY_ID[id].excited_by}
+    ways = [way for way in BY_ID[one].excited_by if way not in known] or list(BY_ID[one].excited_by)
     apart = residuals.by_signal([a - b for a, b in zip(first.fit.residuals, second.fit.residuals, strict=True)])
     return {"manoeuvre": ways[0], "signal": max(apart, key=lambda name: apart[name] / residuals.deviation[name])}
 
@@ -270,7 +208,7 @@ def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
     by_signal = residuals.by_signal(base.residuals)
     units = {signal.name: signal.unit for signal in SIGNALS}
     worst = sorted(by_signal, key=lambda name: by_signal[name] / residuals.deviation[name], reverse=True)
-    whole = max(base.cost, 1e-12)
+    whole = max(cost(base.residuals), 1e-12)
     windows = residuals.predictor.evidence.windows
     segments = [
         {"recording": w.name, "begin": w.begin, "end": w.end, "share": float(r @ r) / whole}
@@ -282,8 +220,19 @@ def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
         ],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
         "region": _region(residuals, base, worst[0]) if worst else None,
-        "force": None,
     }
+
+
+def _force(judged: Judged) -> dict[str, Any] | None:
+    """The force that describes what is left over, where that was asked and is proven."""
+    if judged.verdict != "unknown" or judged.leader is None:
+        return None
+    (term,) = judged.leader.candidates
+    sizes = [
+        {"name": knob.name.rsplit(".", 1)[-1], "unit": knob.unit, "value": judged.leader.sizes[knob.name]}
+        for knob in term.knobs
+    ]
+    return {"description": _in_words(judged.leader, term), "sizes": sizes, "gain": judged.leader.gain}
 
 
 def _region(residuals: Residuals, base: Fit, signal: str) -> dict[str, Any] | None:
@@ -314,7 +263,7 @@ def _region(residuals: Residuals, base: Fit, signal: str) -> dict[str, Any] | No
     return {"description": text, "correlation": found}
 
 
-def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: _Proof) -> dict[str, Any]:
+def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:
     units = {signal.name: signal.unit for signal in SIGNALS}
     before, after = residuals.by_signal(base.residuals), residuals.by_signal(shown.residuals)
     result: dict[str, Any] = {
@@ -328,25 +277,34 @@ def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: _Proof) -> dict[
     return result
 
 
-def _sentence(verdict: str, found: Mapping[str, Any], leader: Explanation | None) -> str:
-    if verdict == "no_mismatch":
+def _sentence(found: Mapping[str, Any]) -> str:
+    if found["verdict"] == "no_mismatch":
         return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
-    if verdict == "unknown":
+    if found["verdict"] == "unknown":
         where = found["located"]["region"]
-        described = f": {where['description']}" if where else ""
+        if force := found["located"]["force"]:
+            described = (
+                f". It is described by {force['description']}, with which the squared error falls by "
+                f"{100 * force['gain']:.0f} %"
+            )
+        else:
+            described = f": {where['description']}" if where else ""
         return f"Something is left over that no effect of the library explains{described}."
-    assert leader is not None
-    effect = found["effects"][0]
-    size = ", ".join(f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"])
-    if verdict == "ambiguous":
+    if found["verdict"] == "ambiguous":
         names = " or ".join(BY_ID[id].sentence for id in found["answer_set"])
         return f"These recordings cannot tell which it is: {names}."
-    proven, on = effect["gain_held_out"], "on recordings it was not fitted to"
+    accepted = [effect for effect in found["effects"] if effect["accepted"]]
+
+    def sizes(effect: Mapping[str, Any]) -> str:
+        return ", ".join(f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"])
+
+    named = " and ".join(f"{effect['sentence']} ({sizes(effect)})" for effect in accepted)
+    proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
     if proven is None:
-        proven, on = effect["gain_left_out"], "where it was left out of the fit"
+        proven, on = accepted[0]["gain_left_out"], "where it was left out of the fit"
     return (
-        f"The model leaves out {effect['sentence']} ({size}); with it the squared error falls by "
-        f"{100 * effect['gain_training']:.0f} %, and by {100 * proven:.0f} % {on}."
+        f"The model leaves out {named}; with it the squared error falls by "
+        f"{100 * accepted[0]['gain_training']:.0f} %, and by {100 * proven:.0f} % {on}."
     )
 
 
@@ -368,7 +326,7 @@ def _traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list
 def _extended(vehicle: Vehicle, setting: Setting) -> Vehicle:
     """The vehicle with what was fitted: base parameters, and the effects that have a size."""
     effects: dict[str, dict[str, float]] = {}
-    for id, kind in BY_ID.items():
+    for id, kind in EVERY.items():
         values = {name: setting.values[f"effects.{id}.{name}"] for name in kind.model_fields}
         if any(
             value != field.default for value, field in zip(values.values(), kind.model_fields.values(), strict=True)

@@ -18,6 +18,7 @@ from vsense_ros.mismatch.signals import SIGNALS, difference
 
 Array = NDArray[np.float64]
 
+PRIOR = 3e-3  # of the evidence: as much as a misfit of that share costs a knob that is one deviation off
 SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
 OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
 STEP = 0.25  # of a knob's deviation, for derivatives
@@ -43,7 +44,8 @@ class Residuals:
         self.deviation = {}
         for name in names:
             size = np.concatenate([m[name] - m[name].mean() for m in measured if name in m]).std()
-            self.deviation[name] = float(np.hypot(_FLOORS[name], SHARE * size))
+            noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
+            self.deviation[name] = float(np.linalg.norm([_FLOORS[name], SHARE * size, noise]))
         self.layout = [[name for name in names if name in m] for m in measured]
 
     def __call__(self, setting: Setting) -> list[Array]:
@@ -87,12 +89,18 @@ class Fit:
     amounts: Array  # (k,)
     residuals: list[Array]  # by window
     slopes: list[Array]  # by window, (rows, k) by the knobs in units of their deviations
+    weight: float  # what a knob that is one deviation off costs
     converged: bool = True
 
     @property
-    def cost(self) -> float:
-        """Sum of squared residuals."""
-        return cost(self.residuals)
+    def prior(self) -> Array:
+        """Where the knobs are, in deviations."""
+        return self.amounts / np.array([knob.deviation for knob in self.knobs])
+
+    @property
+    def value(self) -> float:
+        """What is minimised: the squared residuals, and what it costs that knobs are not where they were expected."""
+        return cost(self.residuals) + self.weight * float(self.prior @ self.prior)
 
 
 def cost(residuals: Sequence[Array]) -> float:
@@ -140,11 +148,11 @@ def solve(
 
 
 def strength(residuals: Sequence[Array]) -> float:
-    """How much a knob that is one deviation off costs: as much as a misfit of three thousandths of the evidence.
+    """How much a knob that is one deviation off costs: as much as a misfit of `PRIOR` of the evidence.
 
     Residuals of neighbouring instants err together, so that many say little more than few.
     """
-    return 3e-3 * max(cost(residuals), float(sum(len(r) for r in residuals)))
+    return PRIOR * max(cost(residuals), float(sum(len(r) for r in residuals)))
 
 
 def fit(
@@ -156,50 +164,44 @@ def fit(
     iterations: int = ITERATIONS,
     progress: Callable[[], None] = lambda: None,
 ) -> Fit:
-    """Turn `knobs` until the cost no longer falls. `first` is a fit of some of them from which to go on: its slopes are
-    used in the place of new ones. Raises `DivergedError` where the start cannot be simulated.
+    """Turn `knobs` until the value no longer falls. `first` is a fit of the same knobs from which to go on, with the
+    slopes to use. Raises `DivergedError` where the start cannot be simulated.
     """
     amounts = np.zeros(len(knobs))
-    known: dict[str, int] = {}
     if first is not None:
-        known = {knob.name: i for i, knob in enumerate(first.knobs)}
-        for i, knob in enumerate(knobs):
-            if knob.name in known:
-                amounts[i] = first.amounts[known[knob.name]]
+        known = dict(zip((knob.name for knob in first.knobs), first.amounts, strict=True))
+        amounts = np.array([known.get(knob.name, 0.0) for knob in knobs])
+    else:
+        amounts = _likeliest(residuals, start, knobs, amounts)
     deviations = np.array([knob.deviation for knob in knobs])
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
-    if first is None:
-        amounts = _likeliest(residuals, start, knobs, amounts)
     setting = turned(start, knobs, amounts)
-    present = Fit(setting, tuple(knobs), amounts, residuals(setting), [])
-    slopes = _slopes(residuals, present, first, known, progress)
-    best = replace(present, slopes=slopes)
-    weight = strength(best.residuals)
-    value = best.cost + weight * float(np.sum((amounts / deviations) ** 2))
+    best = Fit(setting, tuple(knobs), amounts, residuals(setting), [], 0.0)
+    best = replace(best, slopes=first.slopes if first else _slopes(residuals, best, progress))
     converged = False
     for iteration in range(iterations):
-        accepted = False
+        best = replace(best, weight=first.weight if first else strength(best.residuals))
+        fall = 0.0
         for caution in CAUTION:
-            change = solve(best.slopes, best.residuals, best.amounts / deviations, weight, caution) * deviations
+            change = solve(best.slopes, best.residuals, best.prior, best.weight, caution) * deviations
             amounts = np.clip(best.amounts + change, low, high)
             setting = turned(start, knobs, amounts)
             try:
-                found = residuals(setting)
+                tried = replace(best, setting=setting, amounts=amounts, residuals=residuals(setting))
             except DivergedError:
                 continue
-            now = cost(found) + weight * float(np.sum((amounts / deviations) ** 2))
-            if now < value:
-                fall = (value - now) / value
-                best = replace(best, setting=setting, amounts=amounts, residuals=found)
-                value, accepted = now, True
+            if tried.value < best.value:
+                fall = 1 - tried.value / best.value
+                best = tried
                 break
         progress()
-        if not accepted or fall < SETTLED:
+        if fall < SETTLED:
             converged = True
             break
         if first is None and iteration in (0, 2, 4):
-            best = replace(best, slopes=_slopes(residuals, best, None, {}, progress))
-    return replace(best, converged=converged)
+            best = replace(best, slopes=_slopes(residuals, best, progress))
+    weight = first.weight if first else strength(best.residuals)
+    return replace(best, weight=weight, converged=converged)
 
 
 def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amounts: Array) -> Array:
@@ -218,14 +220,9 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
     return min(found, key=lambda one: one[0])[2]
 
 
-def _slopes(
-    residuals: Residuals, at: Fit, first: Fit | None, known: dict[str, int], progress: Callable[[], None]
-) -> list[Array]:
+def _slopes(residuals: Residuals, at: Fit, progress: Callable[[], None]) -> list[Array]:
     columns = []
     for knob in at.knobs:
-        if first is not None and knob.name in known:
-            columns.append([s[:, known[knob.name]] for s in first.slopes])
-        else:
-            columns.append(slope(residuals, at, knob, at.setting))
-            progress()
+        columns.append(slope(residuals, at, knob, at.setting))
+        progress()
     return [np.column_stack(window) for window in zip(*columns, strict=True)]

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from vsense_ros.model.effects import BY_ID
+from pydantic.fields import FieldInfo
+
+from vsense_ros.model.effects import BY_ID, EVERY
+from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
 
@@ -50,10 +53,20 @@ BASE = (
     _relative("roll stiffness, rear", 0.15, "rear.suspension_stiffness", "rear.antiroll_stiffness"),
     _relative("damping", 0.2, "front.suspension_damping", "rear.suspension_damping"),
     _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
-    Knob("age of the steering angle", "s", 0.005, -0.03, 0.03, lambda values, amount: {
-        "effects.sensor_delay.steering": values["effects.sensor_delay.steering"] + amount
-    }),
-)  # fmt: skip
+)
+
+
+def base_knobs(vehicle: Vehicle, beyond: Collection[str] = ()) -> tuple[Knob, ...]:
+    """What is fitted before anything is said to be missing: `BASE`, and what every car has a little of, except for
+    effects out of reach."""
+    usual = [
+        replace(_knob(effect, field), deviation=deviation)
+        for effect, kind in BY_ID.items()
+        if effect not in beyond
+        for field, deviation in kind.usual(vehicle).items()
+        if deviation > 0
+    ]
+    return (*BASE, *usual)
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ class Candidate:
     effect: str
     where: str  # the wheel, axle, axis or sensor; empty where the effect has one size
     knobs: tuple[Knob, ...]
+    sentence: str  # what the model leaves out, in words
 
     @property
     def name(self) -> str:
@@ -70,15 +84,26 @@ class Candidate:
 
 
 def _knob(effect: str, field: str) -> Knob:
-    info = BY_ID[effect].model_fields[field]
+    info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
     assert isinstance(extra, dict)
     limits = {type(m).__name__: m for m in info.metadata}
-    dotted = f"effects.{effect}.{field}"
+    dotted, default = f"effects.{effect}.{field}", float(info.default)
     return Knob(
-        dotted, str(extra["unit"]), float(str(extra["typical"])), float(limits["Ge"].ge), float(limits["Le"].le),
+        dotted, str(extra["unit"]), float(str(extra["typical"])),
+        float(limits["Ge"].ge) - default, float(limits["Le"].le) - default,
         lambda values, amount: {dotted: values[dotted] + amount},
     )  # fmt: skip
+
+
+def shapes(effect: str) -> tuple[Knob, ...]:
+    """What else of an effect may be another, once it has a size: turned from its default."""
+    fields = EVERY[effect].model_fields
+    return tuple(_knob(effect, name) for name, field in fields.items() if _role(field) == "shape")
+
+
+def _role(field: FieldInfo) -> str:
+    return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
 
 
 _SENSORS = {
@@ -99,18 +124,27 @@ def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
     }
 
 
+def terms() -> tuple[Candidate, ...]:
+    """Forces for which no physics is known: each alone, and lateral forces with a lever arm."""
+    found = []
+    for effect in EVERY.keys() - BY_ID.keys():
+        knobs = {field: _knob(effect, field) for field in EVERY[effect].model_fields}
+        words = {field: str(info.description) for field, info in EVERY[effect].model_fields.items()}
+        found += [Candidate(effect, field, (knob,), words[field]) for field, knob in knobs.items()]
+        for field, knob in knobs.items():
+            if (moment := field.replace("lateral_force", "yaw_moment")) != field and moment in knobs:
+                found.append(Candidate(effect, f"{field} and {moment}", (knob, knobs[moment]), words[field]))
+    return tuple(found)
+
+
 def candidates() -> tuple[Candidate, ...]:
-    """Each size of each effect by itself, and the sizes of an effect that has no more than two together."""
+    """Each size of each known effect by itself, and the sizes of an effect that has no more than two together."""
     found = []
     for effect, kind in BY_ID.items():
-        sizes = [
-            name
-            for name, field in kind.model_fields.items()
-            if isinstance(field.json_schema_extra, dict) and field.json_schema_extra["role"] == "size"
-        ]
+        sizes = [name for name, field in kind.model_fields.items() if _role(field) == "size"]
         if len(sizes) > 1:
-            found += [Candidate(effect, name, (_knob(effect, name),)) for name in sizes]
+            found += [Candidate(effect, name, (_knob(effect, name),), kind.sentence) for name in sizes]
         if len(sizes) <= 2:
             where = "" if len(sizes) == 1 else " and ".join(sizes)
-            found.append(Candidate(effect, where, tuple(_knob(effect, name) for name in sizes)))
+            found.append(Candidate(effect, where, tuple(_knob(effect, name) for name in sizes), kind.sentence))
     return tuple(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, Evidence, Readings, Window
-from vsense_ros.mismatch.signals import signals
+from vsense_ros.mismatch.signals import noise, signals
+from vsense_ros.model import codegen
 from vsense_ros.model.car import SURROUNDINGS, YAW, Car, car_of
 from vsense_ros.model.car import Motion as Instant
-from vsense_ros.model.effects import BY_ID, Effect, Effects
+from vsense_ros.model.codegen import Kernel
+from vsense_ros.model.effects import EVERY, Effect, Effects
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
@@ -30,7 +32,7 @@ _MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
 def with_all_effects(vehicle: Vehicle) -> Vehicle:
     """The vehicle with every effect of the library present, of size zero where the file does not have it."""
     effects = vehicle.physics.effects
-    every = {id: getattr(effects, id) or effect() for id, effect in BY_ID.items()}
+    every = {id: getattr(effects, id) or effect() for id, effect in EVERY.items()}
     return vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": Effects(**every)})})
 
 
@@ -42,7 +44,7 @@ class Setting:
 
     def effect(self, id: str) -> Effect:
         """An effect with its present parameters."""
-        kind = BY_ID[id]
+        kind = EVERY[id]
         return kind.model_construct(None, **{f: self.values[f"effects.{id}.{f}"] for f in kind.model_fields})
 
     def changed(self, changes: Mapping[str, float]) -> Setting:
@@ -62,24 +64,31 @@ class Predictor:
         self.runs = 0
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: dict[tuple[float, ...], list[Motion]] = {}
-        self._sensing = {
-            name: _sensing(self.car, sensor) for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING
-        }
+        measuring = {name: sensor for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING}
+        functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
+        compiled = codegen.compiled("sensing", functions) if functions else []
+        self._sensing = {name: _Sensing(function) for name, function in zip(measuring, compiled, strict=True)}
 
     @cached_property
     def measured(self) -> list[dict[str, Array]]:
         """Signals of each window."""
-        sensors = self.evidence.sensors
-        return [
-            signals(w, {n: r for n, r in w.readings.items() if n in self._sensing}, sensors, self.radius)
-            for w in self.evidence.windows
-        ]
+        return [signals(*window) for window in self._measuring()]
+
+    @cached_property
+    def noise(self) -> list[dict[str, float]]:
+        """White noise of the measured signals of each window."""
+        return [noise(*window) for window in self._measuring()]
+
+    def _measuring(self) -> Iterator[tuple[Window, dict[str, Readings], Mapping[str, SensorBase], float]]:
+        for window in self.evidence.windows:
+            readings = {name: found for name, found in window.readings.items() if name in self._sensing}
+            yield window, readings, self.evidence.sensors, self.radius
 
     def simulated(self, setting: Setting) -> list[dict[str, Array]]:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
         sensors = self._sensors(setting)
         around = np.zeros(len(SURROUNDINGS))
-        around[:2] = np.sum([setting.effect(id).slope() for id in BY_ID], axis=0)
+        around[:2] = np.sum([setting.effect(id).slope() for id in EVERY], axis=0)
         motions = self._moved(setting, sensors, around)
         return [
             self._signals(window, motion, sensors, around)
@@ -88,7 +97,7 @@ class Predictor:
 
     def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
         sensors = dict(self.evidence.sensors)
-        for id in BY_ID:
+        for id in EVERY:
             sensors = setting.effect(id).sensors(sensors)
         return sensors
 
@@ -148,12 +157,11 @@ class Predictor:
         if not np.isfinite(motion.u[-1]).all():
             return {}
         readings = {}
-        for name, function in self._sensing.items():
+        for name, sensing in self._sensing.items():
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
-            found = function(motion.q.T, motion.u.T, motion.udot.T, around, now.mounting())
-            value = np.array(found).T + _offset(now) - _offset(base)
+            value = sensing(motion, around, now.mounting()) + _offset(now) - _offset(base)
             at = stamps - (now.latency - base.latency) - window.begin
             readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
             gaps = ~np.isfinite(window.readings[name].value)
@@ -168,11 +176,31 @@ def _offset(sensor: SensorBase) -> Array | float:
     return np.array([*sensor.rate_offset, *sensor.force_offset])  # type: ignore[attr-defined]
 
 
-def _sensing(car: Car, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, mounting) → measurement, for states in columns."""
+def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
+    """(q, u, udot, surroundings, mounting) → measurement."""
     udot = ca.SX.sym("udot", 14)
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     biases = ca.SX.zeros(len(sensor.biases()))
     motion = Instant(car.q, car.u, udot, car.surroundings, ca.SX.zeros(car.inputs.numel()))
     arguments = [car.q, car.u, udot, car.surroundings, mounting]
-    return ca.Function("sense", arguments, [sensor.equation(motion, biases, mounting)])
+    return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
+
+
+class _Sensing:
+    """What a sensor would measure at all instants of a motion; arrays for motions of each length are made once."""
+
+    def __init__(self, equation: ca.Function) -> None:
+        self._equation = equation
+        self._kernels: dict[int, tuple[list[Array], Kernel]] = {}
+
+    def __call__(self, motion: Motion, around: Array, mounting: Array) -> Array:
+        """(rows, components)."""
+        rows = len(motion.t)
+        if rows not in self._kernels:
+            arguments = [np.zeros((rows, self._equation.nnz_in(i))) for i in range(self._equation.n_in())]
+            self._kernels[rows] = arguments, Kernel(self._equation.map(rows), [a.reshape(-1) for a in arguments])
+        arguments, kernel = self._kernels[rows]
+        for argument, value in zip(arguments, (motion.q, motion.u, motion.udot, around, mounting), strict=True):
+            argument[:] = value
+        kernel.call()
+        return kernel.results[0].T.copy()

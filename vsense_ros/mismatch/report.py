@@ -384,9 +384,8 @@ def _described(where: Mapping[str, Any] | None) -> str:
     """What was located, in words."""
     if not where:
         return ""
-    if "description" in where:
-        return str(where["description"])
-    return ", ".join(f"{label(key)} {shown_number(v) if isinstance(v, float) else v}" for key, v in where.items())
+    sizes = ", ".join(shown_value(size["value"], size["unit"]) for size in where.get("sizes", []))
+    return f"{where['description']} ({sizes})" if sizes else str(where["description"])
 
 
 def _embedded(picture: bytes | None) -> str:

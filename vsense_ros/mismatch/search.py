@@ -7,44 +7,62 @@ left out), then fitted in full.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve, strength
-from vsense_ros.mismatch.knobs import Candidate, Knob
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve
+from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 
 Array = NDArray[np.float64]
 
 SHORTLIST = 4  # by the fall of the cost, and as many by its fall on what was left out
 SECANT = 1.0  # deviations: some effects have no slope at zero
+BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
+MOST = 3  # effects at once
+ENOUGH = 0.1  # gain of an effect from where on its shape can be seen
+TRIED = 3  # terms that are fitted in full
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What a candidate would do to the residuals, and what of it cannot be had from the base parameters."""
+    """What candidates would do to the residuals of a fit, and what of it cannot be had from the knobs of that fit."""
 
-    candidate: Candidate
-    slopes: list[Array]  # by window, (rows, k)
-    keep: float  # share of the signature that is left after the base parameters have been fitted to it [-]
-    gain: float  # relative fall of the cost, linearly
+    candidates: tuple[Candidate, ...]  # all of them, the last one is new
+    joint: Fit  # the fit with their knobs besides, not turned yet
+    keep: float  # share of the signature that is left after the other knobs have been fitted to it [-]
+    gain: float  # relative fall of the base's value, linearly
     left_out: float  # the same on recordings that the fit did not see
+
+    @property
+    def score(self) -> float:
+        return min(self.gain, self.left_out)
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A candidate fitted together with the base parameters."""
+    """Candidates fitted together with the base parameters."""
 
-    candidate: Candidate
+    candidates: tuple[Candidate, ...]
     fit: Fit
-    keep: float
-    gain: float  # relative fall of the cost
+    keep: float  # of the last one
+    gain: float  # relative fall of the base's value
     left_out: float  # the same on recordings that the fit did not see
-    improved: float  # share of the windows that fit better
-    deviations: Array  # standard deviation of each size, in its unit
+    improved: float  # share of the windows that fit better than the base
+    deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids."""
+        return tuple(candidate.effect for candidate in self.candidates)
+
+    @property
+    def name(self) -> str:
+        return " + ".join(candidate.name for candidate in self.candidates)
 
     @property
     def score(self) -> float:
@@ -54,8 +72,8 @@ class Explanation:
     @property
     def sizes(self) -> dict[str, float]:
         """Values by dotted name."""
-        first = len(self.fit.knobs) - len(self.candidate.knobs)
-        return {k.name: float(a) for k, a in zip(self.fit.knobs[first:], self.fit.amounts[first:], strict=True)}
+        amounts = dict(zip((knob.name for knob in self.fit.knobs), self.fit.amounts, strict=True))
+        return {knob.name: float(amounts[knob.name]) for candidate in self.candidates for knob in candidate.knobs}
 
 
 def groups(residuals: Residuals) -> list[list[int]]:
@@ -67,123 +85,208 @@ def groups(residuals: Residuals) -> list[list[int]]:
     return [[i] for i in range(len(windows))]
 
 
-def screen(
-    residuals: Residuals, base: Fit, candidates: Sequence[Candidate], progress: Callable[[], None] = lambda: None
-) -> list[Signature]:
-    """All candidates with a signature, the likeliest first."""
-    columns: dict[str, list[Array]] = {}
-    found = []
-    for candidate in candidates:
-        for knob in candidate.knobs:
-            if knob.name not in columns:
-                columns[knob.name] = slope(residuals, base, knob, base.setting, SECANT)
-                progress()
-        slopes = [np.column_stack(parts) for parts in zip(*(columns[k.name] for k in candidate.knobs), strict=True)]
-        if not any(np.abs(s).max(initial=0.0) > 1e-6 for s in slopes):
-            continue
-        joint = _joined(base, candidate.knobs, slopes)
-        gain, left_out = _gains(residuals, base, joint)
-        found.append(Signature(candidate, slopes, _keep(base, slopes), gain, left_out))
-    return sorted(found, key=lambda s: min(s.gain, s.left_out), reverse=True)
+class Search:
+    """What explains that a fit leaves something over; secants are simulated once, at the base fit."""
 
+    def __init__(
+        self,
+        residuals: Residuals,
+        start: Setting,
+        base: Fit,
+        offered: Sequence[Candidate],
+        progress: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
+        self.groups = groups(residuals)
+        self._progress = progress
+        self._before = [_left_out(base, group) for group in self.groups]
+        # What gains are relative to: residuals below what sensors and models can do are no evidence.
+        self.whole = max(base.value, float(sum(len(r) for r in base.residuals)))
+        self._columns: dict[str, list[Array]] = {
+            knob.name: [part / knob.deviation for part in column]
+            for knob, column in zip(base.knobs, _columns(base.slopes), strict=True)
+        }
 
-def explain(
-    residuals: Residuals,
-    start: Setting,
-    base: Fit,
-    signatures: Sequence[Signature],
-    progress: Callable[[], None] = lambda: None,
-) -> list[Explanation]:
-    """The likeliest candidates, fitted in full, best first."""
-    found = []
-    by_gain = sorted(signatures, key=lambda s: s.gain, reverse=True)[:SHORTLIST]
-    chosen = {s.candidate.name: s for s in (*by_gain, *signatures[:SHORTLIST])}
-    for signature in chosen.values():
-        joint = _joined(base, signature.candidate.knobs, signature.slopes)
-        try:
-            fitted = fit(residuals, start, joint.knobs, first=joint, iterations=5)
-        except DivergedError:
-            continue
-        progress()
-        gain = 1 - fitted.cost / base.cost
-        before = sum(_left_out(base, group) for group in groups(residuals))
-        after = sum(_left_out(fitted, group) for group in groups(residuals))
-        windows = [float(a @ a) < float(b @ b) for a, b in zip(fitted.residuals, base.residuals, strict=True) if len(b)]
-        found.append(
-            Explanation(
-                signature.candidate, fitted, signature.keep, gain, 1 - after / before, float(np.mean(windows)),
-                _deviations(fitted)[len(base.knobs) :],
-            )
+    @cached_property
+    def visible(self) -> frozenset[str]:
+        """Ids of the effects that would change something that was recorded."""
+        return frozenset(
+            c.effect for c in self.offered
+            if any(np.abs(part).max(initial=0.0) > 1e-6 for knob in c.knobs for part in self._column(knob))
         )  # fmt: skip
-    return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def singles(self) -> list[Explanation]:
+        """The likeliest candidates alone, fitted in full, best first."""
+        return self._shaped(self._fitted(self._screened(self.base, (), SHORTLIST)))
+
+    def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
+        """The explanations, the best of them with their shapes fitted besides."""
+        found = list(explanations)
+        for i, explanation in enumerate(explanations[:BEAM]):
+            at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect)
+            if not knobs or explanation.gain < ENOUGH:
+                continue
+            columns = [slope(self.residuals, at, knob, at.setting) for knob in knobs]
+            slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
+            signature = Signature(
+                explanation.candidates, _joined(at, knobs, slopes), explanation.keep, explanation.gain,
+                explanation.left_out,
+            )  # fmt: skip
+            found[i : i + 1] = self._fitted([signature]) or [explanation]
+        return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def further(self, explanations: Sequence[Explanation], least: float) -> list[Explanation]:
+        """The best explanations with one more effect each, where that promises `least` more than any of them gains."""
+        found: dict[frozenset[str], Signature] = {}
+        enough = max((e.score for e in explanations), default=0.0) + least
+        for explanation in explanations[:BEAM]:
+            if len(explanation.candidates) < MOST and explanation.score > least:
+                for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
+                    if signature.score > enough:
+                        found.setdefault(frozenset(c.effect for c in signature.candidates), signature)
+        return self._fitted(list(found.values()))
+
+    def described(self) -> list[Explanation]:
+        """Terms without known physics, fitted in full, best first."""
+        found = [self._signature(self.base, (), (term,)) for term in terms()]
+        return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
+
+    def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:
+        """All candidates at once, without a search."""
+        return self._fitted([self._signature(self.base, (), tuple(candidates))])
+
+    def _screened(self, at: Fit, present: tuple[Candidate, ...], count: int) -> list[Signature]:
+        """The likeliest candidates besides those present: `count` by what they gain, and as many by what they gain
+        where they are left out."""
+        names = {candidate.effect for candidate in present}
+        found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
+        found = [s for s in found if s.keep > 0]
+        by_gain = sorted(found, key=lambda s: s.gain, reverse=True)[:count]
+        by_score = sorted(found, key=lambda s: s.score, reverse=True)[:count]
+        return list({s.candidates[-1].name: s for s in (*by_score, *by_gain)}.values())
+
+    def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
+        knobs = tuple(knob for candidate in new for knob in candidate.knobs)
+        columns = [self._column(knob) for knob in knobs]
+        slopes = [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
+        joint = _joined(at, knobs, slopes)
+        change = solve(joint.slopes, joint.residuals, joint.prior, joint.weight)
+        fall = self.base.value - _value(joint, range(len(joint.residuals)), change)
+        return Signature(
+            (*present, *new), joint, _keep(at, knobs, slopes), fall / self.whole, self._gain_left_out(joint)
+        )
+
+    def _column(self, knob: Knob) -> list[Array]:
+        """Secant per unit of a knob."""
+        if knob.name not in self._columns:
+            secant = slope(self.residuals, self.base, knob, self.base.setting, SECANT)
+            self._columns[knob.name] = [part / knob.deviation for part in secant]
+            self._progress()
+        return self._columns[knob.name]
+
+    def _gain_left_out(self, fitted: Fit) -> float:
+        """What is predicted linearly may be far off where one recording alone holds a parameter: none of them may count
+        for more than it costs itself."""
+        falls = [
+            np.clip(before - _left_out(fitted, group), -_value(self.base, group), _value(self.base, group))
+            for before, group in zip(self._before, self.groups, strict=True)
+        ]
+        return float(sum(falls)) / self.whole
+
+    def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
+        found = []
+        for signature in signatures:
+            try:
+                fitted = fit(self.residuals, self.start, signature.joint.knobs, first=signature.joint, iterations=5)
+            except DivergedError:
+                continue
+            self._progress()
+            windows = [i for i, r in enumerate(self.base.residuals) if len(r)]
+            improved = [_value(fitted, [i]) < _value(self.base, [i]) for i in windows]
+            found.append(
+                Explanation(
+                    signature.candidates, fitted, signature.keep, (self.base.value - fitted.value) / self.whole,
+                    self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted),
+                )
+            )  # fmt: skip
+        return sorted(found, key=lambda e: e.score, reverse=True)
 
 
-def _joined(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> Fit:
-    """The base fit with further knobs, not turned yet."""
+def _columns(slopes: Sequence[Array]) -> list[list[Array]]:
+    """By knob, by window."""
+    return [[window[:, i] for window in slopes] for i in range(slopes[0].shape[1])]
+
+
+def _without(base: Fit, knobs: Sequence[Knob]) -> Fit:
+    """The fit with some knobs no longer free to turn."""
+    names = {knob.name for knob in knobs}
+    stay = [i for i, knob in enumerate(base.knobs) if knob.name not in names]
     return replace(
         base,
-        knobs=(*base.knobs, *knobs),
-        amounts=np.append(base.amounts, np.zeros(len(knobs))),
-        slopes=[np.column_stack(pair) for pair in zip(base.slopes, slopes, strict=True)],
+        knobs=tuple(base.knobs[i] for i in stay),
+        amounts=base.amounts[stay],
+        slopes=[s[:, stay] for s in base.slopes],
     )
 
 
-def _prior(fitted: Fit) -> Array:
-    return fitted.amounts / np.array([knob.deviation for knob in fitted.knobs])
+def _joined(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> Fit:
+    """The base fit with further knobs, not turned yet. A knob that the base has with a smaller deviation, because every
+    car has a little of it, may now be as large as an effect."""
+    known = dict(zip((knob.name for knob in base.knobs), base.amounts, strict=True))
+    rest = _without(base, knobs)
+    return replace(
+        rest,
+        knobs=(*rest.knobs, *knobs),
+        amounts=np.append(rest.amounts, [known.get(knob.name, 0.0) for knob in knobs]),
+        slopes=[np.column_stack(pair) for pair in zip(rest.slopes, slopes, strict=True)],
+    )
 
 
-def _moved(fitted: Fit, change: Array, windows: Sequence[int]) -> float:
-    return cost([fitted.residuals[i] + fitted.slopes[i] @ change for i in windows])
+def _value(fitted: Fit, windows: Sequence[int], change: Array | None = None) -> float:
+    """What is minimised, for some of the windows, after a linear change of the knobs [deviations]. Where the knobs are
+    costs each window as much as its share of all residuals says."""
+    change = np.zeros(len(fitted.knobs)) if change is None else change
+    prior = fitted.prior + change
+    share = sum(len(fitted.residuals[i]) for i in windows) / sum(len(r) for r in fitted.residuals)
+    moved = cost([fitted.residuals[i] + fitted.slopes[i] @ change for i in windows])
+    return moved + fitted.weight * share * float(prior @ prior)
 
 
 def _left_out(fitted: Fit, group: Sequence[int]) -> float:
-    """Cost of windows after a fit to all others, linearly."""
+    """The value for windows after a fit to all others, linearly."""
     rest = [i for i in range(len(fitted.residuals)) if i not in group]
     if not rest:
-        return cost([fitted.residuals[i] for i in group])
-    change = solve(
-        [fitted.slopes[i] for i in rest], [fitted.residuals[i] for i in rest], _prior(fitted),
-        strength(fitted.residuals),
-    )  # fmt: skip
-    return _moved(fitted, change, group)
+        return _value(fitted, group)
+    change = solve([fitted.slopes[i] for i in rest], [fitted.residuals[i] for i in rest], fitted.prior, fitted.weight)
+    return _value(fitted, group, change)
 
 
-def _gains(residuals: Residuals, base: Fit, joint: Fit) -> tuple[float, float]:
-    every = range(len(base.residuals))
-    change = solve(joint.slopes, joint.residuals, _prior(joint), strength(joint.residuals))
-    gain = 1 - _moved(joint, change, every) / base.cost
-    before = sum(_left_out(base, group) for group in groups(residuals))
-    after = sum(_left_out(joint, group) for group in groups(residuals))
-    return gain, 1 - after / before
-
-
-def _keep(base: Fit, slopes: Sequence[Array]) -> float:
+def _keep(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> float:
     """Share of the signature that stays when the base parameters are fitted to it, in the norm of the residuals."""
+    rest = _without(base, knobs)
     whole, left = 0.0, 0.0
-    for column in range(slopes[0].shape[1]):
-        signature = [s[:, column] for s in slopes]
-        change = solve(base.slopes, signature, np.zeros(len(base.knobs)), strength(base.residuals))
+    for signature in _columns(slopes):
+        change = solve(rest.slopes, signature, np.zeros(len(rest.knobs)), base.weight)
         whole += cost(signature)
-        left += cost([r + s @ change for r, s in zip(signature, base.slopes, strict=True)])
+        left += cost([r + s @ change for r, s in zip(signature, rest.slopes, strict=True)])
     return float(np.sqrt(left / whole)) if whole > 0 else 0.0
 
 
-def _deviations(fitted: Fit) -> Array:
-    """Standard deviations of the knobs. Residuals of neighbouring instants err together: the spread between windows
-    says how much they tell, by a jackknife over windows."""
-    weight, prior = strength(fitted.residuals), _prior(fitted)
+def _deviations(fitted: Fit) -> dict[str, float]:
+    """Standard deviations of the knobs by name. Residuals of neighbouring instants err together: the spread between
+    windows says how much they tell, by a jackknife over windows."""
     every = range(len(fitted.residuals))
     changes = np.array(
         [
             solve(
                 [fitted.slopes[i] for i in every if i != out], [fitted.residuals[i] for i in every if i != out],
-                prior, weight,
+                fitted.prior, fitted.weight,
             )
             for out in every
         ]
     )  # fmt: skip
     n = len(changes)
-    if n < 2:
-        return np.array([knob.deviation for knob in fitted.knobs])
-    spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
-    return spread * np.array([knob.deviation for knob in fitted.knobs])
+    spread = np.ones(len(fitted.knobs))
+    if n > 1:
+        spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
+    return {knob.name: float(s * knob.deviation) for knob, s in zip(fitted.knobs, spread, strict=True)}

@@ -6,7 +6,7 @@ filter. So neither sampling nor filter can look like physics.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,19 +87,44 @@ def signals(
     radius [m], the same for both. Signals with gaps are left out."""
     t = np.arange(window.begin, window.end, GRID)
     inside = slice(round(RUN_IN / GRID), len(t) - round(EDGE / GRID))
-    result = {}
+    found = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
+    if not found:
+        return {}
+    smooth = sosfiltfilt(_FILTER, np.array(list(found.values())))[:, inside][:, ::KEPT_EVERY]
+    return dict(zip(found, smooth, strict=True))
+
+
+def noise(
+    window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
+) -> dict[str, float]:
+    """Standard deviation of the white noise that is left in the signals of a window, by name.
+
+    Third differences of white noise have a variance of twenty times its own (1² + 3² + 3² + 1²), those of what a car
+    does are small; what the filter leaves of it is its share of the band.
+    """
+    found = {}
+    for name, at, value in _made(window, readings, sensors, radius):
+        if len(value) > 50:
+            white = float(np.median(np.abs(np.diff(value, 3)))) / (0.6745 * np.sqrt(20))
+            found[name] = white * min(1.0, 2 * CUT_OFF * float(np.median(np.diff(at)))) ** 0.5
+    return found
+
+
+def _made(
+    window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
+) -> Iterator[tuple[str, Array, Array]]:
+    """Name, instants and values of each signal that is there all the time."""
     for sensor, found in readings.items():
+        if found.t[0] > window.begin + 1.0 or found.t[-1] < window.end - 1.0:
+            continue
         for signal in SIGNALS:
             if signal.kind != sensors[sensor].kind:
                 continue
             with np.errstate(invalid="ignore"):
                 value = signal.make(found.value, radius)
             present = np.isfinite(value)
-            if present.mean() < 0.9 or found.t[0] > window.begin + 1.0 or found.t[-1] < window.end - 1.0:
-                continue
-            smooth = sosfiltfilt(_FILTER, np.interp(t, found.t[present], value[present]))[inside][::KEPT_EVERY]
-            result[signal.name] = smooth
-    return result
+            if present.mean() >= 0.9:
+                yield signal.name, found.t[present], value[present]
 
 
 def difference(measured: Mapping[str, Array], simulated: Mapping[str, Array]) -> dict[str, Array]:

@@ -130,11 +130,11 @@ class Car:
         self.p, self.parameters = symbols(vehicle.physics)
         self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
         self._tables = vehicle.suspension
-        self.q = ca.SX.sym("q", COORDINATES)
-        self.u = ca.SX.sym("u", COORDINATES)
+        self.q: ca.SX = ca.SX.sym("q", COORDINATES)
+        self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
         self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
-        self.inputs = ca.SX.sym("inputs", len(INPUTS))
+        self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
         present = vehicle.physics.effects.present()
         self._effects = tuple(
             type(effect).model_construct(**vars(getattr(self.parameters.effects, effect.id))) for effect in present

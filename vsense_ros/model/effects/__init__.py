@@ -46,6 +46,7 @@ from vsense_ros.model.effects.tyre_heating import TyreHeating
 from vsense_ros.model.effects.tyre_load_sensitivity import TyreLoadSensitivity
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.effects.tyre_underinflation import TyreUnderinflation
+from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.effects.wheel_radius import WheelRadius
 from vsense_ros.model.parameter import Part
 
@@ -84,9 +85,11 @@ _ALL: tuple[type[Effect], ...] = (
     TyreLoadSensitivity,
     TyreRelaxation,
     TyreUnderinflation,
+    Unmodelled,
     WheelRadius,
 )
-BY_ID = {effect.id: effect for effect in _ALL}
+EVERY = {effect.id: effect for effect in _ALL}
+BY_ID = {id: effect for id, effect in EVERY.items() if effect.known}  # the library: physics that has a name
 
 
 class _Effects(Part):
@@ -103,7 +106,7 @@ else:
     Effects = create_model(
         "Effects",
         __base__=_Effects,
-        **{id: (effect | None, Field(default=None, description=effect.sentence)) for id, effect in BY_ID.items()},
+        **{id: (effect | None, Field(default=None, description=effect.sentence)) for id, effect in EVERY.items()},
     )
 
-__all__ = ["BY_ID", "Effect", "Effects"]
+__all__ = ["BY_ID", "EVERY", "Effect", "Effects"]

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vsense_ros.model.effects.base import Effect, of_kind, size
+from vsense_ros.model.sensors import Imu
 
 if TYPE_CHECKING:
-    from vsense_ros.model.sensors import Imu, SensorBase
+    from vsense_ros.model.sensors import SensorBase
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class AccelerometerBias(Effect):
@@ -27,6 +29,11 @@ class AccelerometerBias(Effect):
     x: float = size("m/s²", "added by the sensor along x", typical=0.1, high=5.0)
     y: float = size("m/s²", "added by the sensor along y", typical=0.1, high=5.0)
     z: float = size("m/s²", "added by the sensor along z", typical=0.1, high=5.0)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        left = max((s.force_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
+        return dict.fromkeys("xyz", left)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         def off(imu: Imu) -> dict[str, object]:

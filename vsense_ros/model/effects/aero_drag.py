@@ -11,6 +11,7 @@ from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class AeroDrag(Effect):
@@ -23,6 +24,10 @@ class AeroDrag(Effect):
     needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 
     area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        return {"area": 0.05 * vehicle.physics.aerodynamics.drag_area}
 
     def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         drag = 0.5 * AIR_DENSITY * self.area * car.u[0] * ca.fabs(car.u[0])

@@ -14,6 +14,7 @@ from vsense_ros.model.parameter import Part
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car, Corner
     from vsense_ros.model.sensors import SensorBase
+    from vsense_ros.model.vehicle import Vehicle
 
 WHEELS = ("fl", "fr", "rl", "rr")
 AXLES = ("front", "rear")
@@ -49,10 +50,16 @@ class Effect(Part):
 
     id: ClassVar[str]
     sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
+    known: ClassVar[bool] = True  # False: terms that describe, and explain nothing
     excited_by: ClassVar[tuple[str, ...]] = ()  # manoeuvres that show it
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
     memory: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        """How much of it every such car has, as standard deviations of sizes by field name."""
+        return {}
 
     def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass [kg], first moment (3) [kg m] and inertia (3×3) [kg m²] of the sprung mass about `cog`."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vsense_ros.model.effects.base import Effect, of_kind, size
+from vsense_ros.model.sensors import Imu
 
 if TYPE_CHECKING:
-    from vsense_ros.model.sensors import Imu, SensorBase
+    from vsense_ros.model.sensors import SensorBase
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class GyroBias(Effect):
@@ -22,6 +24,11 @@ class GyroBias(Effect):
     x: float = size("rad/s", "added by the sensor about x", typical=0.005, high=0.2)
     y: float = size("rad/s", "added by the sensor about y", typical=0.005, high=0.2)
     z: float = size("rad/s", "added by the sensor about z", typical=0.005, high=0.2)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        left = max((s.rate_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
+        return dict.fromkeys("xyz", left)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         def off(imu: Imu) -> dict[str, object]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from vsense_ros.model.effects.base import Effect, changed, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class RollingResistance(Effect):
@@ -17,7 +20,11 @@ class RollingResistance(Effect):
     mistaken_for: ClassVar[tuple[str, ...]] = ("aero_drag", "road_grade", "brake_drag")
     needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 
-    coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.02, high=0.3)
+    coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.008, high=0.3)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        return {"coefficient": 0.0007}  # a twentieth of what tyres have
 
     def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
         return changed(axle, rolling_resistance=axle.rolling_resistance + self.coefficient)

@@ -8,6 +8,7 @@ from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.sensors import SensorBase
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class SensorDelay(Effect):
@@ -22,6 +23,10 @@ class SensorDelay(Effect):
     steering: float = size("s", "additional age of the steering angle", typical=0.03, low=-0.2, high=1.0)
     wheel_speeds: float = size("s", "additional age of the wheel speeds", typical=0.03, low=-0.2, high=1.0)
     gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.2, high=1.0)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        return {"steering": 0.005}  # a few periods of a bus
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         ages = {

@@ -10,6 +10,7 @@ from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class SteeringOffset(Effect):
@@ -21,6 +22,10 @@ class SteeringOffset(Effect):
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "road_bank", "crosswind", "gyro_bias")
 
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        return {"angle": vehicle.observer.surroundings.steering_offset}
 
     def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         return angle + self.angle

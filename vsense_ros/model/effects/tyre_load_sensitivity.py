@@ -12,6 +12,7 @@ LEAST = 0.2  # of the grip that is left at any load
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Corner
+    from vsense_ros.model.vehicle import Vehicle
 
 
 class TyreLoadSensitivity(Effect):
@@ -24,6 +25,10 @@ class TyreLoadSensitivity(Effect):
 
     front: float = size("-", "relative loss of grip at twice the load at rest, front", typical=0.15, low=-0.3, high=0.8)
     rear: float = size("-", "relative loss of grip at twice the load at rest, rear", typical=0.15, low=-0.3, high=0.8)
+
+    @classmethod
+    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+        return {"front": 0.1, "rear": 0.1}  # by which formulas differ that were fitted to the same tyre
 
     def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
         excess = load / corner.static_load - 1

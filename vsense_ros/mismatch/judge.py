@@ -1,0 +1,138 @@
+"""What may be said of explanations: whether one is proven, which others are within its reach, and what is unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.evidence import Evidence
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost
+from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.search import Explanation
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden do not give
+# Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
+# they take up most of an effect, a tyre formula that is a little different takes up as much of another.
+OWN = 0.3
+FURTHER = 0.06  # least gain of one more effect beside another: what an imperfect effect leaves looks like others
+DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
+# Another explanation stays in the answer set with this share of the best one's gain, if it leaves no more of the cost
+# than this multiple of what the best one leaves; and the best one is not named where another is closer still.
+RIVAL, RIVAL_LEFT = 0.85, 1.5
+CLOSE, CLOSE_LEFT = 0.9, 1.25
+# Root mean square of the residuals, in deviations, that says that something is left over; after an effect has been
+# fitted it says that this effect is not what the model lacks, or not all of it.
+LEFT_OVER = 2.0
+SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
+
+
+class Proof:
+    """Recordings that no fit has seen."""
+
+    def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
+        self.residuals: Residuals | None = None
+        self.base, self.fitted = base, residuals
+        self.remarks = evidence.remarks
+        self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
+        self._after: dict[int, list[Array] | None] = {}
+        if evidence.windows:
+            self.residuals = Residuals(Predictor(vehicle, evidence))
+            self.residuals.deviation |= residuals.deviation
+            self.before = self.residuals(base.setting)
+
+    def after(self, explanation: Explanation) -> list[Array] | None:
+        """Residuals with an explanation, simulated once; None where it leaves all bounds."""
+        assert self.residuals is not None
+        if id(explanation) not in self._after:
+            try:
+                self._after[id(explanation)] = self.residuals(explanation.fit.setting)
+            except DivergedError:
+                self._after[id(explanation)] = None
+        return self._after[id(explanation)]
+
+    def gain(self, explanation: Explanation) -> float | None:
+        """Relative fall of what is minimised, -1 where the simulation leaves all bounds; None without held-out
+        recordings."""
+        if self.residuals is None:
+            return None
+        after = self.after(explanation)
+        if after is None:
+            return -1.0
+        before = self._value(self.base, self.before)
+        return (before - self._value(explanation.fit, after)) / max(before, float(sum(len(r) for r in after)))
+
+    def _value(self, fitted: Fit, found: list[Array]) -> float:
+        share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
+        return cost(found) + fitted.weight * share * float(fitted.prior @ fitted.prior)
+
+    def mends_the_worst(self, explanation: Explanation) -> bool:
+        """Whether the signal that is furthest from a good model comes closer, on what the fit has not seen if there is
+        any."""
+        residuals, before = self.fitted, self.base.residuals
+        after: list[Array] | None = explanation.fit.residuals
+        if self.residuals is not None:
+            residuals, before, after = self.residuals, self.before, self.after(explanation)
+        if after is None:
+            return False
+        errors, left = residuals.by_signal(before), residuals.by_signal(after)
+        worst = max(errors, key=lambda name: errors[name] / residuals.deviation[name])
+        return left[worst] < errors[worst]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A verdict and what it rests on."""
+
+    verdict: str
+    leader: Explanation | None  # what explains most, if it is proven; a term where the physics is unknown
+    rivals: tuple[Explanation, ...]  # the leader, and what is within its reach
+    ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
+    held_out: dict[int, float | None]  # gains by id of the explanation
+
+
+def judge(explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof) -> Judged:
+    """`explanations` are effects, alone and several at once; `described` are terms without known physics."""
+    held_out = {id(e): proof.gain(e) for e in (*explanations, *described)}
+
+    def proven(e: Explanation) -> float:
+        unseen = held_out[id(e)]
+        return min(e.gain, e.left_out if unseen is None else unseen)
+
+    def holds(e: Explanation) -> bool:
+        left = proof.fitted.level(e.fit.residuals)
+        least = THRESHOLD * max(1.0, OWN / max(e.keep, 1e-3))
+        return proven(e) > least and e.improved > 0.5 and left < LEFT_OVER and proof.mends_the_worst(e)
+
+    ranked: dict[str, Explanation] = {}
+    for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
+        ranked.setdefault(e.effects[0], e)
+    leaders = [e for e in ranked.values() if holds(e)][:1]
+    for count in (2, 3):
+        several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
+        if several and proven(several[0]) > max(map(proven, leaders), default=0.0) + FURTHER:
+            leaders = several[:1]
+    terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
+    term = next((e for e in terms if proven(e) > DESCRIBED), None)
+    explained = max(map(proven, leaders), default=0.0)
+    if not leaders or (term is not None and proven(term) > explained + FURTHER):
+        unknown = term is not None or proof.fitted.level(proof.base.residuals) > LEFT_OVER
+        return Judged("unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), held_out)
+    leader = leaders[0]
+    alike = [e for e in explanations if len(e.candidates) == len(leader.candidates) and holds(e)]
+
+    def beside(share: float, left: float) -> tuple[Explanation, ...]:
+        most = proven(leader)
+        return tuple(
+            e for e in sorted(alike, key=proven, reverse=True)
+            if e is leader or (proven(e) >= share * most and 1 - proven(e) <= left * (1 - most))
+        )  # fmt: skip
+
+    close = any(set(e.effects) != set(leader.effects) for e in beside(CLOSE, CLOSE_LEFT))
+    verdict = "ambiguous" if close else "named"
+    return Judged(verdict, leader, beside(RIVAL, RIVAL_LEFT), tuple(ranked.values()), held_out)

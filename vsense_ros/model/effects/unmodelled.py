@@ -1,0 +1,127 @@
+"""Forces for which no physics is known: what is fitted where nothing else explains a car."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import casadi as ca
+from pydantic import create_model
+
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.car import Car
+
+SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Where a term acts: a component of the force on the chassis about `cog`, in body axes."""
+
+    words: str
+    unit: str
+    row: int  # of moments and forces
+    typical: float  # size where its feature has its usual size
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What a term follows; `usual` is a size it often has, in `unit`."""
+
+    words: str
+    unit: str  # of what the term is divided by; empty for none
+    usual: float
+    value: Callable[[Car], ca.SX]
+
+
+def _lateral(car: Car) -> ca.SX:
+    return car.u[0] * car.u[5]
+
+
+def _demand(car: Car) -> ca.SX:
+    """Acceleration that the wheel torques ask for [m/s²]."""
+    p = car.parameters
+    return ca.sum1(car.inputs[1:5]) / (p.chassis.mass * p.front.unloaded_radius)
+
+
+CHANNELS = {
+    "longitudinal_force": Channel("a longitudinal force", "N", 3, 200.0),
+    "lateral_force": Channel("a lateral force", "N", 4, 300.0),
+    "yaw_moment": Channel("a yaw moment", "N m", 2, 300.0),
+    "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
+}
+CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
+SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
+SQUARE = Feature("that grows with the square of the speed", "m²/s²", 500.0, lambda car: car.u[0] ** 2)
+DRIVING = Feature("that grows with the drive torque", "m/s²", 2.0, lambda car: ca.fmax(_demand(car), 0))
+BRAKING = Feature("that grows with the brake torque", "m/s²", 3.0, lambda car: ca.fmax(-_demand(car), 0))
+EVEN = {
+    "constant": CONSTANT,
+    "speed": SPEED,
+    "speed_squared": SQUARE,
+    "driving": DRIVING,
+    "braking": BRAKING,
+    "cornering": Feature("that grows with cornering to either side", "m/s²", 4.0, lambda car: ca.fabs(_lateral(car))),
+}
+TURNING = {
+    "lateral": Feature("that follows the lateral acceleration", "m/s²", 4.0, _lateral),
+    "lateral_squared": Feature(
+        "that follows the square of the lateral acceleration", "m²/s⁴", 20.0,
+        lambda car: _lateral(car) * ca.fabs(_lateral(car)),
+    ),
+    "lateral_speed": Feature(
+        "that follows lateral acceleration times speed", "m²/s³", 80.0, lambda car: _lateral(car) * car.u[0]
+    ),
+    "lateral_driving": Feature(
+        "that follows the lateral acceleration under drive torque", "m²/s⁴", 6.0,
+        lambda car: _lateral(car) * ca.fmax(_demand(car), 0),
+    ),
+    "lateral_braking": Feature(
+        "that follows the lateral acceleration under brake torque", "m²/s⁴", 10.0,
+        lambda car: _lateral(car) * ca.fmax(-_demand(car), 0),
+    ),
+    "steering": Feature("that follows the steering angle", "rad", 0.05, lambda car: car.inputs[0]),
+    "side_slip": Feature(
+        "that follows the side slip", "rad", 0.04, lambda car: car.u[1] / ca.fmax(car.u[0], SLOWEST)
+    ),
+    "yaw_rate": Feature("that follows the yaw rate", "rad/s", 0.2, lambda car: car.u[5]),
+    "roll_rate": Feature("that follows the roll rate", "rad/s", 0.1, lambda car: car.u[3]),
+}  # fmt: skip
+ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking": BRAKING}
+TERMS = {
+    "longitudinal_force": EVEN,
+    "lateral_force": ASYMMETRIC | TURNING,
+    "yaw_moment": ASYMMETRIC | TURNING,
+    "roll_moment": {"constant": CONSTANT} | TURNING,
+}
+
+
+def _field(channel: Channel, feature: Feature) -> Any:
+    unit = f"{channel.unit}/({feature.unit})" if feature.unit else channel.unit
+    typical = channel.typical / feature.usual
+    return float, size(unit, f"{channel.words} {feature.words}", typical=typical, high=100 * typical)
+
+
+class _Unmodelled(Effect):
+    """A sum of terms, each a force or moment on the chassis in proportion to something that the car does."""
+
+    id: ClassVar[str] = "unmodelled"
+    sentence: ClassVar[str] = "a force for which no physics is known"
+    known: ClassVar[bool] = False
+
+    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        added = ca.SX.zeros(6)
+        for channel, features in TERMS.items():
+            for feature, content in features.items():
+                added[CHANNELS[channel].row] += getattr(self, f"{channel}_{feature}") * content.value(car)
+        return force + added
+
+
+Unmodelled: type[Effect] = create_model(
+    "Unmodelled",
+    __base__=_Unmodelled,
+    **{f"{c}_{f}": _field(CHANNELS[c], content) for c, features in TERMS.items() for f, content in features.items()},
+)
