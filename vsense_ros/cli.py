@@ -192,6 +192,11 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 )
 @click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to prove it on; repeatable.")
 @click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
+@click.option(
+    "--ablation",
+    metavar="PART",
+    help="For comparison, the method without a part: no_refit, no_projection, chi2_thresholds.",
+)
 @click.option("--fleet", type=_EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
@@ -202,6 +207,7 @@ def explain(
     vehicle: str | None,
     held_out: tuple[Path, ...],
     assume: tuple[str, ...],
+    ablation: str | None,
     fleet: Path | None,
     scheduler: str | None,
     workers: int | None,
@@ -230,7 +236,7 @@ def explain(
       vsense explain --fleet recordings --report out/fleet
     """
     if fleet is not None:
-        if recordings or vehicle or held_out or assume or design:
+        if recordings or vehicle or held_out or assume or ablation or design:
             raise click.UsageError("--fleet takes recordings and vehicle files from its folder, and no others")
         _explain_fleet(fleet, report, scheduler, workers)
         return
@@ -241,13 +247,18 @@ def explain(
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
     if recordings:
-        design &= _explain(recordings, vehicle, held_out, assume, report) == "ambiguous"
+        design &= _explain(recordings, vehicle, held_out, assume, ablation or "", report) == "ambiguous"
     if design:
         _design(vehicle, report)
 
 
 def _explain(
-    recordings: tuple[Path, ...], vehicle: str, held_out: tuple[Path, ...], assume: tuple[str, ...], report: Path
+    recordings: tuple[Path, ...],
+    vehicle: str,
+    held_out: tuple[Path, ...],
+    assume: tuple[str, ...],
+    ablation: str,
+    report: Path,
 ) -> str:
     """The verdict."""
     from vsense_ros.bag.importers import import_recording
@@ -261,7 +272,7 @@ def _explain(
     train, proof = ([import_recording(path) for path in paths] for paths in (recordings, held_out))
     with progress("searching") as done:
         steps = iter(range(STAGES))
-        found = answer(train, car, proof, assume, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
+        found = answer(train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
     found.write(report)
     printed(found.found, console())
     console().print(f"Results in {report}.", soft_wrap=True)

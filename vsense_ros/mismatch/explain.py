@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.evidence import gather
@@ -36,6 +37,7 @@ from vsense_ros.vehicle_file import save_vehicle
 
 Array = NDArray[np.float64]
 
+ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
 
@@ -61,14 +63,18 @@ def answer(
     vehicle: Vehicle,
     held_out: Sequence[Recording] = (),
     assume: Sequence[str] = (),
+    ablation: str = "",
     progress: Callable[[], None] = lambda: None,
 ) -> Answer:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
-    With `assume` the effects of these ids are fitted, without a search. Raises `InputError` for an unknown id.
+    With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
+    left out, to see what it is worth. Raises `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
+    if ablation not in ("", *ABLATIONS):
+        raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
     evidence, unseen = gather(recordings, vehicle), gather(held_out, vehicle)
     found: dict[str, Any] = {
@@ -92,14 +98,19 @@ def answer(
     predictor = Predictor(vehicle, evidence)
     residuals = Residuals(predictor)
     try:
-        base = fit(residuals, predictor.start, base_knobs(vehicle, beyond), progress=progress)
+        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond)
+        base = fit(residuals, predictor.start, knobs, progress=progress)
     except DivergedError:
         return nothing_said(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         )
     offered = tuple(c for c in candidates() if c.effect not in beyond and (not assume or c.effect in assume))
-    search = Search(residuals, predictor.start, base, offered, progress)
+    start = predictor.start
+    if ablation == "no_projection":
+        base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
+        start = base.setting
+    search = Search(residuals, start, base, offered, progress)
     traceless = {c.effect for c in offered} - search.visible
     beyond |= dict.fromkeys(sorted(traceless), "nothing that was recorded depends on it")
     found["out_of_reach"] = [{"id": id, "reason": reason} for id, reason in beyond.items()]
@@ -117,7 +128,10 @@ def answer(
             explanations = [*explanations, *found_last]
         if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:
             described = search.described()
-    judged = judge(explanations, described, proof)
+    threshold = THRESHOLD
+    if ablation == "chi2_thresholds":
+        threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
+    judged = judge(explanations, described, proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     leader, verdict = judged.leader, judged.verdict

@@ -221,8 +221,9 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
 
 
 def _slopes(residuals: Residuals, at: Fit, progress: Callable[[], None]) -> list[Array]:
-    columns = []
-    for knob in at.knobs:
-        columns.append(slope(residuals, at, knob, at.setting))
+    slopes = [np.zeros((len(r), len(at.knobs))) for r in at.residuals]
+    for i, knob in enumerate(at.knobs):
+        for window, column in zip(slopes, slope(residuals, at, knob, at.setting), strict=True):
+            window[:, i] = column
         progress()
-    return [np.column_stack(window) for window in zip(*columns, strict=True)]
+    return slopes

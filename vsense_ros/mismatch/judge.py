@@ -96,7 +96,9 @@ class Judged:
     held_out: dict[int, float | None]  # gains by id of the explanation
 
 
-def judge(explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof) -> Judged:
+def judge(
+    explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof, threshold: float = THRESHOLD
+) -> Judged:
     """`explanations` are effects, alone and several at once; `described` are terms without known physics."""
     held_out = {id(e): proof.gain(e) for e in (*explanations, *described)}
 
@@ -106,7 +108,7 @@ def judge(explanations: Sequence[Explanation], described: Sequence[Explanation],
 
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
-        least = THRESHOLD * max(1.0, OWN / max(e.keep, 1e-3))
+        least = threshold * max(1.0, OWN / max(e.keep, 1e-3))
         return proven(e) > least and e.improved > 0.5 and left < LEFT_OVER and proof.mends_the_worst(e)
 
     ranked: dict[str, Explanation] = {}
