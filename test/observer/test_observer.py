@@ -235,6 +235,48 @@ def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Veh
     assert yaw_rate < 0.05
 
 
+@pytest.mark.parametrize(("angle", "seed"), [(0.0, 4), (2.0, 5), (-1.2, 6)])
+def test_the_positions_of_a_standing_car_count_together(
+    angle: float, seed: int, plant: Vehicle, vehicle: Vehicle
+) -> None:
+    """A hundred fixes of 1.35 m at rest; then the way to where the heading is found, which is 0.3 m in front of the
+    antenna, in whatever direction of the map the car stands."""
+
+    def driver(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        torque = 150.0 if t > 10 else 0.0
+        return np.array([0.0, 0.0, 0.0, torque, torque])
+
+    recording = record(simulate(plant, driver, 13.0), plant, seed=seed, name="from rest")
+    observer = observer_of(vehicle, recording)
+    assert observer.heading_known is False
+    latitude, longitude, _ = map_origin(recording) or (0.0, 0.0, 0.0)
+    metres = 111_000.0 * np.array([np.cos(np.radians(latitude)), 1.0])  # of a degree to the east and north
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def turned(sample: Sample) -> Sample:
+        """As it would be on a map whose east lies in another direction."""
+        if sample.topic == VELOCITY:
+            return changed(sample, linear=np.append(turn @ sample.values["linear"][:2], 0.0))
+        if sample.topic == FIX:
+            degrees = np.array([sample.values[k][0] for k in ("longitude", "latitude")]) - (longitude, latitude)
+            degrees = turn @ (degrees * metres) / metres
+            return changed(sample, longitude=longitude + degrees[:1], latitude=latitude + degrees[1:])
+        return sample
+
+    stream = (turned(s) for s in messages(recording))
+    for sample in stream:
+        observer.add(sample)
+        if observer.snapshot().stamp and observer.heading_known:
+            break
+    truth = recording["reference/odometry"]
+    along = np.interp(observer.stamp, truth.stamp, truth.columns["position"][:, 0])
+    found = observer.snapshot()
+    assert 10 < seconds(recording, sample) < 13
+    assert np.hypot(*(found.position[:2] - along * turn[:, 0])) < 0.5
+    assert np.sqrt(found.pose_covariance.diagonal()[:2].max()) < 0.5
+    assert np.sin(found.attitude[2] - angle) == pytest.approx(0.0, abs=0.15)
+
+
 def test_it_starts_in_motion_and_says_when_it_has_converged(vehicle: Vehicle, lane_change: Recording) -> None:
     observer = observer_of(vehicle, lane_change)
     course = follow(observer, messages(lane_change, 4.0), lane_change)

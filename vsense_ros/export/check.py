@@ -142,7 +142,6 @@ class _Twin(ErrorEkf):
     where the heading is taken from the course, is copied as it is.
     """
 
-    at_once = False
     other: Exported
     difference: Difference
 

@@ -29,6 +29,9 @@ from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kal
 Array = NDArray[np.float64]
 
 
+_OPERATIONS = {"linearize", "predict", "correct"}
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where the biases of each sensor stand in the state."""
@@ -117,11 +120,14 @@ class ErrorEkf:
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
     the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
     model. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
-    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there; one whose
-    operations are others is not `at_once`, which would call those of C.
+    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there.
     """
 
-    at_once: ClassVar[bool] = True
+    at_once: ClassVar[bool] = True  # several operations may be done by one call of C
+
+    def __init_subclass__(cls) -> None:
+        """A filter that changes an operation is led through each of them, unless it says itself that C knows it."""
+        cls.at_once = vars(cls).get("at_once", cls.at_once and not vars(cls).keys() & _OPERATIONS)
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], extra: int = 0) -> None:
         self.vehicle = vehicle

@@ -26,6 +26,7 @@ from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.standstill import Standstill
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
@@ -33,6 +34,8 @@ Array = NDArray[np.float64]
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
+_STANDING = 0.2  # [m/s] below it the car does
+_ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
 _FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
@@ -89,6 +92,7 @@ class Observer:
         self._limits = [sensor.gate**2 * len(sensor.deviations()) ** 0.5 for sensor in self._list]
         self.started = False
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
+        self._standstill = Standstill()
         self._history: list[_Instant] = []
         self._spare: list[_Instant] = []
         self._ahead: list[Event] = []  # what is to be done again after a late measurement
@@ -259,9 +263,10 @@ class Observer:
         self.started, self._started_at, self._newest = True, stamp, stamp
         self._history.clear()
         self._ahead.clear()
+        self._standstill = Standstill()
         f.linearize()
         if (fix := kinds.get("gnss_position")) is not None:
-            f.state[0:2] = np.where(np.isfinite(fix.value), fix.value, 0.0)
+            self._stand(fix)
         if (velocity := kinds.get("gnss_velocity")) is not None:
             self._align(velocity)
         self._remember(stamp)
@@ -275,11 +280,29 @@ class Observer:
         f = self.filter
         forward = f.state[14]
         deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
-        f.place(YAW, np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1)), deviation)
-        for i in (X, Y):
-            f.place(i, f.state[i], 100.0)
+        was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1))
+        position, spread = f.state[[X, Y]], _ANYWHERE
+        if self._standstill.known:
+            position, spread = self._standstill.place(position, was, yaw)
+        f.place(YAW, yaw, deviation)
+        for i, value in zip((X, Y), position, strict=True):
+            f.place(i, value, spread)
         self.heading_known = True
+        del self._history[:-1]  # from before it nobody can come here again
         return True
+
+    def _stand(self, event: Event) -> None:
+        """Take a position for where the car is, as long as its heading is not known: all while it stands."""
+        f = self.filter
+        if abs(f.state[14]) < _STANDING:
+            if not event.counted:
+                mounting = self._list[event.sensor].mounting()
+                self._standstill.add(event.value, event.variance, mounting, f.state[YAW])
+            f.state[[X, Y]] = self._standstill.antenna
+        elif self._standstill.known:
+            self._standstill.leave()
+        else:
+            np.copyto(f.state[0:2], event.value, where=np.isfinite(event.value))
 
     # Filtering
 
@@ -400,8 +423,7 @@ class Observer:
             return self._align(event)
         if kind != "gnss_position":
             return True
-        if not event.counted:
-            np.copyto(self.filter.state[0:2], event.value, where=np.isfinite(event.value))
+        self._stand(event)
         return False
 
     def _count(self, event: Event, nis: float) -> None:

@@ -75,6 +75,8 @@ class Spi(ErrorEkf):
     parameters, the inverse of the covariance they alone would give.
     """
 
+    at_once = True
+
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         settings = vehicle.observer.parameters
         self.parameter_names = tuple(settings)

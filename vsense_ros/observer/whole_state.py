@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 class WholeState(ErrorEkf, ABC):
     """`kept` (k,) are the elements of the state that are estimated."""
 
-    at_once = False
-
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         super().__init__(vehicle, sensors)
         n = self.layout.size

@@ -1,0 +1,60 @@
+"""Where a car stands whose heading is not known yet.
+
+Until the car moves, GNSS tells where the antenna is, and nothing tells on which side of it the centre of gravity lies.
+Many positions at one place are worth more than the last of them; they are taken for independent, as the filter does.
+"""
+
+from __future__ import annotations
+
+from cmath import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_WAY_ERROR = 0.1  # of the way from standstill to where the heading is found, as a share of it
+
+
+class Standstill:
+    """The mean of the positions since the car stopped, each weighted by what it is worth."""
+
+    def __init__(self) -> None:
+        self._precision = 0.0  # [1/m²]
+        self._antenna = self._arm = 0j  # in the map, and seen from cog: x + i y [m]
+        self._yaw = 0.0  # that the filter had meanwhile [rad]
+        self._left = False
+
+    @property
+    def known(self) -> bool:
+        """Whether the car has stood since the start."""
+        return self._precision > 0
+
+    @property
+    def antenna(self) -> Array:
+        """Mean in the map, (2,) [m]."""
+        return np.array([self._antenna.real, self._antenna.imag])
+
+    def add(self, position: Array, variance: Array, mounting: Array, yaw: float) -> None:
+        """Take in a position (2,) [m] of an antenna at `mounting` (3,) [m], if it is one; `yaw` [rad] is the filter's.
+        A stop at another place begins a new mean."""
+        if not np.isfinite(position).all():
+            return
+        if self._left:
+            self._precision, self._left = 0.0, False
+        precision = 1 / float(variance.max())
+        self._precision += precision
+        self._antenna += (complex(*position) - self._antenna) * precision / self._precision
+        self._arm, self._yaw = complex(*mounting[:2]), yaw
+
+    def leave(self) -> None:
+        """The car moves."""
+        self._left = True
+
+    def place(self, position: Array, was: float, yaw: float) -> tuple[Array, float]:
+        """Where cog is in the map (2,) [m] and its standard deviation [m], once the heading is known to be `yaw` where
+        the filter had `was` [rad]: the way to the filter's `position` (2,) was driven in another direction."""
+        turn = exp(1j * (yaw - was))
+        way = complex(*position) - self._antenna
+        found = self._antenna + turn * (way - exp(1j * self._yaw) * self._arm)
+        return np.array([found.real, found.imag]), float(np.hypot(self._precision**-0.5, _WAY_ERROR * abs(way)))
