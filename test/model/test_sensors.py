@@ -194,12 +194,6 @@ def test_a_part_of_an_imu_message_that_is_marked_absent_is_not_used():
     assert_allclose(out, [1, 2, 3, np.nan, np.nan, np.nan])
 
 
-def test_known_offsets_of_an_imu_are_taken_off():
-    imu = Imu(rate_offset=(0.1, 0.2, 0.3), force_offset=(1, 2, 3))
-    out, _ = read(imu, angular_velocity=[0, 0, 0], linear_acceleration=[0, 0, 0])
-    assert_allclose(out, [-0.1, -0.2, -0.3, -1, -2, -3])
-
-
 def test_a_gnss_receiver_without_fix_gives_no_position():
     good = read(GnssPosition(), east=[3], north=[4], status=[0], position_covariance=covariance(4, 9, 16))
     lost = read(GnssPosition(), east=[3], north=[4], status=[-1])

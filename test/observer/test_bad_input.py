@@ -27,8 +27,10 @@ from drives import (
     messages,
     seconds,
 )
+from vsense_ros.model.sensors import GnssPosition, Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
+from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
 
@@ -87,6 +89,26 @@ def test_one_gyro_axis_that_is_not_a_number_leaves_the_other_five(
     course = follow(observer, altered(messages(lane_change), between(IMU, 4, 8), without_pitch_rate), lane_change)
     assert observer.health[0].invalid == 0
     assert_good(course, 2.0)
+
+
+def test_known_offsets_of_an_imu_are_taken_off() -> None:
+    imu = Imu(rate_offset=(0.1, 0.2, 0.3), force_offset=(1, 2, 3))
+    values = {"angular_velocity": np.zeros(3), "linear_acceleration": np.ones(3)}
+    event = Reader(0, imu, Map(None)).read(Sample("imu/data", imu.message, 0, values))
+    assert isinstance(event, Event)
+    np.testing.assert_allclose(event.value, [-0.1, -0.2, -0.3, 0, -1, -2])
+
+
+def test_a_variance_that_is_no_number_leaves_its_component_out_each_time() -> None:
+    position = GnssPosition()
+    reader = Reader(0, position, Map((43.0, -8.0, 0.0)))
+    values = {k: np.array([v]) for k, v in (("latitude", 43.0), ("longitude", -8.0), ("altitude", 0.0))}
+    values["position_covariance"] = np.diag([2.0, 1e300, 1.0]).ravel()
+    for _ in range(2):
+        event = reader.read(Sample("gps/fix", position.message, 0, values))
+        assert isinstance(event, Event)
+        np.testing.assert_allclose(event.value, [0.0, np.nan], atol=1e-6)
+        np.testing.assert_allclose(event.variance, [2.0, 1.0])
 
 
 @pytest.mark.parametrize("value", [NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from vsense_ros.observer.kalman import CompiledKalman, Kalman, ModelStructure, S
 
 Array = NDArray[np.float64]
 
+_EVENT = Struct("4P2d3q")  # `struct event` of step.c
 _ADDRESS, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double
 _KERNELS = ("linearize", "kinematics", "advance", "force", "remember")
 _ARRAYS = (
@@ -54,16 +56,6 @@ class _Sensor(ctypes.Structure):
         *(("expect", Entry), ("sensed", SensedStructure), ("seen", Entry), ("learn", Entry), ("width", _COUNT)),
         *((name, _ADDRESS) for name in ("value", "variance", "projected", "change")),
         *((name, _ADDRESS) for name in ("told_of", "learned", "accelerations")),
-    ]
-
-
-class _Event(ctypes.Structure):
-    """`struct event` of step.c."""
-
-    _fields_ = [
-        *((name, _ADDRESS) for name in ("sensor", "kept", "decay", "noise")),
-        *((name, _NUMBER) for name in ("h", "limit")),
-        *((name, _COUNT) for name in ("steps", "first", "count")),
     ]
 
 
@@ -127,7 +119,7 @@ class CompiledStep:
         self._measure.argtypes = [*[_ADDRESS] * 4, _NUMBER, _NUMBER]
         self._measure.restype = _NUMBER
         self._move.argtypes = [_ADDRESS, _ADDRESS, integer, _NUMBER, _ADDRESS, _ADDRESS]
-        self._replay.argtypes = [_ADDRESS, integer, *[_ADDRESS] * 5]
+        self._replay.argtypes = [_ADDRESS, integer, ctypes.c_char_p, *[_ADDRESS] * 4]
         self._kalman = kalman
         self._structures = filter, sensors
         self._kept: list[object] = [arrays]
@@ -218,13 +210,14 @@ class CompiledStep:
 
     def replay(self, events: Sequence[Replayed], processes: Sequence[Process | None]) -> tuple[int, bool, Array]:
         """As `ErrorEkf.replay`; `processes` belong to the steps of each event."""
-        count, rows = len(events), []
-        for event, process in zip(events, processes, strict=True):
-            index, inputs, value, _, limit, kept, steps, h = event
+        rows, values, variances = [], [], []
+        for (index, inputs, value, variance, limit, kept, steps, h), process in zip(events, processes, strict=True):
             decay, noise = (0, 0) if process is None else process[2:]
             sensor, first = (self._sensors[index], 0) if inputs is None else (0, inputs.start)
-            rows.append(_Event(sensor, kept, decay, noise, h, limit, steps, first, len(value)))
-        made, moved, nis = (_Event * count)(*rows), ctypes.c_int(), np.zeros(count)
-        values, variances = (np.concatenate([event[part] for event in events]) for part in (2, 3))
-        addresses = values.ctypes.data, variances.ctypes.data, nis.ctypes.data, ctypes.addressof(moved)
-        return self._replay(self._filter, count, ctypes.addressof(made), *addresses), bool(moved.value), nis
+            rows.append(_EVENT.pack(sensor, kept, decay, noise, h, limit, steps, first, len(value)))
+            values.append(value)
+            variances.append(variance)
+        measured, moved, nis = np.concatenate(values + variances), ctypes.c_int(), np.zeros(len(events))
+        address = measured.ctypes.data
+        addresses = address, address + measured.nbytes // 2, nis.ctypes.data, ctypes.addressof(moved)
+        return self._replay(self._filter, len(events), b"".join(rows), *addresses), bool(moved.value), nis

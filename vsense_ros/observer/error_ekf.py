@@ -289,7 +289,7 @@ class ErrorEkf:
 
     def sane(self) -> bool:
         """Whether the state is a car's."""
-        return bool(self.covariance.item(14, 14) > 0 and np.all(np.abs(self.state) < self.largest))
+        return bool(self.covariance.item(14, 14) > 0 and (np.abs(self.state) < self.largest).all())
 
     def backup(self) -> Backup:
         """A place where the filter may be kept."""

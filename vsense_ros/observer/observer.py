@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import insort
 from dataclasses import dataclass, field
+from math import isfinite
 from operator import attrgetter
 
 import numpy as np
@@ -367,12 +368,11 @@ class Observer:
         history, instants, plan = self._history, [self._history[-1]], []
         for event in events:
             index, instant = event.sensor, instants[-1]
-            what = index, self._sets[index], event.value, event.variance, self._limits[index]
+            inputs, way = self._sets[index], (0, 0, 0.0)
             if self._is_later(event, instant):
-                plan.append(Replayed(*what, instant.kept.address, *self._steps(event.stamp - instant.stamp)))
+                way = instant.kept.address, *self._steps(event.stamp - instant.stamp)
                 instant = self._remember(event.stamp)
-            else:
-                plan.append(Replayed(*what))
+            plan.append(Replayed(index, inputs, event.value, event.variance, self._limits[index], *way))
             instants.append(instant)
         done, moved, nis = self.filter.replay(plan)
         newest = instants[done + moved]
@@ -404,7 +404,9 @@ class Observer:
         f, index, value = self.filter, event.sensor, event.value
         inputs, limit, nis = self._sets[index], self._limits[index], 0.0
         if inputs is not None:
-            np.copyto(f.inputs[inputs], value, where=np.isfinite(value))
+            for i, number in enumerate(value.tolist(), inputs.start):
+                if isfinite(number):
+                    f.inputs[i] = number
         elif self.heading_known or self._helps(event):
             nis = f.correct(index, value, event.variance, limit)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 import pymap3d
@@ -51,30 +52,49 @@ class Reader:
 
     def __init__(self, index: int, sensor: SensorBase, on_map: Map) -> None:
         self._index, self._sensor, self._map = index, sensor, on_map
-        self._variance = sensor.deviations() ** 2
-        self._least = self._variance * _SMALLEST_VARIANCE
+        self._message, self._frame, self._is_place = sensor.message, sensor.frame_id, sensor.kind == "gnss_position"
+        offsets = sensor.offsets()
+        self._offsets = offsets if offsets.any() else None
+        self._usual = sensor.deviations() ** 2
+        self._variance = self._usual.copy()  # of the message that is read
         self._latency = int(sensor.latency * 1e9)
+        # Most messages state the same variance as others before them.
+        self._believed = lru_cache(maxsize=64)(partial(_believed, least=self._usual * _SMALLEST_VARIANCE))
 
     def read(self, sample: Sample) -> Event | str:
         """The measurement in a message, or why there is none."""
-        sensor = self._sensor
-        if sample.kind != sensor.message:
-            return f"message type {sample.kind}, expected {sensor.message}"
-        if sensor.frame_id and sample.frame_id and sample.frame_id != sensor.frame_id:
-            return f"frame_id {sample.frame_id!r}, expected {sensor.frame_id!r}"
-        variance = self._variance.copy()
-        value = np.empty(len(variance))
+        if sample.kind != self._message:
+            return f"message type {sample.kind}, expected {self._message}"
+        if sample.frame_id != self._frame and self._frame and sample.frame_id:
+            return f"frame_id {sample.frame_id!r}, expected {self._frame!r}"
+        stated = self._variance
+        stated[:] = self._usual
+        value = np.empty(len(stated))
         try:
-            values = self._map.placed(sample.values) if sensor.kind == "gnss_position" else sample.values
-            sensor.read(sample.names, values, value, variance)
+            values = self._map.placed(sample.values) if self._is_place else sample.values
+            self._sensor.read(sample.names, values, value, stated)
         except (KeyError, IndexError, ValueError) as error:
             return f"unreadable: {type(error).__name__} {error}"
+        if self._offsets is not None:
+            value -= self._offsets
+        variance, is_number = self._believed(stated.tobytes())
         # A sum of Python's numbers finds anything unusual, NaN included; looking closer costs ten times as much.
-        if not sum(map(abs, value.tolist())) < _LARGEST_VALUE or not sum(variance.tolist()) < _LARGEST_VALUE**2:
+        if not (is_number is None and sum(map(abs, value.tolist())) < _LARGEST_VALUE):
             with np.errstate(invalid="ignore"):
-                known = (np.abs(value) < _LARGEST_VALUE) & (variance < _LARGEST_VALUE**2)
-            value[~known], variance[~known] = np.nan, 1.0
+                known = np.abs(value) < _LARGEST_VALUE
+            if is_number is not None:
+                known &= is_number
+            value[~known] = np.nan
             if not known.any():
                 return "no usable number in the message"
-        np.maximum(variance, self._least, out=variance)
         return Event(self._index, sample.stamp - self._latency, value, variance)
+
+
+def _believed(stated: bytes, least: Array) -> tuple[Array, NDArray[np.bool_] | None]:
+    """Variances as they are used, not to be changed, and of which components a number was stated, None for all."""
+    variance = np.maximum(np.frombuffer(stated), least)
+    with np.errstate(invalid="ignore"):
+        is_number = variance < _LARGEST_VALUE**2
+    if is_number.all():
+        return variance, None
+    return np.where(is_number, variance, 1.0), is_number

@@ -73,7 +73,7 @@ class SensorBase(Part):
         raise NotImplementedError
 
     def offsets(self) -> Vector:
-        """Known errors of the components, which `read` takes off, (m,)."""
+        """Known errors of the components, which whoever calls `read` takes off, (m,)."""
         return np.zeros(len(self.deviations()))
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
@@ -102,6 +102,9 @@ def _diagonal(flat: bytes, size: int) -> Vector | None:
 
 def by_name(names: Names, wanted: Names, values: Vector | None, out: Vector) -> None:
     """Pick the elements of a JointState's field by joint name; NaN where a joint is missing."""
+    if values is not None and names == wanted and len(values) == len(names):
+        out[:] = values
+        return
     out[:] = np.nan
     if values is None or len(values) != len(names):
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
@@ -66,12 +65,11 @@ class Imu(SensorBase):
         return np.array([*self.rate_noise, *self.force_noise])
 
     def offsets(self) -> Vector:
-        return _joined(self.rate_offset, self.force_offset)
+        return np.array([*self.rate_offset, *self.force_offset])
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[:3] = values["angular_velocity"]
         out[3:] = values["linear_acceleration"]
-        out -= self.offsets()
         for part, field in _COVARIANCES:
             flat = values.get(field)
             if flat is None or not len(flat):
@@ -90,12 +88,6 @@ _COVARIANCES = (
     (slice(0, 3), "angular_velocity_covariance"),
     (slice(3, 6), "linear_acceleration_covariance"),
 )
-
-
-@cache
-def _joined(rates: Triple, forces: Triple) -> Vector:
-    """Both triples as one array, kept because every message needs it."""
-    return np.array([*rates, *forces])
 
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
