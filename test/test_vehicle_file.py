@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vsense_ros.errors import InputError
-from vsense_ros.vehicle_file import load_vehicle, save_vehicle
+from vsense_ros.vehicle_file import load_vehicle, save_changes, save_vehicle
 from vsense_ros.vehicle_schema import page, parameter_rows
 
 ROOT = Path(__file__).parents[1]
@@ -46,6 +46,30 @@ def test_a_vehicle_survives_being_written_and_read(path, tmp_path):
     vehicle = load_vehicle(path)
     save_vehicle(tmp_path / "copy.yaml", vehicle)
     assert load_vehicle(tmp_path / "copy.yaml") == vehicle
+
+
+WRITTEN_BY_HAND = [path for path in VEHICLES if "#" in path.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("path", WRITTEN_BY_HAND, ids=lambda path: path.stem)
+def test_changed_numbers_are_written_and_all_else_stays_as_its_author_wrote_it(path, tmp_path):
+    source = path.read_text(encoding="utf-8")
+    car, copy = load_vehicle(path), tmp_path / "changed.yaml"
+    errors = car.observer.force_errors.model_copy(update={"pitch": 0.123, "yaw": 0.0456})
+    imu = car.sensors["imu"].model_copy(update={"force_noise": (0.11, 0.22, 0.33)})
+    changed = car.model_copy(
+        update={
+            "observer": car.observer.model_copy(update={"force_errors": errors}),
+            "sensors": {**car.sensors, "imu": imu},
+        }
+    )
+    paths = ["observer.force_errors.pitch", "observer.force_errors.yaw"]
+    save_changes(path, copy, changed, paths + [f"sensors.imu.force_noise.{i}" for i in range(3)])
+    assert load_vehicle(copy) == changed
+    remarks = re.findall(r"#.*", source)
+    assert re.findall(r"#.*", copy.read_text(encoding="utf-8")) == remarks
+    save_changes(path, copy, car, [])
+    assert load_vehicle(copy) == car
 
 
 def test_a_negative_mass_is_refused_with_file_line_key_and_range(changed):

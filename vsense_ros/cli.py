@@ -307,6 +307,42 @@ def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int
 
 
 @main.command()
+@click.argument("recordings", nargs=-1, required=True, type=_EXISTING)
+@_vehicle_option
+@click.option("--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="YAML.")
+@click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to judge by; repeatable.")
+@click.option("--own-noise", is_flag=True, help="Tune what messages state about their noise, too, and ignore that.")
+def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tuple[Path, ...], own_noise: bool) -> None:
+    """Find the noise covariances of the observer under which RECORDINGS are likeliest.
+
+    Writes the vehicle file with them, comments kept, beside it a picture and all figures as JSON: how consistent the
+    filter is with its innovations before and after, and with the truth where there is one.
+
+    \b
+    Examples:
+      vsense tune drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml --output my_car_tuned.yaml
+    """
+    from vsense_ros import tuning as job
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate import tuning_report
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle, save_changes
+
+    path = vehicle_path(vehicle)
+    car = load_vehicle(path)
+    drives, proof = ([import_recording(recording) for recording in paths] for paths in (recordings, held_out))
+    with progress("tuning") as done:
+        result = job.tune(car, drives, proof, own_noise=own_noise, progress=done)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    save_changes(path, output, result.vehicle, result.changed(car))
+    result.write(output.with_suffix(".json"))
+    picture = tuning_report.draw(result, output.with_suffix(".png"))
+    tuning_report.show(result, console())
+    console().print(f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.", soft_wrap=True)
+
+
+@main.command()
 @click.argument("manoeuvre")
 @_vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")

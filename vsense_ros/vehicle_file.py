@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -60,11 +61,7 @@ def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:
 def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables) -> None:
     """Write the vehicle file `source` with these suspension tables to `target`; everything else stays as it is written,
     comments included."""
-    yaml = YAML()
-    yaml.width = 4096
-    yaml.preserve_quotes = True
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    tree = yaml.load(Path(source).read_text(encoding="utf-8"))
+    yaml, tree = _as_written(source)
     content = tables.model_dump(mode="json")
     for axle in ("front", "rear"):
         for rows in content[axle].values():
@@ -78,6 +75,35 @@ def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables
         tree.insert(before + 1, "suspension", content)
     with Path(target).open("w", encoding="utf-8") as file:
         yaml.dump(tree, file)
+
+
+def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths: Iterable[str]) -> None:
+    """Write the vehicle file `source` to `target`, with what `vehicle` has at these dotted paths (lists by index);
+    everything else stays as it is written, comments included."""
+    yaml, tree = _as_written(source)
+    content = vehicle.model_dump(mode="json")
+    for path in paths:
+        node, value = tree, content
+        *parents, last = path.split(".")
+        for i, key in enumerate(parents):
+            value = value[key]
+            if key not in node:  # left to its default so far
+                node[key] = _in_one_line(value) if isinstance(value, list) else CommentedMap()
+                node[key].fa.set_flow_style() if i > 0 else node[key].fa.set_block_style()
+            node = node[key]
+        at = int(last) if isinstance(value, list) else last
+        node[at] = value[at]
+    with Path(target).open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
+
+
+def _as_written(source: str | Path) -> tuple[YAML, CommentedMap]:
+    """A vehicle file as its author wrote it, and what writes it the same way."""
+    yaml = YAML()
+    yaml.width = 4096
+    yaml.preserve_quotes = True
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    return yaml, yaml.load(Path(source).read_text(encoding="utf-8"))
 
 
 def _in_one_line(values: list[float]) -> CommentedSeq:

@@ -205,6 +205,15 @@ def test_the_noise_of_a_message_can_be_overruled_by_the_vehicle_file():
     sensor = GnssVelocity(noise_from_message=False)
     _, variance = read(sensor, linear=[1, 2, 0], covariance=covariance(1, 2, 3, 4, 5, 6))
     assert_allclose(variance, -1)
+    imu = {"angular_velocity": [1, 2, 3], "linear_acceleration": [4, 5, 6]}
+    stated = {"angular_velocity_covariance": covariance(1, 2, 3), "linear_acceleration_covariance": covariance(4, 5, 6)}
+    out, variance = read(Imu(noise_from_message=False), **imu, **stated)
+    assert_allclose(out, [1, 2, 3, 4, 5, 6])
+    assert_allclose(variance, -1)
+    heading = Rotation.identity().as_quat()
+    attitude = GnssAttitude(noise_from_message=False)
+    _, variance = read(attitude, orientation=heading, orientation_covariance=covariance(9, 9, 0.01))
+    assert_allclose(variance, -1)
 
 
 @pytest.mark.parametrize("heading", [-3.0, -0.4, 0.0, 1.2, 3.1])

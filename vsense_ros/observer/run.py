@@ -41,20 +41,14 @@ def run(
     sensors, or never tells how the car moves.
     """
     observer = Observer(vehicle, map_origin(recording))
-    topics = tuple(observer.topics)
-    present = [t for t in topics if t in recording and len(recording[t])]
-    if not present:
-        raise InputError(
-            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected {', '.join(topics)}, "
-            f"found {', '.join(sorted(recording.channels)) or 'nothing'}"
-        )
+    present = topics_in(recording, observer)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)
     estimates: list[Estimate] = []
     times: list[float] = []
     last = 0
     began = time.perf_counter()
-    for i, sample in enumerate(recording.samples(tuple(present))):
+    for i, sample in enumerate(recording.samples(present)):
         before = time.perf_counter()
         observer.add(sample)
         times.append(time.perf_counter() - before)
@@ -77,6 +71,18 @@ def run(
         diagnostics=observer.diagnostics(),
         parameters=observer.parameters(),
     )
+
+
+def topics_in(recording: Recording, observer: Observer) -> tuple[str, ...]:
+    """Topics of the observer's sensors that a recording has messages of. Raises `InputError` if there are none."""
+    topics = tuple(observer.topics)
+    present = tuple(t for t in topics if t in recording and len(recording[t]))
+    if not present:
+        raise InputError(
+            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected {', '.join(topics)}, "
+            f"found {', '.join(sorted(recording.channels)) or 'nothing'}"
+        )
+    return present
 
 
 def map_origin(recording: Recording) -> tuple[float, float, float] | None:

@@ -28,6 +28,9 @@ Triple = tuple[float, float, float]
 Position = tuple[Length, Length, Length]
 Attitude = tuple[Angle, Angle, Angle]
 Deviations = tuple[Deviation, Deviation, Deviation]
+NoiseFromMessage = Annotated[
+    bool, Field(description="covariances that messages state count instead of the standard deviations here")
+]
 
 
 @dataclass(frozen=True)

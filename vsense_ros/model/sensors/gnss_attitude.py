@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, covariance_diagonal
+from vsense_ros.model.sensors.base import Names, NoiseFromMessage, SensorBase, Values, Vector, covariance_diagonal
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Motion
@@ -24,6 +24,7 @@ class GnssAttitude(SensorBase):
     frame_id: str = "gnss_link"
     yaw: float = parameter("rad", "direction of the base line in the axes of cog", default=0.0)
     noise: float = parameter("rad", "standard deviation of the heading", gt=0, default=0.005)
+    noise_from_message: NoiseFromMessage = True
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
     def mounting(self) -> Vector:
@@ -40,7 +41,7 @@ class GnssAttitude(SensorBase):
         if flat is not None and len(flat) and flat[0] == -1:
             out[:] = np.nan
         diagonal = covariance_diagonal(flat, 3)
-        if diagonal is not None:
+        if self.noise_from_message and diagonal is not None:
             variance[:] = diagonal[2]
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:

@@ -8,7 +8,15 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, Position, SensorBase, Values, Vector, covariance_diagonal
+from vsense_ros.model.sensors.base import (
+    Names,
+    NoiseFromMessage,
+    Position,
+    SensorBase,
+    Values,
+    Vector,
+    covariance_diagonal,
+)
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Motion
@@ -24,7 +32,7 @@ class GnssVelocity(SensorBase):
     frame_id: str = "map"
     position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m/s", "standard deviation of east and north", gt=0, default=0.1)
-    noise_from_message: bool = True
+    noise_from_message: NoiseFromMessage = True
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
     def mounting(self) -> Vector:

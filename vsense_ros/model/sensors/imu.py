@@ -14,6 +14,7 @@ from vsense_ros.model.sensors.base import (
     Bias,
     Deviations,
     Names,
+    NoiseFromMessage,
     Position,
     SensorBase,
     Triple,
@@ -39,6 +40,7 @@ class Imu(SensorBase):
     attitude: Attitude = parameter("rad", "roll, pitch and yaw of imu_link in cog", default=(0.0, 0.0, 0.0))
     rate_noise: Deviations = parameter("rad/s", "standard deviation of each gyro", default=(0.003, 0.003, 0.003))
     force_noise: Deviations = parameter("m/s²", "standard deviation of each accelerometer", default=(0.1, 0.1, 0.2))
+    noise_from_message: NoiseFromMessage = True
     rate_offset: Triple = parameter("rad/s", "known bias of each gyro", default=(0.0, 0.0, 0.0))
     force_offset: Triple = parameter("m/s²", "known bias of each accelerometer", default=(0.0, 0.0, 0.0))
     rate_scale: Triple = parameter("-", "known relative error of each gyro's scale", default=(0.0, 0.0, 0.0))
@@ -77,7 +79,7 @@ class Imu(SensorBase):
             if flat[0] == -1:
                 out[part] = np.nan
             diagonal = covariance_diagonal(flat, 3)
-            if diagonal is not None:
+            if self.noise_from_message and diagonal is not None:
                 variance[part] = diagonal
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:

@@ -1,0 +1,102 @@
+"""Whether a filter is as sure of itself as it may be: by its innovations, and by the truth where a recording has it.
+
+Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from vsense_ros.evaluate.metrics import align
+from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.observer.innovations import Innovations
+from vsense_ros.recording import Recording
+
+Array = NDArray[np.float64]
+
+SHARE = 0.95  # of all intervals
+_EDGE = float(norm.ppf(0.5 + SHARE / 2))
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the innovations of a sensor, or of all, say about the filter.
+
+    - `log_likelihood`: per credible message, natural logarithm.
+    - `nis`: normalized innovation squared of the messages that the gate let pass, over the number of their components;
+      within `nis_interval` around 1 if the filter is right. Above: it is too sure of itself.
+    - `lag_1`: correlation of successive innovations of a component, that of the component where it is largest; not
+      beyond ±`lag_1_bound` if the filter is right.
+    """
+
+    messages: int
+    refused: int
+    log_likelihood: float
+    nis: float
+    nis_interval: tuple[float, float]
+    lag_1: float
+    lag_1_bound: float
+
+
+def consistency(parts: Sequence[Innovations], credible: Sequence[NDArray[np.bool_]]) -> Consistency:
+    """Of some sensors on some recordings together; `credible` are their messages that the likelihood is made of."""
+    density = np.concatenate([part.log_density()[of] for part, of in zip(parts, credible, strict=True)])
+    used = [part.whitened[part.used] for part in parts]
+    count = max(sum(int(np.isfinite(values).sum()) for values in used), 1)
+    low, high = chi2.ppf([0.5 - SHARE / 2, 0.5 + SHARE / 2], count) / count
+    correlations = [(float(r), n) for values in used for r, n in zip(*lag_1(values), strict=True) if n > 2]
+    lag, pairs = max(correlations, key=lambda found: abs(found[0]), default=(np.nan, 1))
+    return Consistency(
+        sum(len(part.used) for part in parts),
+        sum(int(np.sum(~part.used)) for part in parts),
+        float(density.mean()),
+        sum(float(np.nansum(values**2)) for values in used) / count,
+        (float(low), float(high)),
+        lag,
+        _EDGE / pairs**0.5,
+    )
+
+
+def lag_1(whitened: Array) -> tuple[Array, list[int]]:
+    """Of each component of (n, m) its correlation with what it was one message before, and how many pairs there are."""
+    before, after = whitened[:-1], whitened[1:]
+    both = np.isfinite(before) & np.isfinite(after)
+    before, after = np.where(both, before, 0.0), np.where(both, after, 0.0)
+    power = np.sqrt(np.sum(before**2, axis=0) * np.sum(after**2, axis=0))
+    return np.sum(before * after, axis=0) / np.maximum(power, 1e-300), both.sum(axis=0).tolist()
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of an estimate: root mean square [unit of the signal]; `nees`, the mean square of error over standard
+    deviation, 1 if the filter is right; and how much of the time it is `inside` the interval that should hold `SHARE`
+    of it. Errors last, so no interval is told for the mean."""
+
+    rmse: float
+    nees: float
+    inside: float
+
+
+def errors_of(output: Recording, truth: Recording) -> dict[str, Error]:
+    """Of every signal that `truth` has below `reference/` and `output` with a standard deviation below `vsense/`."""
+    estimates, truths = read_signals(output, "vsense"), read_signals(truth, "reference")
+    found = {}
+    for name, estimate in estimates.items():
+        if name not in truths or estimate.deviation is None or name in _COMBINED:
+            continue
+        aligned = align(estimate, truths[name])
+        deviation = np.interp(aligned.stamp, estimate.stamp, estimate.deviation)
+        known = np.isfinite(deviation) & (deviation > 0)
+        if known.any():
+            ratio = aligned.error[known, 0] / deviation[known]
+            rmse = float(np.sqrt(np.mean(aligned.error[:, 0] ** 2)))
+            found[name] = Error(rmse, float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) < _EDGE)))
+    return found
+
+
+_COMBINED = ("speed", "position")  # of several components, the deviation is that of one
