@@ -220,6 +220,18 @@ def _check_seal(options: dict) -> None:
 
 
 @main.command()
+@click.pass_obj
+def calibrate(options: dict) -> None:
+    """Fit the confidence of the tool to its answers: log odds of a right name over the lead of its gain."""
+    _check_seal(options)
+    leads, right = score.leads(_results(options, None))
+    certain, by_lead = score.logistic(leads, right)
+    CONSOLE.print(
+        f"log odds {certain:.1f} + {by_lead:.1f} · ln(lead), from {len(leads)} names of which {sum(right)} are right"
+    )
+
+
+@main.command()
 def seal() -> None:
     """Print the SHA-256 of the labels of every split, as it stands in labels.sha256."""
     for split in sorted(cases.SEEDS):

@@ -9,9 +9,10 @@ from math import sqrt
 from statistics import median
 
 import numpy as np
+from scipy.optimize import minimize
 
 from blind import reading
-from blind.oracle import Best
+from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
 
 QUIET = ("no_mismatch", "not_assessable")
@@ -171,6 +172,32 @@ def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
         order = np.random.default_rng(seed).permutation(len(group))
         mixed += [Result(group[j].label, r.answer, group[j].best) for r, j in zip(group, order, strict=True)]
     return mixed
+
+
+def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray]:
+    """Of every single effect that was fitted: its gain over that of the best other or the smallest that counts, and
+    whether it is there. Cases with several effects are left out, and those of which nothing could be known."""
+    found, right = [], []
+    for r in results:
+        if r.kind not in ("effect", "nothing", "outside") or (r.kind == "effect" and not r.detectable):
+            continue
+        gains = {effect["id"]: reading.gain(effect) for effect in r.answer.explain.get("effects", [])}
+        for name, gain in gains.items():
+            others = [other for one, other in gains.items() if one != name]
+            found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))
+            right.append(name in r.truth)
+    return np.array(found), np.array(right)
+
+
+def logistic(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
+    """Log odds of being right at no lead, and their slope over the lead's logarithm, of greatest likelihood with a weak
+    prior, so that answers without a wrong one give a finite slope."""
+
+    def cost(x):
+        odds = x[0] + x[1] * np.log(leads)
+        return np.sum(np.logaddexp(0, np.where(right, -odds, odds))) + 0.02 * np.sum(np.square(x))
+
+    return tuple(minimize(cost, [0.0, 1.0]).x)
 
 
 def all_sets(results: list[Result]) -> dict[str, dict]:

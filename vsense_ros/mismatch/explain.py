@@ -181,11 +181,11 @@ def _effects(judged: Judged) -> list[dict[str, Any]]:
             if candidate.effect not in told:
                 told.add(candidate.effect)
                 accepted = explanation is judged.leader and judged.verdict == "named"
-                entries.append(_entry(explanation, candidate, judged.held_out[id(explanation)], accepted))
+                entries.append(_entry(judged, explanation, candidate) | {"accepted": accepted})
     return entries
 
 
-def _entry(explanation: Explanation, candidate: Candidate, held_out: float | None, accepted: bool) -> dict[str, Any]:
+def _entry(judged: Judged, explanation: Explanation, candidate: Candidate) -> dict[str, Any]:
     parameters = []
     for knob in candidate.knobs:
         value, half = explanation.sizes[knob.name], 1.645 * explanation.deviations[knob.name]
@@ -202,8 +202,8 @@ def _entry(explanation: Explanation, candidate: Candidate, held_out: float | Non
         entry["sensor" if candidate.effect == "sensor_delay" else "axis"] = place
     return entry | {
         "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
-        "gain_held_out": held_out, "keep": explanation.keep, "accepted": accepted,
-        "confidence": max(0.0, explanation.score) / (max(0.0, explanation.score) + THRESHOLD),
+        "gain_held_out": judged.held_out[id(explanation)], "keep": explanation.keep,
+        "confidence": judged.confidence(explanation, candidate.effect),
     }  # fmt: skip
 
 

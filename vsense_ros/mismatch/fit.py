@@ -69,6 +69,10 @@ class Residuals:
         """Root mean square of all residuals, in standard deviations."""
         return float(np.sqrt(cost(residuals) / max(sum(len(r) for r in residuals), 1)))
 
+    def worst(self, residuals: Sequence[Array]) -> float:
+        """Root mean square of the worst signal's residuals, in standard deviations."""
+        return max((error / self.deviation[name] for name, error in self.by_signal(residuals).items()), default=0.0)
+
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual in its unit."""
         sums: dict[str, list[Array]] = {}

@@ -249,7 +249,7 @@ def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str,
             result.append(
                 (size, f"{one.name}: {name}" + (f", 90 % interval {interval.rstrip(')')}" if interval else ""))
             )
-        result.append((answer[0].confidence, "confidence in the name, not calibrated"))
+        result.append((answer[0].confidence, "confidence in the name"))
     if rest := _remainder(found):
         times, signal = rest
         remains = "what remains of the largest error" if _changed(found) else "the largest error"
