@@ -343,6 +343,69 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
 
 
 @main.command()
+@click.argument("recordings", nargs=-1, required=True, type=_EXISTING)
+@_vehicle_option
+@click.option("--calibrate", type=click.Path(path_type=Path), metavar="LIMITS", help="File to write the limits to.")
+@click.option("--limits", "limits_file", type=_EXISTING, metavar="LIMITS", help="Limits to judge RECORDINGS by.")
+def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, limits_file: Path | None) -> None:
+    """Watch whether the observer's model still fits: find out what is normal, or judge RECORDINGS.
+
+    Innovations of each sensor, generalized forces that the model lacks, and estimated errors are looked at over ten
+    seconds. With --calibrate, RECORDINGS are at least two drives with nothing wrong, as different as they come; what
+    they have, with a margin that each of them left out would have needed, becomes the limits. The observer node takes
+    them as its parameter `monitor` and says in its diagnostics what has left them, and since when.
+
+    \b
+    Examples:
+      vsense monitor monday tuesday --vehicle my_car.yaml --calibrate my_car.monitor.yaml
+      vsense monitor friday --vehicle my_car.yaml --limits my_car.monitor.yaml
+      ros2 run vsense_ros observer --ros-args -p vehicle:=my_car.yaml -p monitor:=my_car.monitor.yaml
+    """
+    if (calibrate is None) == (limits_file is None):
+        raise click.UsageError("expected either --calibrate or --limits")
+    from rich.table import Table
+
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.observer import calibration
+    from vsense_ros.observer.monitor import load_limits, save_limits
+    from vsense_ros.shared_files import vehicle_path
+    from vsense_ros.vehicle_file import load_vehicle
+
+    car = load_vehicle(vehicle_path(vehicle))
+    limits = load_limits(limits_file) if limits_file is not None else None
+    watched = []
+    with progress("watching") as done:
+        for i, path in enumerate(recordings):
+            share = i / len(recordings)
+            recording = import_recording(path)
+            watched.append(
+                calibration.watch(recording, car, limits, lambda p, s=share: done(s + p / len(recordings)))  # type: ignore[misc]
+            )
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    if calibrate is not None:
+        found = calibration.calibrate(watched, car)
+        save_limits(calibrate, found.limits)
+        for heading in ("margin", "recordings that leave the limits of the others"):
+            table.add_column(heading, justify="right")
+        for margin, alarms in found.false_alarms.items():
+            table.add_row(f"{margin:g}", f"{alarms} of {len(watched)}")
+        console().print(table)
+        if alarms:
+            console().print("Even so: with more recordings, limits would be surer.", soft_wrap=True)
+        console().print(f"Written to {calibrate}.", soft_wrap=True)
+        return
+    for heading in ("recording", "no longer fits", "since"):
+        table.add_column(heading, justify="right" if heading == "since" else "left")
+    for one in watched:
+        for name, since in one.beyond.items():
+            table.add_row(one.name, name, f"{since:.1f} s")
+        if not one.beyond:
+            table.add_row(one.name, "nothing", "–")
+    console().print(table)
+
+
+@main.command()
 @click.argument("manoeuvre")
 @_vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")

@@ -14,10 +14,12 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 from vsense_ros import observer
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
+from vsense_ros.diagnostic import Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.imu import encode_mtdata2
 from vsense_ros.errors import InputError
 from vsense_ros.node.processes import run_through_ros
+from vsense_ros.observer.monitor import Limits, Range, save_limits
 from vsense_ros.recording import Channel, Recording, Sample
 from vsense_ros.shared_files import vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
@@ -147,6 +149,26 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
     assert len(common) > 0.9 * len(alone)
     for field in ("position", "linear", "angular", "orientation"):
         np.testing.assert_allclose(through.columns[field][here], alone.columns[field][there], atol=1e-9)
+
+
+def test_the_observer_says_in_its_diagnostics_what_of_its_model_no_longer_fits(tmp_path: Path) -> None:
+    write_bag(tmp_path / "drive", straight_drive())
+    wide, elsewhere = (Range(unit="N", low=middle - 1e6, high=middle + 1e6) for middle in (0.0, 1e7))
+    limits = Limits(
+        vehicle=load_vehicle(vehicle_path(CAR)).name,
+        recordings=["another day"],
+        seconds=60.0,
+        margin=1.5,
+        window=2.0,
+        quantities={"longitudinal force": wide, "lateral force": elsewhere},
+    )
+    save_limits(tmp_path / "limits.yaml", limits)
+    watching = {"observer": {"monitor": str(tmp_path / "limits.yaml")}}
+    run = run_through_ros(tmp_path / "drive", CAR, driver_parameters=watching)
+    (said,) = (line for line in run.diagnostics if line.name == "model")
+    assert said.level == Level.WARN
+    assert said.message.startswith("no longer fits since 22:13:2")
+    assert list(said.values) == ["lateral force"]
 
 
 def test_a_drive_with_none_of_the_cars_sensors_ends_with_what_was_missing(tmp_path: Path) -> None:

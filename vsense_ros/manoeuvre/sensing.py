@@ -141,8 +141,8 @@ class _Measuring:
         return np.array(result).reshape(-1, len(rows), order="F").T
 
     def noisy(self, sensor: SensorBase, rows: np.ndarray) -> Array:
-        """With the bias and the noise that the vehicle file states."""
-        value = self.truth(sensor, rows)
+        """With the bias and the noise that the vehicle file states, and the known errors that reading takes off."""
+        value = self.truth(sensor, rows) + sensor.offsets()
         for i, bias in enumerate(sensor.biases()):
             value[:, i] += self.bias * bias.deviation * self.rng.standard_normal()
         return value + sensor.deviations() * self.rng.standard_normal(value.shape)

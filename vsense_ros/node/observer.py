@@ -22,6 +22,7 @@ from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.observer import Observer, estimate_samples
+from vsense_ros.observer.monitor import load_limits
 from vsense_ros.shared_files import vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -35,6 +36,7 @@ class ObserverParameters(NodeParameters):
     vehicle: str = Field("", description="vehicle file, or the name of one in config/vehicles")
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
     publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
+    monitor: str = Field("", description="limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
     map_origin: tuple[float, ...] = parameter(
         (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the first GNSS fix"
     )
@@ -54,6 +56,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
         self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin)
+        if p.monitor:
+            self._observer.watch(load_limits(p.monitor))
         # The topics are those of any estimate, also of one before the start.
         for sample in estimate_samples(self._observer.snapshot()):
             self.create_output(sample.topic, sample.kind)

@@ -283,6 +283,13 @@ class ErrorEkf:
         return self.state, self.covariance
 
     @property
+    def innovation(self) -> Array:
+        """Of the last correction, by component, (16,): white and of unit deviation if the filter is right, NaN where
+        nothing was measured. The array stays the same."""
+        innovation: Array = self._kalman.innovation[0]
+        return innovation
+
+    @property
     def axle_distances(self) -> Array:
         """Of the front and the rear axle from cog, (2,) [m]."""
         return self.parameters.take(self._distances)

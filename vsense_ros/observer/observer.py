@@ -7,6 +7,7 @@ filter goes back there and works its way forward again. It refuses what cannot b
 from __future__ import annotations
 
 from bisect import insort
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isfinite
 from operator import attrgetter
@@ -25,6 +26,7 @@ from vsense_ros.observer.compiled_step import Backup, Replayed
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
+from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.standstill import Standstill
@@ -107,6 +109,7 @@ class Observer:
         self._faults = 0
         self._restarts = 0
         self._started_at = 0
+        self.monitor: Monitor | None = None
         settings = vehicle.observer
         self._merge = int(settings.merge_window * 1e9)
         self._reach = int(settings.history * 1e9)
@@ -129,6 +132,16 @@ class Observer:
             return False
         deviation = np.sqrt(self.filter.estimated()[1].diagonal()[[14, 15, 19]])
         return bool(self.stamp - self._started_at > 1e9 and np.all(deviation < (0.5, 0.5, 0.02)))
+
+    def watch(self, limits: Limits | None = None, on_statistics: Callable[[int, Array], None] | None = None) -> Monitor:
+        """Watch from now on whether the model fits; arguments as of `Monitor`. Raises `InputError` for limits that are
+        not of this vehicle and its sensors."""
+        if limits is not None and limits.vehicle != self.vehicle.name:
+            raise InputError(
+                f"the limits of the monitor are those of the vehicle {limits.vehicle!r}, this is {self.vehicle.name!r}"
+            )
+        self.monitor = Monitor(self.filter, self.sensors, self._limits, lambda: self.converged, limits, on_statistics)
+        return self.monitor
 
     def add(self, sample: Sample) -> None:
         """Use a message of any topic; messages of unknown topics are ignored. Never raises for bad content."""
@@ -262,6 +275,8 @@ class Observer:
                 f.inputs[part] = np.nan_to_num(kinds[kind].value)
         self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
         self.started, self._started_at, self._newest = True, stamp, stamp
+        if self.monitor is not None:
+            self.monitor.forget()
         self._history.clear()
         self._ahead.clear()
         self._standstill = Standstill()
@@ -383,7 +398,7 @@ class Observer:
             if event.stamp > instant.latest:
                 instant.latest = event.stamp
             if not event.counted:
-                self._count(event, found)
+                self._count(event, found, alone=False)
         return done
 
     def _restart(self, event: Event) -> None:
@@ -413,7 +428,7 @@ class Observer:
             event.counted = True
             return
         if not event.counted:
-            self._count(event, nis)
+            self._count(event, nis, alone=True)
         if not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis):
             # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
             f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
@@ -428,11 +443,14 @@ class Observer:
         self._stand(event)
         return False
 
-    def _count(self, event: Event, nis: float) -> None:
-        """Keep what became of an event, of a measurement its normalized innovation squared."""
+    def _count(self, event: Event, nis: float, *, alone: bool) -> None:
+        """Keep what became of an event, of a measurement its normalized innovation squared; `alone` if the filter has
+        not gone on since."""
         event.counted = True
         index = event.sensor
         health, limit = self.health[index], self._limits[index]
+        if self.monitor is not None:
+            self.monitor.measured(index, nis, self._newest, alone=alone)
         if self._sets[index] is not None:
             health.used += 1
         elif nis <= limit:
@@ -491,6 +509,8 @@ class Observer:
         lines = [self._own_diagnostic()]
         if isinstance(self.filter, Spi):
             lines.append(self._parameter_diagnostic(self.filter))
+        if self.monitor is not None and self.monitor.limits is not None:
+            lines.append(self.monitor.diagnostic())
         for name, sensor, health in zip(self.names, self._list, self.health, strict=True):
             lines.append(health.diagnostic(name, sensor, now))
         return lines

@@ -1,0 +1,202 @@
+"""The watch over the model during a drive: quiet where nothing is hidden, and naming what no longer fits."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from drives import messages
+from monitored import altered, driven, prototype
+from vsense_ros.bag import write_bag
+from vsense_ros.cli import main
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.errors import InputError
+from vsense_ros.observer import Observer
+from vsense_ros.observer.calibration import MARGINS, Watch, calibrate, watch
+from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
+from vsense_ros.observer.run import map_origin
+from vsense_ros.recording import Recording
+from vsense_ros.vehicle_file import save_vehicle
+
+BEGIN = 18.0  # [s] when something goes wrong
+
+
+@cache
+def limits() -> Limits:
+    normal = [driven(name, seed) for name in ("slalom", "traffic") for seed in (0, 1)]
+    return calibrate([watch(recording, prototype()) for recording in normal], prototype()).limits
+
+
+def beyond(recording: Recording) -> dict[str, float]:
+    return watch(recording, prototype(), limits()).beyond
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slalom", "traffic"])
+def test_with_nothing_hidden_it_is_quiet_for_minutes(name: str) -> None:
+    assert beyond(driven(name, 20, duration=130.0)) == {}
+
+
+@pytest.mark.slow
+def test_a_brake_that_begins_to_drag_is_named_with_its_wheel_before_all_else_and_within_a_window() -> None:
+    found = beyond(driven("slalom", 21, drag=50.0, begin=BEGIN))
+    assert next(iter(found)) == "torque of wheel fl"
+    assert BEGIN < found["torque of wheel fl"] < BEGIN + WINDOW
+
+
+def turned(recording: Recording, begin: float) -> Recording:
+    """With a gyro that tells 0.03 rad/s too much from a time [s] on."""
+    return altered(recording, "imu/data", "angular_velocity", begin, lambda rates: rates + np.array([0.0, 0.0, 0.03]))
+
+
+@pytest.mark.slow
+def test_a_hidden_gyro_bias_is_named() -> None:
+    assert "estimated imu.gyro bias z" in beyond(turned(driven("slalom", 22), 0.0))
+
+
+@pytest.mark.slow
+def test_a_gyro_that_jumps_on_the_way_is_noticed_within_a_window() -> None:
+    """The filter, which believes in steady gyros, sees two sensors at odds."""
+    found = beyond(turned(driven("traffic", 22), BEGIN))
+    assert BEGIN < min(found.values()) < BEGIN + WINDOW
+    assert "velocity innovation squared" in found
+
+
+@pytest.mark.slow
+def test_a_wheel_speed_whose_scale_fails_is_named() -> None:
+    wrong = altered(
+        driven("slalom", 23), "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1]
+    )
+    found = beyond(wrong)
+    assert "wheel_speeds rl innovation" in found
+    assert BEGIN < found["wheel_speeds rl innovation"] < BEGIN + WINDOW
+
+
+def model_of(observer: Observer) -> Diagnostic:
+    (line,) = (line for line in observer.diagnostics() if line.name == "model")
+    return line
+
+
+@pytest.mark.slow
+def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
+    drive = driven("slalom", 23)
+    wrong = altered(drive, "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1])
+    observer = Observer(prototype(), map_origin(drive))
+    observer.watch(limits())
+    said: dict[float, Diagnostic] = {}
+    for sample in messages(wrong):
+        observer.add(sample)
+        if (second := round((sample.stamp - drive.start) * 1e-9)) not in said:
+            said[second] = model_of(observer)
+    assert said[5].message.startswith("not judged yet")
+    assert (said[17].level, said[17].message) == (Level.OK, "fits")
+    assert said[39].level == Level.WARN
+    assert "no longer fits since 00:00:" in said[39].message
+    assert "wheel_speeds rl innovation" in said[39].values
+    assert "limits" in said[39].values["wheel_speeds rl innovation"]
+
+
+@pytest.mark.slow
+def test_watching_changes_nothing_of_the_estimate() -> None:
+    plain, watched = (Observer(prototype(), map_origin(driven("slalom", 0))) for _ in range(2))
+    watched.watch(limits())
+    for sample in messages(driven("slalom", 0), until=15.0):
+        plain.add(sample)
+        watched.add(sample)
+    np.testing.assert_array_equal(plain.filter.memory, watched.filter.memory)
+
+
+@pytest.mark.slow
+def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
+    save_vehicle(tmp_path / "car.yaml", prototype())
+    for seed in (0, 1):
+        write_bag(tmp_path / f"normal_{seed}", driven("slalom", seed))
+    write_bag(tmp_path / "dragging", driven("slalom", 21, drag=80.0))
+    bags = [str(tmp_path / f"normal_{seed}") for seed in (0, 1)]
+    of_car = ["--vehicle", str(tmp_path / "car.yaml")]
+    made = CliRunner().invoke(main, ["monitor", *bags, *of_car, "--calibrate", str(tmp_path / "limits.yaml")])
+    assert made.exit_code == 0, made.output
+    assert "of 2" in made.output
+    judged = CliRunner().invoke(
+        main, ["monitor", str(tmp_path / "dragging"), bags[0], *of_car, "--limits", str(tmp_path / "limits.yaml")]
+    )
+    assert judged.exit_code == 0, judged.output
+    assert "torque of wheel fl" in judged.output
+    assert "nothing" in judged.output
+
+
+# Limits, from made-up statistics
+
+
+def seen(name: str, *means: float, rms: float = 1.0) -> Watch:
+    """A recording with one quantity that has these means in its windows."""
+    statistics = np.array([[[mean], [rms]] for mean in means])
+    return Watch(name, 10.0 * len(means), (Quantity("yaw moment", "N m"),), np.arange(len(means)), statistics, {})
+
+
+def test_the_margin_is_the_least_with_which_every_recording_passes_the_limits_of_the_others() -> None:
+    apart = calibrate([seen("a", -1.0, 1.0), seen("b", -1.0, 1.0), seen("c", -1.9, 1.0)], prototype())
+    assert apart.false_alarms == {1.25: 1, 1.5: 1, 2.0: 0}
+    assert apart.limits.margin == 2.0
+    found = apart.limits.quantities["yaw moment"]
+    assert (found.low, found.high) == (pytest.approx(-0.45 - 2.9), pytest.approx(-0.45 + 2.9))
+    assert apart.limits.recordings == ["a", "b", "c"]
+    assert apart.limits.seconds == 60.0
+
+
+def test_where_no_margin_helps_the_largest_is_taken_and_its_false_alarms_told() -> None:
+    found = calibrate([seen("a", -1.0, 1.0), seen("b", 50.0, 51.0)], prototype())
+    assert list(found.false_alarms) == list(MARGINS)
+    assert found.false_alarms[MARGINS[-1]] == 2
+
+
+def test_one_recording_is_not_enough_for_limits() -> None:
+    with pytest.raises(InputError, match="at least two recordings"):
+        calibrate([seen("a", 0.0)], prototype())
+
+
+def test_a_standing_car_gives_no_limits() -> None:
+    recording = driven("slalom", 0, duration=5.0)
+    with pytest.raises(InputError, match="nowhere 10 s of driving"):
+        watch(recording, prototype())
+
+
+def some_limits(**changes: object) -> Limits:
+    quantities = {"yaw moment": Range(unit="N m", low=-1.0, high=2.0, rms=3.0)}
+    return Limits(
+        vehicle=prototype().name, recordings=["a"], seconds=60.0, margin=1.5, window=10.0, quantities=quantities
+    ).model_copy(update=changes)
+
+
+def test_limits_are_read_as_they_were_written(tmp_path: Path) -> None:
+    save_limits(tmp_path / "limits.yaml", some_limits())
+    assert load_limits(tmp_path / "limits.yaml") == some_limits()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file; vsense monitor --calibrate"),
+        ("quantities: [", "cannot be read"),
+        ("vehicle: x", "recordings: Field required"),
+        ("- 1", "file: "),
+    ],
+)
+def test_a_file_that_holds_no_limits_is_refused_with_what_to_do(tmp_path: Path, content, message) -> None:
+    path = tmp_path / "limits.yaml"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        load_limits(path)
+
+
+def test_limits_of_another_vehicle_or_of_other_sensors_are_refused() -> None:
+    observer = Observer(prototype())
+    with pytest.raises(InputError, match="those of the vehicle 'another'"):
+        observer.watch(some_limits(vehicle="another"))
+    with pytest.raises(InputError, match="lidar range innovation does not exist here"):
+        observer.watch(some_limits(quantities={"lidar range innovation": Range(unit="", low=0, high=1)}))

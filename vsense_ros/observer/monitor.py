@@ -1,0 +1,321 @@
+"""Whether the model still fits, during the drive: what an observer's innovations and force errors come to over a while.
+
+If model and settings are right, an observer's innovations are white, of unit deviation, and the generalized forces that
+it finds missing, its estimates of the road and of the sensors' errors stay near zero (Kailath 1968; Mehra & Peschon
+1971). How near on a vehicle of which nothing is wrong, no theory tells, since a model is always a little off. So the
+limits come from recordings with nothing hidden, and a quantity that leaves them is named, with the time since when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.errors import InputError
+from vsense_ros.model.car import ROLL, SPIN, WHEELS, YAW, X, Y
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.kalman import FORCE, SURROUND, U
+
+Array = NDArray[np.float64]
+
+WINDOW = (
+    10.0  # [s] that statistics look back; shorter, and manoeuvres count as faults; longer, and faults are found late
+)
+PARTS = 20  # of a window, by which it moves on
+MOVING = 3.0  # [m/s] below it slip angles say little
+_ROOM = 512  # measurements that are kept before they are added up
+_NAMED = 3  # quantities in a message; all are among its values
+_AXES = {
+    "imu": ("roll rate", "pitch rate", "yaw rate", "longitudinal", "lateral", "vertical"),
+    "wheel_speeds": WHEELS,
+    "suspension": WHEELS,
+    "gnss_velocity": ("east", "north"),
+    "gnss_position": ("east", "north"),
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is watched: its name and unit."""
+
+    name: str
+    unit: str
+
+
+class Range(BaseModel):
+    """How far the mean of a quantity over a window may go, and its root mean square."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    unit: str
+    low: float = Field(allow_inf_nan=False)
+    high: float = Field(allow_inf_nan=False)
+    rms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+
+
+class Limits(BaseModel):
+    """What is normal for a vehicle with its sensors, and what this is known from."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    vehicle: str = Field(description="name in the vehicle file")
+    recordings: list[str] = Field(description="with nothing hidden, from which the limits come")
+    seconds: float = Field(gt=0, description="how long they are together")
+    margin: float = Field(gt=0, description="limits over what the recordings have, from the middle")
+    window: float = Field(gt=0, le=600, description="length of the sliding window [s]")
+    quantities: dict[str, Range]
+
+
+def load_limits(path: str | Path) -> Limits:
+    """Limits as `vsense monitor --calibrate` writes them. Raises `InputError`."""
+    path = Path(path)
+    try:
+        content = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+        return Limits.model_validate(content)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; vsense monitor --calibrate {path} makes one") from None
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(map(str, fault["loc"])) or "file"
+        raise InputError(
+            f"{path}: {place}: {fault['msg']}; vsense monitor --calibrate {path} makes a new one"
+        ) from None
+
+
+def save_limits(path: str | Path, limits: Limits) -> None:
+    """Write limits to a file."""
+    yaml = YAML()
+    yaml.width = 120
+    yaml.default_flow_style = None
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with Path(path).open("w", encoding="utf-8") as file:
+        yaml.dump(limits.model_dump(), file)
+
+
+class _Rows:
+    """Room for what comes with each measurement, until it is added up."""
+
+    def __init__(self, source: Array) -> None:
+        self.source = source  # which changes with every measurement
+        self.values = np.empty((_ROOM, len(source)))
+        self.count = 0
+
+
+class _Watched(_Rows):
+    """One sensor: its whitened innovations and their normalized squares, and where its quantities stand."""
+
+    def __init__(self, source: Array, axes: slice, ratio: int, components: int, limit: float) -> None:
+        super().__init__(source)
+        self.axes, self.ratio, self.components, self.limit = axes, ratio, components, limit
+        self.nis = np.empty(_ROOM)
+
+
+class Monitor:
+    """Statistics of one observer's filter over a sliding window, and what of them leaves its limits.
+
+    `measured` is called for every measurement and does no more than keep its figures. When a part of the window is
+    over, statistics are made and judged; `on_statistics` then gets the stamp [ns], means and root mean squares (2, n)
+    of `quantities`, NaN where there was nothing. `gates` are the largest normalized innovations squared that are
+    believed, of each sensor; `ready` tells whether the filter has converged.
+    Raises `InputError` for limits of another vehicle or of other sensors.
+    """
+
+    def __init__(
+        self,
+        filter: ErrorEkf,
+        sensors: Mapping[str, SensorBase],
+        gates: Sequence[float],
+        ready: Callable[[], bool],
+        limits: Limits | None = None,
+        on_statistics: Callable[[int, Array], None] | None = None,
+    ) -> None:
+        self.limits, self._on_statistics, self._ready = limits, on_statistics, ready
+        self._speed = filter.state[U.start : U.start + 1]
+        self._slow = _Rows(filter.state[FORCE.start : filter.layout.size])
+        self.quantities: list[Quantity] = []
+        self._sensors: list[_Watched | None] = []
+        for (name, sensor), gate in zip(sensors.items(), gates, strict=True):
+            if sensor.is_input:
+                self._sensors.append(None)
+                continue
+            axes, first = _AXES.get(sensor.kind, ()), len(self.quantities)
+            last = first + len(axes)
+            self.quantities += [Quantity(f"{name} {axis} innovation", "deviations") for axis in axes]
+            self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
+            source, components = filter.innovation[: len(axes)], len(sensor.deviations())
+            self._sensors.append(_Watched(source, slice(first, last), last, components, gate))
+        slow = [*_FORCES, *(_TORQUES if "wheel_torques" in {sensor.kind for sensor in sensors.values()} else ())]
+        for index in range(SURROUND.start, filter.layout.size):
+            name = filter.layout.names[index]
+            slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", _unit(name))))
+        self._places = np.array([place for place, _ in slow])
+        self._of_slow = slice(len(self.quantities), len(self.quantities) + len(slow))
+        self.quantities += [quantity for _, quantity in slow]
+        n = len(self.quantities)
+        self._part = round((limits.window if limits else WINDOW) * 1e9 / PARTS)
+        self._sums = np.zeros((PARTS, 3, n))  # of values, of squares, numbers of values
+        self._low, self._high, self._most = self._bounds(limits, n)
+        self._excess = np.zeros(n)
+        self._since: dict[int, int] = {}  # of what is beyond its limits [ns]
+        self._last = np.full((2, n), np.nan)
+        self._filled = self._row = 0
+        self._over = 0  # when the present part is [ns]
+        self._on = False
+
+    def _bounds(self, limits: Limits | None, n: int) -> tuple[Array, Array, Array]:
+        low, high, most = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
+        if limits is None:
+            return low, high, most
+        places = {quantity.name: i for i, quantity in enumerate(self.quantities)}
+        if unknown := [name for name in limits.quantities if name not in places]:
+            raise InputError(
+                f"the limits of the monitor are those of other sensors: {', '.join(unknown)} does not exist here; "
+                "make new ones with vsense monitor --calibrate"
+            )
+        for name, found in limits.quantities.items():
+            i = places[name]
+            low[i], high[i] = found.low, found.high
+            most[i] = np.inf if found.rms is None else found.rms
+        return low, high, most
+
+    def forget(self) -> None:
+        """Begin anew, as the filter does."""
+        for rows in (self._slow, *self._sensors):
+            if rows is not None:
+                rows.count = 0
+        self._since.clear()
+        self._filled, self._over, self._on = 0, 0, False
+
+    def measured(self, index: int, nis: float, stamp: int, *, alone: bool) -> None:
+        """Take in a measurement of sensor `index` that has just been used or refused.
+
+        `nis` is its normalized innovation squared. With `alone` it is also the filter's latest correction, whose
+        innovation can be looked at by component.
+        """
+        if stamp >= self._over:
+            self._turn(stamp)
+        watched = self._sensors[index]
+        if not self._on or watched is None or not nis >= 0:
+            return
+        row = watched.count
+        watched.values[row] = watched.source if alone else np.nan
+        watched.nis[row] = nis
+        watched.count += 1
+        slow = self._slow
+        slow.values[slow.count] = slow.source
+        slow.count += 1
+        if slow.count == _ROOM:
+            self._add_up()
+
+    def _turn(self, stamp: int) -> None:
+        """End a part of the window and begin the next."""
+        if self._on and stamp < self._over + self._part:
+            self._add_up()
+            self._filled += 1
+            if self._filled >= PARTS:
+                self._judge(stamp)
+        else:
+            self._filled = 0  # a pause, or a clock that went on
+        self._over = stamp + self._part
+        self._on = bool(self._speed[0] > MOVING) and self._ready()
+        if not self._on:
+            self._filled = 0
+        self._row = (self._row + 1) % PARTS
+        self._sums[self._row] = 0.0
+
+    def _add_up(self) -> None:
+        """Make sums of what was kept, and room. What was refused counts as much as what is just believed."""
+        part = self._sums[self._row]
+        for watched in self._sensors:
+            if watched is None or not watched.count:
+                continue
+            nis, values = watched.nis[: watched.count], watched.values[: watched.count]
+            trusted = np.minimum(nis, watched.limit)
+            part[:, watched.ratio] += (trusted.sum() / watched.components, np.nan, len(nis))
+            seen = np.isfinite(values).all(axis=1)
+            values = values[seen] * np.sqrt(trusted[seen] / np.maximum(nis[seen], 1e-300))[:, None]
+            part[:, watched.axes] += (
+                values.sum(axis=0),
+                (values**2).sum(axis=0),
+                np.full(values.shape[1], len(values)),
+            )
+            watched.count = 0
+        slow = self._slow.values[: self._slow.count, self._places]
+        part[:, self._of_slow] += _sums(slow)
+        self._slow.count = 0
+
+    def _judge(self, stamp: int) -> None:
+        sums, squares, counts = self._sums.sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._last[0], self._last[1] = sums / counts, np.sqrt(squares / counts)
+            mean, rms = self._last
+            middle, half = (self._low + self._high) / 2, (self._high - self._low) / 2
+            self._excess = np.fmax(np.abs(mean - middle) / half, rms / self._most)
+        if self._on_statistics is not None:
+            self._on_statistics(stamp, self._last)
+        beyond = {int(i) for i in np.flatnonzero(self._excess > 1.0)}
+        self._since = {i: self._since.get(i, stamp) for i in beyond}
+
+    @property
+    def beyond(self) -> dict[str, int]:
+        """What has left its limits and since when [ns]: what left them first, as one fault draws others after it."""
+        return {self.quantities[i].name: self._since[i] for i in self._in_order()}
+
+    def _in_order(self) -> list[int]:
+        return sorted(self._since, key=lambda i: (self._since[i], -self._excess[i]))
+
+    def diagnostic(self) -> Diagnostic:
+        """One line about the model as a whole."""
+        values = {}
+        for i in self._in_order():
+            quantity, (mean, rms) = self.quantities[i], self._last[:, i]
+            limits = f"{self._low[i]:.4g} to {self._high[i]:.4g}, root mean square up to {self._most[i]:.4g}"
+            values[quantity.name] = (
+                f"mean {mean:.4g}, root mean square {rms:.4g} {quantity.unit}; limits {limits}; since "
+                f"{_clock(self._since[i])}"
+            )
+        if self._filled < PARTS and not values:
+            return Diagnostic("model", Level.OK, "not judged yet: too short a drive above 3 m/s", values)
+        if not values:
+            return Diagnostic("model", Level.OK, "fits", values)
+        names = list(values)
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        said = f"no longer fits since {_clock(min(self._since.values()))}: {', '.join(names[:_NAMED])}{more}"
+        return Diagnostic("model", Level.WARN, said, values)
+
+
+def _sums(values: Array) -> Array:
+    """Of values and of squares of each column, and how many there are, (3, m)."""
+    return np.array([values.sum(axis=0), (values**2).sum(axis=0), np.full(values.shape[1], len(values))])
+
+
+def _clock(stamp: int) -> str:
+    return f"{datetime.fromtimestamp(stamp * 1e-9, UTC):%H:%M:%S} UTC"
+
+
+def _unit(name: str) -> str:
+    """Of an element of the state behind the forces."""
+    if "bias" in name:
+        return "rad/s" if "gyro" in name else "m/s²"
+    return "-" if name == "radius_error" else "rad"
+
+
+_FORCES = (
+    (X, Quantity("longitudinal force", "N")),
+    (Y, Quantity("lateral force", "N")),
+    (ROLL, Quantity("roll moment", "N m")),
+    (YAW, Quantity("yaw moment", "N m")),
+)
+_TORQUES = tuple((SPIN.start + i, Quantity(f"torque of wheel {wheel}", "N m")) for i, wheel in enumerate(WHEELS))
