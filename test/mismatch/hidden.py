@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -52,14 +53,24 @@ def wrong(vehicle: Vehicle) -> Vehicle:
     )
 
 
-def driven(vehicle: Vehicle, manoeuvre: str, duration: float = 13.0, seed: int = 0) -> Recording:
+def driven(
+    vehicle: Vehicle,
+    manoeuvre: str,
+    duration: float = 13.0,
+    seed: int = 0,
+    bank: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+) -> Recording:
+    """A recording that begins at one place, to the east; the road has a `bank` [rad] by the way to the east [m]."""
     speed, angle, acceleration = MANOEUVRES[manoeuvre]
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
     inputs = np.zeros((len(t), 5))
     inputs[:, 0] = angle(t)
     inputs[:, 1:] = (600.0 * 0.27 * acceleration(t) / 4)[:, None]
-    motion = OpenLoop(car_of(vehicle), keep=1).run(
-        *rolling_straight(vehicle, speed), Inputs(STEP, inputs, np.zeros((len(t), 4))), vehicle.parameter_vector()
-    )
-    trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs)
+    loop, parameters = OpenLoop(car_of(vehicle), keep=1), vehicle.parameter_vector()
+    around = np.zeros((len(t), 4))
+    motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
+    if bank is not np.zeros_like:  # of places where the car has been without it, which is metres beside them
+        around[:, 1] = bank(motion.q[:, 0])
+        motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
+    trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs, around)
     return record(trajectory, vehicle, seed, name=manoeuvre, biased=False)

@@ -134,9 +134,9 @@ class _Measuring:
         """What a perfect sensor would measure, (rows, m)."""
         motion = self.trajectory
         function = sensor_functions(car_of(self.vehicle), (sensor,))[sensor.kind].map(len(rows))
-        zeros = np.zeros((4, 1))
+        around = np.zeros((4, 1)) if motion.surroundings is None else motion.surroundings[rows].T
         biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
-        arguments = [motion.q[rows].T, motion.u[rows].T, motion.udot[rows].T, zeros, motion.inputs[rows].T]
+        arguments = [motion.q[rows].T, motion.u[rows].T, motion.udot[rows].T, around, motion.inputs[rows].T]
         result = function(*arguments, biases, mounting)[0]
         return np.array(result).reshape(-1, len(rows), order="F").T
 

@@ -150,7 +150,7 @@ def separations(
 
     `base` are the fitted amounts of the base parameters by name. Raises `InputError` for a size that no effect has.
     """
-    knobs = {knob.name: knob for candidate in candidates() for knob in candidate.knobs}
+    knobs = {knob.name: knob for candidate in candidates() for knob in candidate.knobs if not knob.form}
     if unknown := [name for rival in rivals for name in rival.sizes if name not in knobs]:
         raise InputError(f"no effect of the library has {', '.join(unknown)}")
     own = {name for rival in rivals for name in rival.sizes}

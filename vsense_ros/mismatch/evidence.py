@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.road import ALONG, Road
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -49,6 +50,8 @@ class Window:
     speed: Readings  # (n, 1) over ground [m/s]
     heading: float  # at the beginning, as far as it is known: the course over ground [rad]
     torques: bool  # True: wheel torques are measured
+    turned: Readings  # (n, 1) to the left since the recording sets out [rad]
+    place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
 
     @property
     def duration(self) -> float:
@@ -63,6 +66,8 @@ class Evidence:
     sensors: Mapping[str, SensorBase]  # those that gave measurements
     recordings: tuple[str, ...]
     remarks: tuple[str, ...]
+    road: Road  # with all places where the car has been
+    on_map: Map
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
@@ -70,8 +75,12 @@ class Evidence:
         return [[w for w in self.windows if w.recording == number] for number in numbers]
 
 
-def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
-    """Windows of all recordings in which the car drives and its steering angle and speed are known."""
+def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:
+    """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
+    those of `seen` where the car comes there again."""
+    road = Road() if seen is None else seen.road
+    origins = [origin for recording in recordings if (origin := _origin(recording)) is not None]
+    on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
     windows: list[Window] = []
     remarks: list[str] = []
     used: dict[str, SensorBase] = {}
@@ -80,7 +89,7 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
         name = recording.name or f"recording {index + 1}"
         readings: dict[str, Readings] = {}
         for sensor, settings in sensors.items():
-            found = _read(recording, settings)
+            found = _read(recording, settings, on_map)
             if isinstance(found, str):
                 remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
             elif found is not None:
@@ -94,20 +103,20 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle) -> Evidence:
         if speed is None:
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; the recording is left out")
             continue
-        stretches = list(_windows(index, name, readings, kinds, speed))
+        place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
+        stretches = list(_windows(index, name, readings, kinds, speed, place))
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap")
         windows += stretches
-    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks))
+    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map)
 
 
-def _read(recording: Recording, sensor: SensorBase) -> Readings | str | None:
+def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | str | None:
     """The measurements of a sensor; why there are none in its messages; nothing where there are no messages."""
     if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
         return None
     channel = recording[sensor.topic]
-    origin = _origin(recording)
-    reader = Reader(0, sensor, Map(origin))
+    reader = Reader(0, sensor, on_map)
     start = min(int(c.stamp.min()) for c in recording.channels.values() if len(c))
     read = [reader.read(channel.sample(row)) for row in range(len(channel))]
     events = [event for event in read if not isinstance(event, str)]
@@ -143,11 +152,59 @@ def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: 
     return None
 
 
+def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:
+    """By how much the course over ground differs from that when the car sets out; without GNSS the heading."""
+    if "gnss_velocity" in kinds:
+        velocity = readings[kinds["gnss_velocity"]]
+        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
+        if moving.sum() >= 2:
+            course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
+            return Readings(velocity.t[moving], (course - np.median(course[:5]))[:, None])
+    if "imu" in kinds:
+        imu = readings[kinds["imu"]]
+        present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
+        if present.sum() >= 2:
+            t, rate = imu.t[present], imu.value[present, 2]
+            angle = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+            return Readings(t, angle[:, None])
+    return Readings(speed.t, np.zeros((len(speed.t), 1)))
+
+
+def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
+    """Abscissa of a whole recording, by time. Without positions it has a stretch of the road for itself."""
+    t, v = speed.t, speed.value[:, 0]
+    travelled = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
+    if position is not None:
+        known = np.isfinite(position.value).all(axis=1) & (position.t >= t[0]) & (position.t <= t[-1])
+        at = np.interp(position.t[known], t, travelled)
+        apart = np.concatenate([[True], np.diff(at) > 0.0]) if len(at) else np.zeros(0, dtype=bool)
+        if apart.sum() >= 2:
+            east, north = position.value[known][apart].T
+            distance, abscissa = road.follow(at[apart], east, north)
+            if len(distance) >= 2:
+                return _without_jumps(np.interp(distance, travelled, t), distance, abscissa)
+    return Readings(t, (road.begin() + travelled)[:, None])
+
+
+def _without_jumps(t: Array, distance: Array, abscissa: Array) -> Readings:
+    """Where the abscissa jumps it does so between two times that are as good as one, instead of on the way."""
+    jumps = np.flatnonzero(np.abs(np.diff(abscissa) - np.diff(distance)) > ALONG) + 1
+    before = t[jumps] - 1e-6
+    reached = abscissa[jumps - 1] + distance[jumps] - distance[jumps - 1]
+    return Readings(np.insert(t, jumps, before), np.insert(abscissa, jumps, reached)[:, None])
+
+
 def _windows(
-    index: int, name: str, readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings
+    index: int,
+    name: str,
+    readings: Mapping[str, Readings],
+    kinds: Mapping[str, str],
+    speed: Readings,
+    place: Readings,
 ) -> Iterable[Window]:
     steering = readings[kinds["steering"]]
     torques = "wheel_torques" in kinds
+    turned = _turned(readings, kinds, speed)
     needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
     for begin, end in _driving(speed, needed):
         parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
@@ -158,7 +215,8 @@ def _windows(
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
-                _course(inside, kinds, first), torques,
+                _course(inside, kinds, first), torques, _cut(turned, first - 1.0, last + 1.0),
+                _cut(place, first - 1.0, last + 1.0),
             )  # fmt: skip
 
 

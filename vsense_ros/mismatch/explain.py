@@ -7,6 +7,7 @@ The answer is one of: `named`, one effect explains what was left over, on record
 
 from __future__ import annotations
 
+import csv
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,14 +20,15 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
-from vsense_ros.mismatch.gate import hindrance
+from vsense_ros.mismatch.gate import hindrance, misfit
 from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.report import shown_value, write_report
+from vsense_ros.mismatch.road import STRETCH, place_of, points
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.model.effects import BY_ID, EVERY
@@ -41,6 +43,10 @@ ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 
 
+# Of a profile: a number for what hangs together, metres along it, degrees, radians counter-clockwise from east.
+PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
+
+
 @dataclass(frozen=True)
 class Answer:
     """The content of explain.json, and what else a report shows."""
@@ -50,12 +56,26 @@ class Answer:
     extended: Vehicle | None = None
 
     def write(self, folder: Path) -> None:
-        """explain.json, report.html, and vehicle.extended.yaml where something is named."""
+        """explain.json, report.html, where something is named vehicle.extended.yaml, and road.csv where that changes
+        along the road."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "explain.json").write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         write_report(self.found, self.traces, folder / "report.html")
         if self.extended is not None:
             save_vehicle(folder / "vehicle.extended.yaml", self.extended)
+            self._write_road(folder / "road.csv")
+
+    def _write_road(self, path: Path) -> None:
+        """A row for each place and effect of the road that was named."""
+        rows = [
+            [effect["id"], effect["parameters"][0]["unit"], *(place.get(key, "") for key in PLACE),
+             effect["parameters"][0]["value"] + place["value"]]
+            for effect in self.found["effects"] if effect["accepted"]
+            for place in effect.get("profile", ())
+        ]  # fmt: skip
+        if rows:
+            with path.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file).writerows([["effect", "unit", *PLACE, "value"], *rows])
 
 
 def answer(
@@ -76,7 +96,8 @@ def answer(
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
-    evidence, unseen = gather(recordings, vehicle), gather(held_out, vehicle)
+    evidence = gather(recordings, vehicle)
+    unseen = gather(held_out, vehicle, evidence)
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
@@ -105,7 +126,10 @@ def answer(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         )
-    offered = tuple(c for c in candidates() if c.effect not in beyond and (not assume or c.effect in assume))
+    if reason := misfit(base, residuals):
+        return nothing_said(reason)
+    places = points([w.place.value[:, 0] for w in evidence.windows])
+    offered = tuple(c for c in candidates(places) if c.effect not in beyond and (not assume or c.effect in assume))
     start = predictor.start
     if ablation == "no_projection":
         base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
@@ -139,7 +163,7 @@ def answer(
     found |= {
         "verdict": verdict,
         "located": _located(residuals, base) | {"force": _force(judged)},
-        "effects": _effects(judged),
+        "effects": _effects(judged, evidence),
         "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
         "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
         "fit": _errors(residuals, base, shown, proof),
@@ -151,13 +175,13 @@ def answer(
     traces = _traces(residuals, base, shown, False)
     if proof.residuals is not None:
         traces += _traces(proof.residuals, base, shown, True)
-    extended = _extended(vehicle, shown.setting) if leader is not None and verdict != "ambiguous" else None
+    extended = _extended(vehicle, evidence, shown.setting) if leader is not None and verdict != "ambiguous" else None
     return Answer(found, traces, extended)
 
 
 def _all_of(id: str) -> Candidate:
     """An effect with all its sizes free."""
-    knobs = {knob.name: knob for c in candidates() if c.effect == id for knob in c.knobs}
+    knobs = {knob.name: knob for c in candidates() if c.effect == id for knob in c.knobs if not knob.form}
     return Candidate(id, "", tuple(knobs.values()), BY_ID[id].sentence)
 
 
@@ -172,7 +196,7 @@ def _in_words(explanation: Explanation, candidate: Candidate) -> str:
     return candidate.sentence
 
 
-def _effects(judged: Judged) -> list[dict[str, Any]]:
+def _effects(judged: Judged, evidence: Evidence) -> list[dict[str, Any]]:
     """Entries of all effects that were fitted, those of the leader first."""
     entries: list[dict[str, Any]] = []
     told: set[str] = set()
@@ -181,30 +205,43 @@ def _effects(judged: Judged) -> list[dict[str, Any]]:
             if candidate.effect not in told:
                 told.add(candidate.effect)
                 accepted = explanation is judged.leader and judged.verdict == "named"
-                entries.append(_entry(judged, explanation, candidate) | {"accepted": accepted})
+                entries.append(_entry(judged, explanation, candidate, evidence) | {"accepted": accepted})
     return entries
 
 
-def _entry(judged: Judged, explanation: Explanation, candidate: Candidate) -> dict[str, Any]:
-    parameters = []
+def _entry(judged: Judged, explanation: Explanation, candidate: Candidate, evidence: Evidence) -> dict[str, Any]:
+    parameters, along = [], []
     for knob in candidate.knobs:
         value, half = explanation.sizes[knob.name], 1.645 * explanation.deviations[knob.name]
-        name = knob.name.rsplit(".", 1)[-1]
-        parameters.append(
-            {"name": name, "unit": knob.unit, "value": value, "interval_90": [value - half, value + half]}
-        )
+        size = {"value": value, "interval_90": [value - half, value + half]}
+        if knob.place:
+            along.append(_place(evidence, knob.place[1]) | size)
+        else:
+            parameters.append({"name": knob.name.rsplit(".", 1)[-1], "unit": knob.unit} | size)
     entry: dict[str, Any] = {"id": candidate.effect, "sentence": _in_words(explanation, candidate)}
     place = candidate.where
     kinds = {**dict.fromkeys(WHEELS, "wheel"), **dict.fromkeys(AXLES, "axle")}
     if place in kinds:
         entry[kinds[place]] = place
-    elif place and " and " not in place:
+    elif candidate.knobs[0].form:
+        entry["form"] = candidate.knobs[0].form
+    elif place in EVERY[candidate.effect].model_fields:
         entry["sensor" if candidate.effect == "sensor_delay" else "axis"] = place
+    if along:
+        entry["profile"] = along
     return entry | {
         "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
         "gain_held_out": judged.held_out[id(explanation)], "keep": explanation.keep,
         "confidence": judged.confidence(explanation, candidate.effect),
     }  # fmt: skip
+
+
+def _place(evidence: Evidence, abscissa: float) -> dict[str, Any]:
+    """Distance along a stretch of road [m], and where that is, if it is known."""
+    where = [abscissa // STRETCH, abscissa % STRETCH - STRETCH / 2]
+    if (at := evidence.road.place(abscissa)) is not None:
+        where += [*evidence.on_map.latitude_longitude(*at[:2]), at[2]]
+    return dict(zip(PLACE, where, strict=False))
 
 
 def _separating(residuals: Residuals, rivals: Sequence[Explanation]) -> dict[str, str]:
@@ -310,7 +347,8 @@ def _sentence(found: Mapping[str, Any]) -> str:
     accepted = [effect for effect in found["effects"] if effect["accepted"]]
 
     def sizes(effect: Mapping[str, Any]) -> str:
-        return ", ".join(f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"])
+        words = [f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"]]
+        return ", ".join([*words, *(["changing along the road"] if "profile" in effect else [])])
 
     named = " and ".join(f"{effect['sentence']} ({sizes(effect)})" for effect in accepted)
     proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
@@ -337,14 +375,15 @@ def _traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list
     ]
 
 
-def _extended(vehicle: Vehicle, setting: Setting) -> Vehicle:
+def _extended(vehicle: Vehicle, evidence: Evidence, setting: Setting) -> Vehicle:
     """The vehicle with what was fitted: base parameters, and the effects that have a size."""
-    effects: dict[str, dict[str, float]] = {}
+    effects: dict[str, dict[str, Any]] = {}
     for id, kind in EVERY.items():
-        values = {name: setting.values[f"effects.{id}.{name}"] for name in kind.model_fields}
-        if any(
-            value != field.default for value, field in zip(values.values(), kind.model_fields.values(), strict=True)
-        ):
+        names = {name: f"effects.{id}.{name}" for name in kind.model_fields}
+        values: dict[str, Any] = {name: setting.values[d] for name, d in names.items() if d in setting.values}
+        if profile := _profile(vehicle, evidence, setting, id):
+            values["profile"] = profile
+        if any(value != kind.model_fields[name].default for name, value in values.items()):
             effects[id] = values
     known = vehicle.values()
     changes = {name: value for name, value in setting.values.items() if name in known}
@@ -356,3 +395,13 @@ def _extended(vehicle: Vehicle, setting: Setting) -> Vehicle:
             "physics": type(vehicle.physics).model_validate(physics),
         }
     )
+
+
+def _profile(vehicle: Vehicle, evidence: Evidence, setting: Setting, id: str) -> tuple[tuple[float, ...], ...]:
+    """Rows of `RoadEffect.profile`: what the file has, or what was fitted."""
+    rows = []
+    for name, value in setting.values.items():
+        size, abscissa = place_of(name) or ("", 0.0)
+        if size.startswith(f"effects.{id}.") and (at := evidence.road.place(abscissa)) is not None:
+            rows.append((*evidence.on_map.latitude_longitude(*at[:2]), at[2], value))
+    return tuple(rows) or getattr(getattr(vehicle.physics.effects, id), "profile", ())

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.inspect import doubts
 from vsense_ros.mismatch.evidence import SLOWEST, Evidence, Readings, Window
+from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
+from vsense_ros.mismatch.knobs import BASE
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -38,6 +40,9 @@ GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows t
 TURNED = 0.3  # [rad] beyond which an inertial sensor's axes are not taken for those of the car
 SMOOTH = 0.5  # [s] of the means between which relations are judged
 RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
+STRANGE = 2.0  # standard deviations left over from which on several cars are thought of
+LASTING = ("mass", "tyre radius")  # what neither road nor driver changes …
+LASTING_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
 TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
 
 _COMPONENTS = {
@@ -72,6 +77,46 @@ def _hindrances(recordings: Sequence[Recording], fitted: Evidence, unseen: Evide
     for name, drive in means:
         yield from _unrelated(drive, name)
     yield from _unlike(means)
+
+
+def misfit(base: Fit, residuals: Residuals) -> str:
+    """Why a fit of the base parameters is none to start from; empty where it is one."""
+    return next(_misfits(base, residuals), "")
+
+
+def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
+    level = residuals.level(base.residuals)
+    if level > 1 and not base.converged:
+        yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
+    amounts = dict(zip((knob.name for knob in base.knobs), base.amounts, strict=True))
+    for knob in BASE:
+        if not knob.low < amounts[knob.name] < knob.high:
+            yield (
+                f"no {knob.name} between {knob.low:+g} and {knob.high:+g} ({knob.unit}) of the vehicle file's fits; is "
+                "it the file of this car?"
+            )
+    if level > STRANGE:
+        yield from _of_several_fits(base, residuals)
+
+
+def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
+    """Recordings that each want another mass or other wheels, linearly."""
+    drives = residuals.predictor.evidence.by_recording()
+    own = []
+    for windows in drives:
+        rows = [i for i, w in enumerate(residuals.predictor.evidence.windows) if w.recording == windows[0].recording]
+        left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
+        own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
+    for name in LASTING:
+        at = [knob.name for knob in base.knobs].index(name)
+        found = [change[at] for change in own]
+        if np.std(found) > LASTING_APART:
+            low, high = int(np.argmin(found)), int(np.argmax(found))
+            apart = 100 * (found[high] - found[low]) * base.knobs[at].deviation
+            yield (
+                f"the {name} of the car in {drives[high][0].name} is {apart:.0f} % more than in {drives[low][0].name}, "
+                "and no parameters fit both; are they recordings of one car?"
+            )
 
 
 def _too_little(evidence: Evidence, drives: Sequence[_Drive]) -> Iterator[str]:

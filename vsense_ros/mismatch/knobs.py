@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pydantic.fields import FieldInfo
 
+from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
+from vsense_ros.model.effects.base import RoadEffect
 from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
+
+ALONG_ROAD = "along the road"  # where an effect is that has another size at every place
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,8 @@ class Knob:
     low: float
     high: float
     turn: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
+    form: str = ""  # of the effect
+    place: tuple[str, float] | None = None  # what is turned at one place on the road alone: size and abscissa [m]
 
 
 def _relative(name: str, deviation: float, *parameters: str) -> Knob:
@@ -82,17 +88,23 @@ class Candidate:
     def name(self) -> str:
         return f"{self.effect} {self.where}".strip()
 
+    @property
+    def along_road(self) -> bool:
+        """Whether sizes may be others at every place."""
+        return any(knob.place for knob in self.knobs)
 
-def _knob(effect: str, field: str) -> Knob:
+
+def _knob(effect: str, field: str, form: str = "") -> Knob:
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
     assert isinstance(extra, dict)
     limits = {type(m).__name__: m for m in info.metadata}
     dotted, default = f"effects.{effect}.{field}", float(info.default)
+    values_of_form = {f"effects.{effect}.{n}": value for n, value in EVERY[effect].variants.get(form, {}).items()}
     return Knob(
         dotted, str(extra["unit"]), float(str(extra["typical"])),
         float(limits["Ge"].ge) - default, float(limits["Le"].le) - default,
-        lambda values, amount: {dotted: values[dotted] + amount},
+        lambda values, amount: {dotted: values[dotted] + amount, **values_of_form}, form,
     )  # fmt: skip
 
 
@@ -137,8 +149,25 @@ def terms() -> tuple[Candidate, ...]:
     return tuple(found)
 
 
-def candidates() -> tuple[Candidate, ...]:
-    """Each size of each known effect by itself, and the sizes of an effect that has no more than two together."""
+def size_of(effect: str) -> str:
+    """The dotted name of the first size of an effect."""
+    return next(f"effects.{effect}.{name}" for name, f in EVERY[effect].model_fields.items() if _role(f) == "size")
+
+
+def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
+    """What a size is at places, beyond what it is everywhere."""
+    for abscissa in abscissae:
+        name = point(knob.name, abscissa)
+        yield replace(knob, name=name, low=-knob.high, turn=_added(name), place=(knob.name, abscissa))
+
+
+def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
+    return lambda values, amount: {name: values.get(name, 0.0) + amount}
+
+
+def candidates(abscissae: Sequence[float] = ()) -> tuple[Candidate, ...]:
+    """Each size of each known effect by itself, the sizes of an effect that has no more than two together, and what
+    belongs to the road at places with these abscissae [m]."""
     found = []
     for effect, kind in BY_ID.items():
         sizes = [name for name, field in kind.model_fields.items() if _role(field) == "size"]
@@ -147,4 +176,12 @@ def candidates() -> tuple[Candidate, ...]:
         if len(sizes) <= 2:
             where = "" if len(sizes) == 1 else " and ".join(sizes)
             found.append(Candidate(effect, where, tuple(_knob(effect, name) for name in sizes), kind.sentence))
+        for form in ("", *kind.variants):
+            knobs = tuple(_knob(effect, name, form) for name in sizes)
+            if form:
+                found.append(Candidate(effect, form, knobs, kind.sentence))
+            if abscissae and issubclass(kind, RoadEffect):
+                points = (point for knob in knobs for point in _points(knob, abscissae))
+                where = f"{form}, {ALONG_ROAD}".strip(", ")
+                found.append(Candidate(effect, where, (*knobs, *points), kind.sentence))
     return tuple(found)

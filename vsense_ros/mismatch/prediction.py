@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, Evidence, Readings, Window
+from vsense_ros.mismatch.knobs import size_of
+from vsense_ros.mismatch.road import place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.model import codegen
 from vsense_ros.model.car import SURROUNDINGS, YAW, Car, car_of
 from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.effects import EVERY, Effect, Effects
+from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
+_FIX = ("latitude", "longitude", "altitude")
+_SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
 _MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
 
 
@@ -38,17 +42,36 @@ def with_all_effects(vehicle: Vehicle) -> Vehicle:
 
 @dataclass(frozen=True)
 class Setting:
-    """One car: its physical parameters by name, effects included."""
+    """One car on one road: physical parameters by name, effects included, and by the names of `road.point` what a size
+    is beyond that at places along the road."""
 
     values: Mapping[str, float]
 
-    def effect(self, id: str) -> Effect:
-        """An effect with its present parameters."""
-        kind = EVERY[id]
-        return kind.model_construct(None, **{f: self.values[f"effects.{id}.{f}"] for f in kind.model_fields})
+    def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
+        """An effect with its present parameters, some of which may be `varying`."""
+        kind, known = EVERY[id], {**self.values, **(varying or {})}
+        names = {field: f"effects.{id}.{field}" for field in kind.model_fields}
+        return kind.model_construct(None, **{f: known[name] for f, name in names.items() if name in known})
 
     def changed(self, changes: Mapping[str, float]) -> Setting:
         return Setting({**self.values, **changes})
+
+    def varying(self, place: Array, surveyed: Mapping[str, Array]) -> dict[str, Array]:
+        """Sizes that are not constant along places with these abscissae [m], by name, on a road of which this is
+        already known."""
+        found = dict(surveyed)
+        for name, points in self._profiles.items():
+            found[name] = found.get(name, 0.0) + profile(points, place)
+        return {name: self.values[name] + values for name, values in found.items() if values.any()}
+
+    @cached_property
+    def _profiles(self) -> dict[str, dict[float, float]]:
+        """Values by abscissa, by the name of the size."""
+        found: dict[str, dict[float, float]] = {}
+        for name, value in self.values.items():
+            if (at := place_of(name)) is not None:
+                found.setdefault(at[0], {})[at[1]] = value
+        return found
 
 
 class Predictor:
@@ -61,9 +84,8 @@ class Predictor:
         self.names = self.car.parameter_names
         self.start = Setting(self.vehicle.values())
         self.radius = float(np.mean(rolling_radii(vehicle)))
-        self.runs = 0
         self._loop = OpenLoop(self.car, KEEP)
-        self._motions: dict[tuple[float, ...], list[Motion]] = {}
+        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in evidence.windows]
         measuring = {name: sensor for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
@@ -87,13 +109,48 @@ class Predictor:
     def simulated(self, setting: Setting) -> list[dict[str, Array]]:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
         sensors = self._sensors(setting)
-        around = np.zeros(len(SURROUNDINGS))
-        around[:2] = np.sum([setting.effect(id).slope() for id in EVERY], axis=0)
-        motions = self._moved(setting, sensors, around)
+        result = []
+        for index, window in enumerate(self.evidence.windows):
+            turned, place = self._way[index]
+            varying = setting.varying(place, self._surveyed(place))
+            around = np.zeros((len(place), len(SURROUNDINGS)))
+            for id in _SLOPING:
+                along, across = setting.effect(id, varying).slope(turned)
+                around[:, 0] += along
+                around[:, 1] += across
+            motion, sensed = self._moved(index, setting, sensors, around, varying)
+            reading = hash(tuple(sensors.items()))
+            if reading not in sensed:
+                if len(sensed) > 3:
+                    sensed.pop(next(iter(sensed)))
+                sensed[reading] = self._signals(window, motion, sensors, around[::KEEP])
+            result.append(sensed[reading])
+        return result
+
+    @cached_property
+    def _way(self) -> list[tuple[Array, Array]]:
+        """By how much the car has turned [rad], and abscissa [m], in the middle of each step, by window."""
         return [
-            self._signals(window, motion, sensors, around)
-            for window, motion in zip(self.evidence.windows, motions, strict=True)
+            tuple(np.interp(_middle(w), known.t, known.value[:, 0]) for known in (w.turned, w.place))  # type: ignore[misc]
+            for w in self.evidence.windows
         ]
+
+    def _surveyed(self, place: Array) -> dict[str, Array]:
+        """What the vehicle file says of sizes at these places, beyond what they are everywhere, by name."""
+        return {name: profile(points, place) for name, points in self._known.items()}
+
+    @cached_property
+    def _known(self) -> dict[str, dict[float, float]]:
+        """The profiles of the vehicle file on the road of the evidence: values by abscissa, by the name of the size."""
+        road, on_map = self.evidence.road, self.evidence.on_map
+        found: dict[str, dict[float, float]] = {}
+        for id, effect in ((id, getattr(self.vehicle.physics.effects, id)) for id in BY_ID):
+            for latitude, longitude, heading, value in getattr(effect, "profile", ()):
+                at = on_map.placed({k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)})
+                abscissa = road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading)
+                if abscissa is not None:
+                    found.setdefault(size_of(id), {})[abscissa] = value
+        return found
 
     def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
         sensors = dict(self.evidence.sensors)
@@ -101,22 +158,31 @@ class Predictor:
             sensors = setting.effect(id).sensors(sensors)
         return sensors
 
-    def _moved(self, setting: Setting, sensors: Mapping[str, SensorBase], around: Array) -> list[Motion]:
+    def _moved(
+        self,
+        index: int,
+        setting: Setting,
+        sensors: Mapping[str, SensorBase],
+        around: Array,
+        varying: Mapping[str, Array],
+    ) -> tuple[Motion, dict[int, dict[str, Array]]]:
+        """The motion in a window, and what of its signals is known already, by the sensors."""
         late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
         steering, torques = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        key = (*mechanical, steering, torques, *around)
-        if key in self._motions:
-            self._motions[key] = self._motions.pop(key)  # the last to be forgotten
+        changing = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
+        road = (around.tobytes(), *((name, values.tobytes()) for name, values in changing.items()))
+        key = hash((*mechanical, steering, torques, *road))
+        known = self._motions[index]
+        if key in known:
+            known[key] = known.pop(key)  # the last to be forgotten
         else:
-            if len(self._motions) > 3:
-                self._motions.pop(next(iter(self._motions)))
-            self._motions[key] = [
-                self._run(window, parameters, steering, torques, around) for window in self.evidence.windows
-            ]
-            self.runs += 1
-        return self._motions[key]
+            if len(known) > 3:
+                known.pop(next(iter(known)))
+            window = self.evidence.windows[index]
+            known[key] = self._run(window, parameters, steering, torques, around, changing), {}
+        return known[key]
 
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
@@ -127,9 +193,17 @@ class Predictor:
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
         )
 
-    def _run(self, window: Window, parameters: Array, late: float, torques_late: float, around: Array) -> Motion:
-        n = int(np.ceil(window.duration / STEP))
-        middle = window.begin + (np.arange(n) + 0.5) * STEP
+    def _run(
+        self,
+        window: Window,
+        parameters: Array,
+        late: float,
+        torques_late: float,
+        around: Array,
+        varying: Mapping[str, Array],
+    ) -> Motion:
+        middle = _middle(window)
+        n = len(middle)
         kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
         inputs = np.zeros((n, 5))
         steering = kinds["steering"]
@@ -148,7 +222,7 @@ class Predictor:
             inputs[:, 1:] = (inertia / self.radius * np.gradient(speed, STEP))[:, None]
         q, u = rolling_straight(self.vehicle, float(speed[0]))
         q[YAW] = window.heading
-        driving = Inputs(STEP, inputs, np.tile(around, (n, 1)), target=speed / self.radius, gain=gain)
+        driving = Inputs(STEP, inputs, around, varying, target=speed / self.radius, gain=gain)
         return self._loop.run(q, u, driving, parameters)
 
     def _signals(
@@ -167,6 +241,11 @@ class Predictor:
             gaps = ~np.isfinite(window.readings[name].value)
             readings[name].value[gaps] = np.nan
         return signals(window, readings, self.evidence.sensors, self.radius)
+
+
+def _middle(window: Window) -> Array:
+    """Times in the middle of each step [s]."""
+    return np.asarray(window.begin + (np.arange(np.ceil(window.duration / STEP)) + 0.5) * STEP, dtype=float)
 
 
 def _offset(sensor: SensorBase) -> Array | float:

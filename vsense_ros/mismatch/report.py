@@ -292,6 +292,8 @@ def _candidates(found: Mapping[str, Any]) -> list[Candidate]:
         within = {effect["id"], f"{effect['id']} {place}"} & set(found["answer_set"])
         rival = found["verdict"] == "ambiguous" and bool(within)
         parameters = [(entry["name"].replace("_", " "), _with_interval(entry)) for entry in effect["parameters"]]
+        if "profile" in effect:
+            parameters.append(("along the road", _along_road(effect)))
         result.append(
             Candidate(
                 name=", ".join(filter(None, (heading(effect["id"]), CORNERS.get(place, place)))),
@@ -343,6 +345,13 @@ def _with_interval(entry: Mapping[str, Any]) -> str:
     return (
         f"{shown_value(entry['value'], entry['unit'])} ({shown_number(low * factor)} to {shown_number(high * factor)})"
     )
+
+
+def _along_road(effect: Mapping[str, Any]) -> str:
+    """Between which values a size varies along the road."""
+    everywhere, unit = effect["parameters"][0]["value"], effect["parameters"][0]["unit"]
+    values = [everywhere + place["value"] for place in effect["profile"]]
+    return f"{shown_value(min(values), unit)} to {shown_value(max(values), unit)}, at {len(values)} places"
 
 
 def _signal_rows(found: Mapping[str, Any]) -> list[SignalRow]:

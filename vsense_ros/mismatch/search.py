@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
+from vsense_ros.mismatch.road import profile
+from vsense_ros.mismatch.signals import grid
 
 Array = NDArray[np.float64]
 
 SHORTLIST = 4  # by the fall of the cost, and as many by its fall on what was left out
+WORTH = 0.03  # of the cost that a size must explain which is another at every place, beyond what one size does
+PROMISING = 0.5  # of the best score, below which no such size is fitted: each of its places costs a simulation
 SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
@@ -102,8 +106,8 @@ class Search:
         self._before = [_left_out(base, group) for group in self.groups]
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
         self.whole = max(base.value, float(sum(len(r) for r in base.residuals)))
-        self._columns: dict[str, list[Array]] = {
-            knob.name: [part / knob.deviation for part in column]
+        self._columns: dict[tuple[str, str], list[Array]] = {  # by name and form
+            (knob.name, knob.form): [part / knob.deviation for part in column]
             for knob, column in zip(base.knobs, _columns(base.slopes), strict=True)
         }
 
@@ -117,7 +121,7 @@ class Search:
 
     def singles(self) -> list[Explanation]:
         """The likeliest candidates alone, fitted in full, best first."""
-        return self._shaped(self._fitted(self._screened(self.base, (), SHORTLIST)))
+        return self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """The explanations, the best of them with their shapes fitted besides."""
@@ -161,9 +165,26 @@ class Search:
         names = {candidate.effect for candidate in present}
         found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
         found = [s for s in found if s.keep > 0]
-        by_gain = sorted(found, key=lambda s: s.gain, reverse=True)[:count]
-        by_score = sorted(found, key=lambda s: s.score, reverse=True)[:count]
-        return list({s.candidates[-1].name: s for s in (*by_score, *by_gain)}.values())
+        single = [s for s in found if not s.candidates[-1].along_road]
+        by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
+        by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
+        chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain)}
+        best = max((s.score for s in single), default=0.0)
+        for free in (s for s in found if s.candidates[-1].along_road):
+            one = next((s for s in single if _first(s) == _first(free)), None)
+            if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
+                self._simulate_places(free.candidates[-1])
+                free = self._signature(at, present, free.candidates[-1:])
+                chosen |= {s.candidates[-1].name: s for s in (one, free)}
+        return list(chosen.values())
+
+    def _simulate_places(self, candidate: Candidate) -> None:
+        """Secants in the place of what `at_place` takes for them."""
+        for knob in candidate.knobs:
+            if knob.place is not None:
+                secant = slope(self.residuals, self.base, knob, self.base.setting, SECANT)
+                self._columns[knob.name, knob.form] = [part / knob.deviation for part in secant]
+        self._progress()
 
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         knobs = tuple(knob for candidate in new for knob in candidate.knobs)
@@ -178,11 +199,15 @@ class Search:
 
     def _column(self, knob: Knob) -> list[Array]:
         """Secant per unit of a knob."""
-        if knob.name not in self._columns:
+        key = knob.name, knob.form
+        if key not in self._columns and knob.place is not None:
+            size, abscissa = knob.place
+            self._columns[key] = at_place(self.residuals, self._columns[size, knob.form], abscissa)
+        elif key not in self._columns:
             secant = slope(self.residuals, self.base, knob, self.base.setting, SECANT)
-            self._columns[knob.name] = [part / knob.deviation for part in secant]
+            self._columns[key] = [part / knob.deviation for part in secant]
             self._progress()
-        return self._columns[knob.name]
+        return self._columns[key]
 
     def _gain_left_out(self, fitted: Fit) -> float:
         """What is predicted linearly may be far off where one recording alone holds a parameter: none of them may count
@@ -210,6 +235,30 @@ class Search:
                 )
             )  # fmt: skip
         return sorted(found, key=lambda e: e.score, reverse=True)
+
+
+def _first(signature: Signature) -> tuple[str, str]:
+    """Name and form of the first size of what is new."""
+    knob = signature.candidates[-1].knobs[0]
+    return knob.name, knob.form
+
+
+def _worth_their_freedom(explanations: Sequence[Explanation]) -> list[Explanation]:
+    """Without the sizes that are another at every place and explain hardly more than one size does."""
+    single: dict[tuple[str, ...], float] = {}
+    for e in explanations:
+        if not e.candidates[-1].along_road:
+            single[e.effects] = max(e.score, single.get(e.effects, 0.0))
+    return [e for e in explanations if not e.candidates[-1].along_road or e.score > single.get(e.effects, 0.0) + WORTH]
+
+
+def at_place(residuals: Residuals, slopes: Sequence[Array], abscissa: float) -> list[Array]:
+    """Slopes by a size at one place, if the car forgot at once: its slopes everywhere, times the share of the place."""
+    found = []
+    for window, names, everywhere in zip(residuals.predictor.evidence.windows, residuals.layout, slopes, strict=True):
+        place = np.interp(grid(window), window.place.t, window.place.value[:, 0])
+        found.append(np.tile(profile({abscissa: 1.0}, place), len(names)) * everywhere)
+    return found
 
 
 def _columns(slopes: Sequence[Array]) -> list[list[Array]]:

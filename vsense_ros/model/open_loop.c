@@ -50,9 +50,10 @@ struct run {
     long long steps, keep; /* steps in all; every keep-th state is kept, and is where the car is linearised */
     double h;
     double *q, *u, *memory; /* the state: at the beginning, and at the end when done */
-    const double *inputs, *surroundings, *target, *gain, *friction; /* one row per step */
-    double *parameters;     /* the friction among them is overwritten where there is a row of it */
-    long long friction_place; /* among the parameters, negative: leave it */
+    const double *inputs, *surroundings, *target, *gain, *varying; /* one row per step */
+    double *parameters;      /* those that vary are overwritten in each step … */
+    long long varied;        /* … so many … */
+    const long long *places; /* … which are these */
     double *kept_q, *kept_u, *kept_udot; /* one row of 14 per kept state */
     double *work;
     long long *integers;
@@ -70,7 +71,7 @@ long long open_loop(struct run *r) {
     for (long long i = 0; i < r->steps; i++) {
         memcpy(inputs, r->inputs + INPUTS * i, sizeof inputs);
         argument[3] = r->surroundings + SURROUNDINGS * i;
-        if (r->friction_place >= 0) r->parameters[r->friction_place] = r->friction[i];
+        for (long long k = 0; k < r->varied; k++) r->parameters[r->places[k]] = r->varying[r->varied * i + k];
         if (r->gain[i] > 0) {
             const double spin = (r->u[10] + r->u[11] + r->u[12] + r->u[13]) / 4;
             for (int k = 1; k < INPUTS; k++) inputs[k] += r->gain[i] * (r->target[i] - spin);

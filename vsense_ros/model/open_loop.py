@@ -7,7 +7,8 @@ order with any matrix. With a compiler a whole run is one call of C; without one
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 
@@ -30,7 +31,7 @@ class Inputs:
     step: float  # [s]
     inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
     surroundings: Array  # (n, 4) as model.car.SURROUNDINGS
-    friction: Array | None = None  # (n,) in place of the parameter road.friction
+    varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on all four holds …
     gain: Array | None = None  # (n,) … by this much per wheel [N m s/rad], zero for torques as they are
 
@@ -55,8 +56,7 @@ class OpenLoop:
         self.car = car
         self.keep = keep
         self._compiled = _compiled(car)
-        names = car.parameter_names
-        self._friction = names.index("road.friction")
+        self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
     def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> Motion:
         """A run from the state `q`, `u` (14 each), with the effects' memories empty."""
@@ -82,13 +82,14 @@ class OpenLoop:
                 inputs.surroundings,
                 np.zeros(n) if inputs.target is None else inputs.target,
                 np.zeros(n) if inputs.gain is None else inputs.gain,
-                np.zeros(0) if inputs.friction is None else inputs.friction,
+                np.column_stack(list(inputs.varying.values())) if inputs.varying else np.zeros(0),
             )
         ]
-        place = -1 if inputs.friction is None else self._friction
+        places = np.array([self._place[name] for name in inputs.varying], dtype=np.int64)
         run = _Run(
-            n, self.keep, inputs.step, *map(_pointer, state), *map(_pointer, columns), _pointer(parameters), place,
-            *map(_pointer, kept), _pointer(work), integers.ctypes.data_as(_Integers),
+            n, self.keep, inputs.step, *map(_pointer, state), *map(_pointer, columns), _pointer(parameters),
+            len(places), places.ctypes.data_as(_Integers), *map(_pointer, kept), _pointer(work),
+            integers.ctypes.data_as(_Integers),
         )  # fmt: skip
         function(ctypes.byref(run))
 
@@ -109,8 +110,8 @@ class OpenLoop:
         unit, scale = np.eye(size), GAMMA * inputs.step
         for i in range(len(inputs)):
             driving[:], around[:] = inputs.inputs[i], inputs.surroundings[i]
-            if inputs.friction is not None:
-                parameters[self._friction] = inputs.friction[i]
+            for name, values in inputs.varying.items():
+                parameters[self._place[name]] = values[i]
             if inputs.gain is not None and inputs.target is not None:
                 driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if remember is not None:
@@ -142,9 +143,10 @@ class _Run(ctypes.Structure):
         ("keep", ctypes.c_longlong),
         ("h", ctypes.c_double),
         *((name, _Doubles) for name in ("q", "u", "memory")),
-        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "friction")),
+        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying")),
         ("parameters", _Doubles),
-        ("friction_place", ctypes.c_longlong),
+        ("varied", ctypes.c_longlong),
+        ("places", _Integers),
         *((name, _Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
         ("work", _Doubles),
         ("integers", _Integers),

@@ -7,12 +7,12 @@ stable however stiff the tyres become near standstill.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, WHEELS, X, Z, car_of
+from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Z, car_of
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.steps import GAMMA, model_functions
@@ -36,6 +36,7 @@ class Trajectory:
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 5) as model.car.INPUTS, those of the step that begins here
+    surroundings: Array | None = None  # (n, 4) as model.car.SURROUNDINGS; zeros if not given
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
@@ -97,7 +98,8 @@ def simulate(
     """Drive a car for `duration` [s] in steps of `step` [s], and keep every `keep_every`-th instant from the first on.
 
     `q`, `u` (14) is the state at the beginning (default: standing in the design position), `force` (14) a constant
-    generalized force beyond the model's, `surroundings` (4) road and offsets as in `model.car.SURROUNDINGS`.
+    generalized force beyond the model's, `surroundings` (4) road and offsets as in `model.car.SURROUNDINGS`, to which
+    the vehicle's effects add the slopes of their roads.
     Raises `FloatingPointError` where the motion leaves what the coordinates can describe (a pitch of 90°).
     """
     start_q, start_u = rolling_straight(vehicle)
@@ -105,7 +107,9 @@ def simulate(
     now_u = np.array(start_u if u is None else u, dtype=float)
     inputs = np.zeros(len(INPUTS))
     extra = np.zeros(COORDINATES) if force is None else np.array(force, dtype=float)
-    around = np.zeros(len(SURROUNDINGS)) if surroundings is None else np.array(surroundings, dtype=float)
+    given = np.zeros(len(SURROUNDINGS)) if surroundings is None else np.array(surroundings, dtype=float)
+    around = given.copy()
+    road = vehicle.physics.effects.present()
     car = car_of(vehicle)
     functions = model_functions(car)
     memory = np.zeros(car.memory.numel())
@@ -122,9 +126,13 @@ def simulate(
 
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
-    result = Trajectory.unfilled(np.array([i * step for i in kept]))
-    row = 0
+    result = replace(
+        Trajectory.unfilled(np.array([i * step for i in kept])), surroundings=np.empty((len(kept), len(SURROUNDINGS)))
+    )
+    row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
+        if road:
+            around[:2] = given[:2] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
         between[:] = (between + inputs) / 2 if i else inputs
@@ -136,6 +144,7 @@ def simulate(
             outputs.call()
             result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot[:, 0]
             result.wheels[row], result.inputs[row] = outputs.results[1], inputs
+            result.surroundings[row] = around  # type: ignore[index]
             row += 1
         slope = by_u + (GAMMA * step) * by_q_rates
         inverse[:] = np.linalg.inv(unit - (GAMMA * step) * slope).reshape(-1, order="F")

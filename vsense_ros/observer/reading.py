@@ -46,6 +46,13 @@ class Map:
             east, north, _ = pymap3d.geodetic2enu(latitude, longitude, self.origin[2], *self.origin)
         return {**values, "east": np.array([float(east)]), "north": np.array([float(north)])}
 
+    def latitude_longitude(self, east: float, north: float) -> tuple[float, float]:
+        """Of a place on the map [deg]. Raises `ValueError` where there has been no fix yet."""
+        if self.origin is None:
+            raise ValueError("the map has no origin")
+        latitude, longitude, _ = pymap3d.enu2geodetic(east, north, 0.0, *self.origin)
+        return float(latitude), float(longitude)
+
 
 class Reader:
     """Reads the messages of one sensor."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import SimpleNamespace
+from collections.abc import Callable, Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
@@ -37,6 +37,12 @@ def shape(unit: str, description: str, *, default: float, typical: float, low: f
     return Field(default=default, description=description, ge=low, le=high, json_schema_extra=extra)
 
 
+def form(description: str, *, default: float) -> Any:
+    """A field between 0 and 1 that tells the variants of an effect apart."""
+    extra: dict[str, Any] = {"unit": "-", "typical": 0.5, "role": "form"}
+    return Field(default=default, description=description, ge=0.0, le=1.0, json_schema_extra=extra)
+
+
 class Effect(Part):
     """A physical effect that a car, its road or its sensors may have, and that a model may lack.
 
@@ -53,6 +59,8 @@ class Effect(Part):
     known: ClassVar[bool] = True  # False: terms that describe, and explain nothing
     excited_by: ClassVar[tuple[str, ...]] = ()  # manoeuvres that show it
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
+    # Other forms of the effect by the words that tell where it is, each with the values of its fields.
+    variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
     memory: ClassVar[tuple[str, ...]] = ()
 
@@ -101,8 +109,9 @@ class Effect(Part):
         """On the chassis besides suspensions and weight: moment about `cog` [N m] and force [N], 6×1."""
         return force
 
-    def slope(self) -> tuple[float, float]:
-        """Slopes of the road along and across the car, positive uphill and with the left side higher [rad]."""
+    def slope(self, turned: Any) -> tuple[Any, Any]:
+        """Slopes of the road along and across the car, positive uphill and with the left side higher [rad], for a car
+        that has `turned` to the left by so much since it set out [rad]; arrays over time, or numbers."""
         return 0.0, 0.0
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
@@ -112,6 +121,18 @@ class Effect(Part):
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         """The settings of the sensors by name, with what the effect does to them."""
         return sensors
+
+
+class RoadEffect(Effect):
+    """An effect of the road: its one size may be another at every place, and then is a recorded input of the car rather
+    than a constant of it."""
+
+    profile: tuple[tuple[float, float, float, float], ...] = Field(
+        default=(),
+        description="rows of latitude and longitude [deg], direction of the road counter-clockwise from east [rad], "
+        "and what the size is there beyond what it is everywhere",
+        json_schema_extra={"unit": "", "role": "profile"},
+    )
 
 
 def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:

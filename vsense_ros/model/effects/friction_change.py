@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
-from vsense_ros.model.effects.base import Effect, size
+from vsense_ros.model.effects.base import RoadEffect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Corner
 
 
-class FrictionChange(Effect):
+class FrictionChange(RoadEffect):
     """Wet, icy or dusty road: the grip of all tyres is another."""
 
     id: ClassVar[str] = "friction_change"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
-from vsense_ros.model.effects.base import Effect, size
+import numpy as np
+
+from vsense_ros.model.effects.base import RoadEffect, form, size
 
 
-class RoadBank(Effect):
+class RoadBank(RoadEffect):
     """The slope of the road across the car, positive where the left side is higher."""
 
     id: ClassVar[str] = "road_bank"
@@ -20,7 +23,14 @@ class RoadBank(Effect):
         "crosswind",
     )
 
+    variants: ClassVar[Mapping[str, Mapping[str, float]]] = {"on a plane": {"follows": 0.0}}
+
     bank: float = size("rad", "slope, positive where the left side is higher", typical=0.02, high=0.4)
 
-    def slope(self) -> tuple[float, float]:
-        return 0.0, self.bank
+    follows: float = form(
+        "1 where the road turns as the car does, 0 for a plane that slopes across the way the car sets out", default=1.0
+    )
+
+    def slope(self, turned: Any) -> tuple[Any, Any]:
+        turned = (1 - self.follows) * turned
+        return self.bank * np.sin(turned), self.bank * np.cos(turned)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
-from vsense_ros.model.effects.base import Effect, size
+import numpy as np
+
+from vsense_ros.model.effects.base import RoadEffect, form, size
 
 
-class RoadGrade(Effect):
+class RoadGrade(RoadEffect):
     """The slope of the road along the car, positive uphill."""
 
     id: ClassVar[str] = "road_grade"
@@ -20,7 +23,14 @@ class RoadGrade(Effect):
         "imu_pitch_misalignment",
     )
 
+    variants: ClassVar[Mapping[str, Mapping[str, float]]] = {"on a plane": {"follows": 0.0}}
+
     grade: float = size("rad", "slope, positive uphill", typical=0.02, high=0.4)
 
-    def slope(self) -> tuple[float, float]:
-        return self.grade, 0.0
+    follows: float = form(
+        "1 where the road turns as the car does, 0 for a plane that slopes along the way the car sets out", default=1.0
+    )
+
+    def slope(self, turned: Any) -> tuple[Any, Any]:
+        turned = (1 - self.follows) * turned
+        return self.grade * np.cos(turned), -self.grade * np.sin(turned)

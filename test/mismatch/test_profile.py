@@ -1,0 +1,104 @@
+"""A road that changes from place to place, found on recordings that share it."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from hidden import driven, having, prototype, wrong
+from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.prediction import Predictor, Setting
+from vsense_ros.mismatch.road import SPACING, STRETCH, point
+from vsense_ros.vehicle_file import load_vehicle
+
+
+def waves(x: np.ndarray) -> np.ndarray:
+    """Bank by the way to the east [rad]."""
+    return 0.04 * np.sin(2 * np.pi * x / 200)
+
+
+@pytest.fixture(scope="module")
+def slalom():
+    vehicle = prototype()
+    return vehicle, gather([driven(vehicle, "slalom", bank=waves)], vehicle)
+
+
+@pytest.mark.slow
+def test_the_true_profile_brings_the_simulation_to_the_recording(slalom):
+    vehicle, evidence = slalom
+    predictor = Predictor(vehicle, evidence)
+    table = {point("effects.road_bank.bank", STRETCH / 2 + s): float(waves(s)) for s in np.arange(0.0, 300.0, SPACING)}
+    flat = Predictor(vehicle, gather([driven(vehicle, "slalom")], vehicle))
+
+    def error(of: Predictor, setting: Setting) -> float:
+        (measured,), (simulated,) = of.measured, of.simulated(setting)
+        return float(np.std(simulated["lateral_acceleration"] - measured["lateral_acceleration"]))
+
+    noise = error(flat, flat.start)
+    assert error(predictor, predictor.start) > 2.0 * noise
+    assert error(predictor, predictor.start.changed(table)) < 1.2 * noise
+
+
+@pytest.mark.slow
+def test_grip_that_varies_is_that_of_the_place(slalom):
+    vehicle, evidence = slalom
+    predictor = Predictor(vehicle, evidence)
+    size = "effects.friction_change.relative"
+    everywhere = {point(size, STRETCH / 2 + s): -0.3 for s in np.arange(-200.0, 500.0, SPACING)}
+    slippery, alike = (
+        predictor.simulated(predictor.start.changed(change))[0]["yaw_rate"] for change in ({size: -0.3}, everywhere)
+    )
+    assert alike == pytest.approx(slippery, abs=1e-9)
+    far_away = predictor.start.changed({point(size, STRETCH / 2 + 1000.0): -0.3})
+    assert predictor.simulated(far_away)[0]["yaw_rate"] == pytest.approx(
+        predictor.simulated(predictor.start)[0]["yaw_rate"], abs=1e-12
+    )
+
+
+def test_a_plane_slopes_the_other_way_for_who_has_turned_round():
+    effect = Setting(
+        {"effects.road_bank.bank": 0.03, "effects.road_bank.follows": 0.0, "effects.road_grade.follows": 1.0}
+    ).effect("road_bank")
+    assert effect.slope(0.0) == pytest.approx((0.0, 0.03))
+    assert effect.slope(np.pi / 2) == pytest.approx((0.03, 0.0))
+    assert effect.slope(np.pi) == pytest.approx((0.0, -0.03))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
+    recordings = [driven(prototype(), m, bank=waves) for m in ("sweep", "slalom")]
+    recordings.append(driven(prototype(), "brake", duration=10.0, bank=waves))  # not further than the others
+    result = answer(recordings[:2], wrong(prototype()), recordings[2:])
+    found = result.found
+    assert found["verdict"] == "named"
+    best = found["effects"][0]
+    assert best["id"] == "road_bank"
+    assert best["gain_held_out"] > 0.3
+    profile = [(one["distance"], one["value"] + best["parameters"][0]["value"]) for one in best["profile"]]
+    within = [(s, value) for s, value in profile if 0 <= s < 220]
+    assert [value for _, value in within] == pytest.approx([float(waves(np.array(s))) for s, _ in within], abs=0.012)
+
+    result.write(tmp_path)
+    assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["effects"][0]["profile"]
+    with (tmp_path / "road.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["value"]) for row in rows] == pytest.approx([value for _, value in profile])
+    extended = load_vehicle(tmp_path / "vehicle.extended.yaml")
+    assert answer(recordings[:2], extended).found["verdict"] == "no_mismatch"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_where_one_bank_is_enough_no_profile_is_told():
+    true = having(prototype())
+    recordings = [driven(true, m, bank=lambda x: 0.03 + 0 * x) for m in ("sweep", "slalom", "brake")]
+    best = answer(recordings[:2], wrong(prototype()), recordings[2:]).found["effects"][0]
+    assert best["id"] == "road_bank"
+    assert "profile" not in best
+    # The file allows for a bias of the accelerometer of 0.1 m/s², which is as much as 0.01 rad.
+    assert best["parameters"][0]["value"] == pytest.approx(0.03, abs=0.01)
