@@ -632,6 +632,8 @@ def export() -> None:
 def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path | None) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
+    The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated.
+
     With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
     of a step go into the README of the sources.
 
@@ -652,8 +654,6 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     with waiting("writing C"):
         files = c.write(car, output)
     console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)
-    if fixed := ", ".join(car.observer.parameters):
-        console().print(f"Parameters that keep their values: {fixed}.", soft_wrap=True)
     if check is None:
         return
     from vsense_ros.bag.importers import import_recording

@@ -55,6 +55,11 @@ def library(sources: Path) -> ctypes.CDLL:
     return check.build(sources, STRICT)
 
 
+def estimating(vehicle: Vehicle, parameters: dict[str, EstimatedParameter], kind: str = "ekf") -> Vehicle:
+    settings = {"parameters": parameters, "parameter_filter": kind}
+    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update=settings)})
+
+
 def under_way(vehicle: Vehicle, library: ctypes.CDLL) -> check.Exported:
     made = check.Exported(vehicle, library)
     made.start(15.0)
@@ -222,6 +227,30 @@ def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehi
     assert difference.placed <= 3, "the state is taken over at the start alone"
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1200)  # much C for a compiler
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_parameters_are_estimated_as_in_python(kind: str, vehicle: Vehicle, tmp_path: Path) -> None:
+    """The second one drifts, and a step then changes both covariances."""
+    parameters = {
+        "chassis.mass": EstimatedParameter(deviation=100.0),
+        "road.friction": EstimatedParameter(deviation=0.3, lower=0.1, upper=1.5, drift=0.02),
+    }
+    spi = estimating(vehicle, parameters, kind)
+    c.write(spi, tmp_path)
+    library = check.build(tmp_path, STRICT)
+    difference = check.compare(spi, library, import_recording(ROOT / "bags/double_lane_change"))
+    assert difference.largest < 1e-10
+    assert difference.corrections > 1000
+    assert difference.placed <= 3, "the state is taken over at the start alone"
+    begun = check.Exported(spi, library)
+    values, covariance = begun.estimated()
+    assert values[-2:] == pytest.approx([vehicle.values()[name] for name in parameters])
+    assert np.sqrt(np.diag(covariance)[-2:]) == pytest.approx([100.0, 0.3])
+    header = (tmp_path / "vsense.h").read_text(encoding="ascii")
+    assert re.findall(r"VSENSE_E_(\w+) = (\d)", header) == [("CHASSIS_MASS", "0"), ("ROAD_FRICTION", "1")]
+
+
 def test_a_difference_that_is_no_number_is_infinite() -> None:
     nan, one = np.array([np.nan]), np.array([1.0])
     assert check._relative(nan, one) == check._relative(one, nan) == np.inf
@@ -244,11 +273,11 @@ def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tm
         c.write(blind, tmp_path)
 
 
-def test_parameters_to_be_estimated_are_refused(vehicle: Vehicle, tmp_path: Path) -> None:
-    parameters = {"chassis.mass": EstimatedParameter(deviation=100.0)}
-    settings = vehicle.observer.model_copy(update={"parameters": parameters})
-    with pytest.raises(InputError, match=r"estimates no parameters; take chassis\.mass out of observer\.parameters"):
-        c.write(vehicle.model_copy(update={"observer": settings}), tmp_path)
+@pytest.mark.slow
+def test_a_parameter_that_the_sensors_cannot_tell_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    hopeless = estimating(vehicle, {"steering.ratio": EstimatedParameter(deviation=1.0)})
+    with pytest.raises(InputError, match=r"steering\.ratio cannot be estimated: it changes nothing that the sensors"):
+        c.write(hopeless, tmp_path)
 
 
 def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Path) -> None:

@@ -135,10 +135,14 @@ def test_the_innovation_is_told_component_by_component_given_those_before(kind: 
         weights = np.linalg.solve(total[np.ix_(before, before)], total[before, i])
         deviation = np.sqrt(total[i, i] - weights @ total[before, i])
         rest = innovation[i] - weights @ innovation[before]
-        assert k.innovation[:, i] == pytest.approx([rest / deviation, deviation], rel=1e-6)
+        assert k.whitened[i] == pytest.approx(rest / deviation, rel=1e-6)
+        assert k.factor[7 * i] == pytest.approx(deviation, rel=1e-6)
         before.append(i)
-    assert np.isnan(k.innovation[:, 2]).all()
-    assert np.isnan(k.innovation[:, 6:]).all()
+    assert np.isnan(k.whitened[2])
+    factor = k.factor[:36].reshape(6, 6)
+    total[2, :] = total[:, 2] = 0.0
+    total[2, 2] = 1.0
+    assert_close(factor @ factor.T, total, 1e-9)
 
 
 @pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])

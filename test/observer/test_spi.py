@@ -107,13 +107,14 @@ class TestLinearCase:
             value[seed] = np.nan
             sensed[0][:, 0] = jacobian @ state + direct @ theta
             kalman.correct(sensed, True, BIASES, value, variance, 1.0, np.inf)
-            told = seen(*unused, *model, s, m, NO_EFFECTS, effect, BIAS, MOUNTED, value, variance, *sensed)
-            of, plain, right, d = (np.array(r) for r in told)
+            found = variance, kalman.whitened[:6], kalman.factor[:36].reshape(6, 6).T
+            told = seen(*unused, *model, s, m, NO_EFFECTS, effect, BIAS, MOUNTED, *found, *sensed[1:])
+            of, g, right, d = (np.array(r) for r in told)
             new, m, s, information, change, _ = (
                 np.array(r)
                 for r in learn(
-                    *unused, *model, s, m, NO_EFFECTS, effect, of, of @ kalman.covariance, plain, right, d,
-                    kalman.error, information, theta, np.full(2, -1e9), np.full(2, 1e9),
+                    *unused, *model, s, m, NO_EFFECTS, effect, of @ kalman.covariance, g, right, d,
+                    information, theta, np.full(2, -1e9), np.full(2, 1e9),
                 )
             )  # fmt: skip
             state = state + kalman.error + change[:, 0]

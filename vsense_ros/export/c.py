@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.export.expressions import c_function, number, wrapped
 from vsense_ros.model import steps
-from vsense_ros.model.car import INPUTS, SURROUNDINGS, WHEELS, Car, car_of
+from vsense_ros.model.car import COORDINATES, INPUTS, SURROUNDINGS, WHEELS, Car, car_of
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import Layout, Prior, layout, rolling_state
 from vsense_ros.observer.kalman import U
 from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.parameter_filter import ParameterFilter
+from vsense_ros.observer.spi import FILTERS, Spi
 
 Array = NDArray[np.float64]
 
@@ -66,6 +68,11 @@ _FIELDS = {
     "by_surroundings": "... by the surroundings",
     "by_q_rates": "by_q times the rates of these coordinates by the velocities",
     "parameters": "of the vehicle",
+    "estimates": "of parameters, which stand in `parameters` too",
+    "parameter_covariance": "of their errors",
+    "sensitivity": "of the estimated state to them, column-major",
+    "information": "on them in the measurements since the start",
+    "by_estimates": "the accelerations by them, column-major",
     "process_length": "for which decay and noise were made [10 us]",
     "decay": "of the states behind the velocities in a step",
     "noise": "variance added to them in a step",
@@ -93,17 +100,19 @@ class Observer:
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> Observer:
-        """Raises `InputError` where the sensors' names cannot be told apart in C, or parameters are to be estimated."""
+        """Raises `InputError` where the sensors' names cannot be told apart in C, or cannot tell a parameter."""
         sensors = sensors_of(vehicle)
-        if parameters := vehicle.observer.parameters:
-            raise InputError(
-                f"{vehicle.name}: the observer in C is the errorEKF and estimates no parameters; take "
-                f"{', '.join(parameters)} out of observer.parameters"
-            )
         names = [identifier(name) for name in sensors]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"{vehicle.name}: sensors {', '.join(twice)} have the same name in C; rename one")
+        if vehicle.observer.parameters:
+            Spi(vehicle, sensors)  # refuses what cannot be estimated
         return cls(vehicle, sensors)
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Names of the parameters that are estimated."""
+        return tuple(self.vehicle.observer.parameters)
 
     @property
     def correcting(self) -> dict[str, SensorBase]:
@@ -111,8 +120,15 @@ class Observer:
         return {name: sensor for name, sensor in self.sensors.items() if not sensor.is_input}
 
     def fields(self) -> dict[str, int]:
-        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf`."""
-        car, size = car_of(self.vehicle), layout(self.sensors).size
+        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`."""
+        car, size, count = car_of(self.vehicle), layout(self.sensors).size, len(self.estimated)
+        learned = {
+            "estimates": count,
+            "parameter_covariance": count * count,
+            "sensitivity": size * count,
+            "information": count * count,
+            "by_estimates": COORDINATES * count,
+        }
         linearize = steps.linearize_function(car)
         return {
             "state": size,
@@ -121,6 +137,7 @@ class Observer:
             **({"effects": car.memory.numel()} if car.memory.numel() else {}),
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
+            **(learned if count else {}),
             "process_length": 1,
             "decay": size - U.stop,
             "noise": size - U.stop,
@@ -188,11 +205,20 @@ class _Contents:
             self.functions.append(steps.remember_function(self.car))
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
+        columns = [self.car.parameter_names.index(name) for name in observer.estimated]
+        kind_of_filter = FILTERS[self.vehicle.observer.parameter_filter]
+        self.filter: ParameterFilter | None = None
+        self.learning: dict[str, ca.Function] = {}
+        if columns:
+            self.filter = filter = kind_of_filter(self.car, columns, self.layout.size)
+            self.learning = {f.name(): f for f in (filter.effect(), filter.predict(), filter.learn())}
+            for name, sensor in observer.correcting.items():
+                self.learning[name] = filter.seen(f"seen_{identifier(name)}", sensor, self._biases(name))
 
     def model(self) -> str:
         """Source of the functions made from expressions."""
         head = "/* The car and its sensors with exact Jacobians, column-major. Written by `vsense export c`. */\n"
-        functions = [*self.functions, *self.sensing.values()]
+        functions = [*self.functions, *self.sensing.values(), *self.learning.values()]
         sources = [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in functions]
         return "\n".join([head, "#include <math.h>\n", *sources])
 
@@ -210,10 +236,10 @@ class _Contents:
                 Entry(identifier(name).upper(), unit, description)
                 for name, unit, description in units(self.vehicle.physics)
             ],
-            "fixed": ", ".join(self.vehicle.observer.parameters),
+            "estimates": self._estimates(),
             "fields": [{"name": k, "size": size, "meaning": _FIELDS[k]} for k, size in fields.items()],
             "sensors": [self._sensor(name) for name in self.observer.correcting],
-            "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions},
+            "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions} | self._learning_calls(),
             "gamma": number(steps.GAMMA),
             "longest_step": self.vehicle.observer.longest_step,
             "start": _table(start),
@@ -236,6 +262,52 @@ class _Contents:
                 entries.append(Entry(identifier(f"{name}_{bias.name}").upper(), "SI", f"error of {name}"))
         return entries
 
+    def _biases(self, name: str) -> slice:
+        """Where the biases of a sensor stand in the state."""
+        return self.layout.biases[list(self.observer.sensors).index(name)]
+
+    def _estimates(self) -> dict[str, Any] | None:
+        """What the templates refer to where parameters are estimated."""
+        if self.filter is None:
+            return None
+        settings = self.vehicle.observer.parameters
+        values = self.vehicle.values()
+        bounds = np.array([one.bounds(values[name]) for name, one in settings.items()])
+        entries = {name: Entry(identifier(name).upper(), *rest) for name, *rest in units(self.vehicle.physics)}
+        drift = np.array([one.drift for one in settings.values()]) ** 2
+        return {
+            "entries": [entries[name] for name in settings],
+            "columns": [f"VSENSE_P_{entries[name].name}" for name in settings],
+            "variance": _table(np.array([one.deviation for one in settings.values()]) ** 2),
+            "drift": _table(drift),
+            "drifts": bool(drift.any()),
+            "lower": _table(bounds[:, 0]),
+            "upper": _table(bounds[:, 1]),
+            "width": self.filter.width,
+        }
+
+    def _learning_calls(self) -> dict[str, str]:
+        """Of the functions of the parameter filter, but for those of single sensors."""
+        if self.filter is None:
+            return {}
+        predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, gain, by_angles, by_velocity, &h"
+        found = "projected, gained, told, spread, v->information, v->estimates, lower, upper"
+        made = "estimates, covariance, sensitivity, information, change, udot"
+        arguments = self._filter_arguments()
+        return {
+            "effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
+            "spread": wrapped(f"parameters_predict({predicted}, v->decay, sensitivity, grown, added);", "    "),
+            "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {found}, {made});", "    "),
+        }
+
+    def _filter_arguments(self) -> str:
+        """The `ParameterFilter.arguments` in C."""
+        names = ("q", "u", "force", "surroundings", "inputs", "p")
+        linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
+        memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
+        places = [_ARGUMENTS[name] for name in names]
+        return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
+
     def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
         places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
@@ -244,11 +316,14 @@ class _Contents:
     def _sensor(self, name: str) -> dict[str, Any]:
         sensor = self.observer.sensors[name]
         function = self.sensing[sensor.kind]
-        where = self.layout.biases[list(self.observer.sensors).index(name)]
+        where = self._biases(name)
         mounting, deviations = sensor.mounting(), sensor.deviations()
         c_name = identifier(name)
         constants = f"{c_name}_mounting" if mounting.size else "0"
         limit = sensor.gate**2 * len(deviations) ** 0.5
+        biases = f"v->state + {where.start}"
+        seen = f"seen_{c_name}({self._filter_arguments()}, v->by_estimates, {biases}, {constants}, "
+        seen += f"variance, whitened, factor, {', '.join(_SENSED[1:])}, told_of, gained, told, spread);"
         return {
             "name": c_name,
             "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],
@@ -261,7 +336,8 @@ class _Contents:
             "uses_acceleration": int(sensor.uses_acceleration),
             "first_bias": where.start,
             "biases": where.stop - where.start,
-            "call": self._call(function, _SENSED, biases=f"v->state + {where.start}", mounting=constants),
+            "call": self._call(function, _SENSED, biases=biases, mounting=constants),
+            "seen": wrapped(seen, "        "),
             "example": _table(self._expected(function, mounting, where.stop - where.start)),
         }
 

@@ -25,6 +25,7 @@ from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE
 from vsense_ros.observer.run import map_origin
+from vsense_ros.observer.spi import Spi
 from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
@@ -110,6 +111,17 @@ class Exported:
         size = len(self.parts["state"])
         return self.parts["covariance"].reshape(size, size)
 
+    def estimated(self) -> tuple[Array, Array]:
+        """State and parameters, and the covariance of their errors, as `ErrorEkf.estimated`."""
+        state = self.parts["state"]
+        if "estimates" not in self.parts:
+            return state, self.covariance
+        values = self.parts["estimates"]
+        m = self.parts["parameter_covariance"].reshape(len(values), -1)
+        s = self.parts["sensitivity"].reshape(len(values), -1).T
+        across = s @ m
+        return np.append(state, values), np.block([[self.covariance + across @ s.T, across], [across.T, m]])
+
     def start(self, speed: float) -> None:
         self._initialize(self._struct, speed)
 
@@ -169,12 +181,13 @@ class _Twin(ErrorEkf):
         self.other.parts["inputs"][:] = self.inputs
 
     def _compare(self) -> None:
-        difference, deviation = self.difference, np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        size = np.abs(self.state)
+        difference, (state, covariance) = self.difference, self.estimated()
+        their_state, their_covariance = self.other.estimated()
+        size, deviation = np.abs(state), np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         size[FORCE] = size[FORCE].max()
-        apart = _relative(self.other.parts["state"], self.state, np.maximum(1.0, size))
+        apart = _relative(their_state, state, np.maximum(1.0, size))
         difference.state = max(difference.state, apart)
-        apart = _relative(self.other.covariance, self.covariance, np.outer(deviation, deviation))
+        apart = _relative(their_covariance, covariance, np.outer(deviation, deviation))
         difference.covariance = max(difference.covariance, apart)
         self._after = self._key()
         self._known[self._after] = self.other.memory.copy()
@@ -213,6 +226,13 @@ class _Twin(ErrorEkf):
         return accelerations, wheels
 
 
+class _SpiTwin(_Twin, Spi):
+    """The same for the SPI."""
+
+    def _refuse_what_cannot_be_told(self) -> None:
+        """Has been done by what was exported."""
+
+
 def _relative(found: Array, expected: Array, unit: Array | None = None) -> float:
     """Largest difference, relative to what was expected where that is above one; infinite where one is no number."""
     apart = np.abs(found - expected) / (np.maximum(1.0, np.abs(expected)) if unit is None else unit)
@@ -226,7 +246,8 @@ def compare(
     progress: Callable[[float], None] | None = None,
 ) -> Difference:
     """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
-    observer, difference = Observer(vehicle, map_origin(recording), _Twin), Difference()
+    kind = _SpiTwin if vehicle.observer.parameters else _Twin
+    observer, difference = Observer(vehicle, map_origin(recording), kind), Difference()
     assert isinstance(observer.filter, _Twin)
     observer.filter.join(Exported(vehicle, library), difference)
     topics = tuple(topic for topic in observer.topics if topic in recording)
@@ -244,10 +265,16 @@ def compare(
 
 def _deepest(stack: dict[str, int]) -> int:
     """Bytes of the deepest call, from those of each function; what was inlined is in its caller's."""
+
+    def size(*names: str) -> int:
+        return sum(stack.get(name, 0) for name in names)
+
     below = ("vsense_transition", "vsense_propagate", "advance", "kinematics")
-    predicting = stack["vsense_predict"] + max(stack.get(name, 0) for name in below)
-    correcting = max(size for name, size in stack.items() if name.startswith("vsense_correct_"))
-    return max(predicting, correcting + stack.get("correct", 0) + stack.get("vsense_correct", 0))
+    predicting = [size(name) for name in below] + [size("spread_parameters", "parameters_predict")]
+    correcting = [size("correct", "vsense_correct"), size("learn", "parameters_learn")]
+    correcting += [depth for name, depth in stack.items() if name.startswith("seen_")]
+    calls = max(depth for name, depth in stack.items() if name.startswith("vsense_correct_"))
+    return max(stack["vsense_predict"] + max(predicting), calls + max(correcting))
 
 
 def measure(folder: Path) -> dict[str, str]:

@@ -54,7 +54,7 @@ class _Sensor(ctypes.Structure):
 
     _fields_ = [
         *(("expect", Entry), ("sensed", SensedStructure), ("seen", Entry), ("learn", Entry), ("width", _COUNT)),
-        *((name, _ADDRESS) for name in ("value", "variance", "projected", "change")),
+        *((name, _ADDRESS) for name in ("variance", "projected", "change")),
         *((name, _ADDRESS) for name in ("told_of", "learned", "accelerations")),
     ]
 
@@ -96,8 +96,9 @@ class Learned:
     """How one sensor tells of parameters: the functions of a parameter filter, and what they are bound to."""
 
     seen: Kernel
-    value: Array  # (m,)
     variance: Array  # (m,)
+    whitened: Array  # (m,) and
+    factor: Array  # (m m,) as the errorEKF's correction leaves them
     told_of: Array  # Hᵀ R⁻¹ Y, (n, p)
     projected: Array  # P times that, (n, p)
     learn: Kernel
@@ -183,7 +184,7 @@ class CompiledStep:
                 if entry is not None:
                     setattr(sensor, name, entry)
             sensor.width = learned.told_of.shape[1]
-            for name in ("value", "variance", "projected", "change", "told_of", "learned"):
+            for name in ("variance", "projected", "change", "told_of", "learned"):
                 setattr(sensor, name, getattr(learned, name).ctypes.data)
             sensor.accelerations = learned.udot.ctypes.data
         if any(entry is None for entry in entries):

@@ -58,7 +58,10 @@ class _Watched(ErrorEkf):
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
         nis = super().correct(index, value, variance, limit, scale)
         if scale == 1.0 and not nis < 0:
-            self.seen[index].append((nis <= limit, self._kalman.innovation[:, : len(value)].copy()))
+            m, kalman = len(value), self._kalman
+            whitened = kalman.whitened[:m].copy()
+            deviation = np.where(np.isnan(whitened), np.nan, kalman.factor[: m * m : m + 1])
+            self.seen[index].append((nis <= limit, np.stack([whitened, deviation])))
         return nis
 
 

@@ -24,8 +24,8 @@ struct model {
     double *inverse;                                          /* 14 x 14, column-major */
     double *gain;                                             /* 14 x GAIN, row-major */
     double *covariance, *error;
-    double *udot;       /* 14 */
-    double *innovation; /* 2 x COMPONENTS, or null: see kalman.py */
+    double *udot; /* 14 */
+    double *whitened, *factor; /* COMPONENTS, COMPONENTS x COMPONENTS, or null: see kalman.py */
 };
 
 /* A measurement of `components` and what was expected of it. */
@@ -233,6 +233,17 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
     if (sensed->biases) row[sensed->first_bias + i] = 1;
 }
 
+/* Keeps the whitened innovation and the factor of its covariance. */
+static void tell(const struct model *model, int components, int used, const int *component, const double *weights,
+                 double (*factor)[COMPONENTS]) {
+    for (int i = 0; i < components; i++) model->whitened[i] = NAN;
+    for (int i = 0; i < components * components; i++) model->factor[i] = i % (components + 1) == 0;
+    for (int a = 0; a < used; a++) {
+        model->whitened[component[a]] = weights[a];
+        for (int b = 0; b <= a; b++) model->factor[component[a] * components + component[b]] = factor[a][b];
+    }
+}
+
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and carried into error and accelerations, only where that is at most limit. */
 double vsense_correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
@@ -240,7 +251,6 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
     double innovation[COMPONENTS], weights[COMPONENTS], factors[STATES], *p = model->covariance;
     const double *from[STATES];
     int used = 0, component[COMPONENTS];
-    for (int i = 0; i < 2 * COMPONENTS && model->innovation; i++) model->innovation[i] = NAN;
     for (int i = 0; i < sensed->components; i++)
         if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[used++] = i;
     if (used == 0) return -1;
@@ -281,11 +291,8 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
         for (int k = 0; k < a; k++) w -= total[a][k] * weights[k];
         weights[a] = w / total[a][a];
         nis += weights[a] * weights[a];
-        if (model->innovation) {
-            model->innovation[component[a]] = weights[a];
-            model->innovation[COMPONENTS + component[a]] = total[a][a];
-        }
     }
+    if (model->whitened) tell(model, sensed->components, used, component, weights, total);
     if (!(nis <= limit)) return nis;
     for (int a = 0; a < used; a++) {
         for (int k = 0; k < a; k++) factors[k] = -total[a][k];

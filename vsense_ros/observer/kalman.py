@@ -56,9 +56,11 @@ class Kalman:
         self.inverse = np.zeros((14, 14), order="F")  # (I - γ h J)⁻¹, which the model's step needs
         self.gain = np.zeros((14, len(GAIN_COLUMNS)))  # new errors of the velocities by the old errors
         self.error = np.zeros(len(covariance))  # what a correction found
-        # Of the components of the last measurement, NaN where absent: the innovation that those before it do not tell,
-        # in units of its standard deviation, and that deviation. White noise and its scale, if the filter is right.
-        self.innovation = np.full((2, COMPONENTS), np.nan)
+        # Of the last measurement with m components: L⁻¹ r, the innovation r in independent units, of which NaN are
+        # absent, in the first m elements; and in the first m m, row-major, the Cholesky factor L of its covariance,
+        # in which absent components stand for themselves. The diagonal of L are standard deviations of components
+        # given those before them.
+        self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
         # What the response is multiplied with; transition of coordinates and velocities; rates of the coordinates by
         # the velocities. The other names are parts of these and of the covariance.
         self._forced = np.zeros((14, len(GAIN_COLUMNS)), order="F")
@@ -135,8 +137,8 @@ class Kalman:
         expected, by_q, by_u, by_udot, by_surroundings = sensed
         model, count = self.model, len(value)
         innovation = value - expected[:, 0]
-        self.innovation[:] = np.nan
-        present: slice | NDArray[np.bool_] = slice(count)
+        size, present = count, np.arange(count)
+        self.whitened[:size] = np.nan
         h = np.zeros((count, len(self.covariance)))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
         heave, travel, velocities, surroundings = self._through
@@ -147,7 +149,7 @@ class Kalman:
         if biases.stop > biases.start:
             h.reshape(-1)[biases.start :: h.shape[1] + 1] = 1.0
         if not isfinite(sum(innovation.tolist())):
-            present = np.isfinite(innovation)
+            present = np.flatnonzero(np.isfinite(innovation))
             h, innovation, variance = h[present], innovation[present], variance[present]
             count = len(innovation)
             if not count:
@@ -165,7 +167,10 @@ class Kalman:
             return float("nan")
         whitened = lapack.dtrtrs(factor, right.T, lower=True, overwrite_b=True)[0]
         projected, weights = whitened[:, :-1], whitened[:, -1]
-        self.innovation[:, : len(value)][:, present] = weights, factor.diagonal()
+        self.whitened[present] = weights
+        whole = np.eye(size)
+        whole[np.ix_(present, present)] = factor
+        self.factor[: size * size] = whole.ravel()
         nis = float(weights @ weights)
         if not nis <= limit:
             return nis
@@ -182,7 +187,7 @@ class ModelStructure(ctypes.Structure):
         (name, ctypes.c_void_p)
         for name in (
             *("by_q", "by_u", "by_surroundings", "by_q_rates", "by_angles", "by_velocity"),
-            *("inverse", "gain", "covariance", "error", "udot", "innovation"),
+            *("inverse", "gain", "covariance", "error", "udot", "whitened", "factor"),
         )
     ]
 
@@ -216,7 +221,7 @@ class CompiledKalman(Kalman):
         self.structure = ModelStructure(
             *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
             *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
-            *(a.ctypes.data for a in (model.udot, self.innovation)),
+            *(a.ctypes.data for a in (model.udot, self.whitened, self.factor)),
         )
         self._model = ctypes.byref(self.structure)
         # Copying into these is quicker than asking an array for its address.

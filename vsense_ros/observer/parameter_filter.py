@@ -13,10 +13,11 @@ They are coupled by S = ∂x/∂θ (n×k), how different the estimated state wou
 P, C = H P Hᵀ + R and K are the errorEKF's; M (k×k) is the covariance of the parameters, and P + S M Sᵀ that of the
 state. In a linear system this is the joint Kalman filter, and the errorEKF needs to know nothing of it.
 
-The errorEKF's gain is K = P Hᵀ R⁻¹ with its corrected P, so that C⁻¹ = R⁻¹ - R⁻¹ H P Hᵀ R⁻¹ costs no more than a
-product of P and a few columns. The parameters' spread is described by columns D (k×p) with D Dᵀ = M, and that of a
-measurement by columns Y (m×p) that belong to them; the update with G = Yᵀ C⁻¹ Y, M ← D (I + G)⁻¹ Dᵀ, is the square of a
-matrix and so stays positive definite whatever the rounding.
+The errorEKF's gain is K = P Hᵀ R⁻¹ with its corrected P, so that K T costs no more than a product of P and a few
+columns. C = L Lᵀ and L⁻¹ r are what its correction found: R⁻¹ - R⁻¹ H P Hᵀ R⁻¹, which is C⁻¹ too, loses four digits at
+the start, where P is large. The parameters' spread is described by columns D (k×p) with D Dᵀ = M, and that of a
+measurement by columns Y (m×p) that belong to them; the update with G = (L⁻¹ Y)ᵀ (L⁻¹ Y), M ← D (I + G)⁻¹ Dᵀ, is the
+square of a matrix and so stays positive definite whatever the rounding.
 """
 
 from __future__ import annotations
@@ -118,16 +119,17 @@ class ParameterFilter(ABC):
         )
 
     def seen(self, name: str, sensor: SensorBase, biases: slice) -> ca.Function:
-        """(arguments, effect, biases, mounting, value, variance, results of the sensor's function) → Yᵀ R⁻¹ H (p×n),
-        Yᵀ R⁻¹ Y (p×p), Yᵀ R⁻¹ r (p), D (k×p); components of `value` that are NaN are left out."""
+        """(arguments, effect, biases, mounting, variance, L⁻¹ r, L transposed, Jacobians of the sensor) → Yᵀ R⁻¹ H
+        (p×n), Yᵀ C⁻¹ Y (p×p), Yᵀ C⁻¹ r (p), D (k×p); components of L⁻¹ r that are NaN are left out."""
         m, p = len(sensor.deviations()), self.width
-        value, variance, expected = (ca.SX.sym(s, m) for s in ("value", "variance", "expected"))
+        variance, whitened = (ca.SX.sym(s, m) for s in ("variance", "whitened"))
+        transposed = ca.SX.sym("factor", m, m)
         by = [ca.SX.sym(s, m, c) for s, c in (("by_q", 14), ("by_u", 14), ("by_udot", 14), ("by_s", 4))]
         y = ca.SX.sym("Y", m, p)
-        present = ca.fabs(value) < np.inf  # false for NaN
-        precision = ca.if_else(present, 1 / variance, 0)
-        weighted = ca.repmat(precision, 1, p) * y
-        innovation = ca.if_else(present, value - expected, 0)
+        present = ca.fabs(whitened) < np.inf  # false for NaN
+        weighted = ca.repmat(ca.if_else(present, 1 / variance, 0), 1, p) * y
+        columns = ca.solve(ca.tril(transposed.T), ca.repmat(ca.if_else(present, 1, 0), 1, p) * y)
+        innovation = ca.if_else(present, whitened, 0)
         v = ca.SX.zeros(self.size, p)
         v[Q, :], v[U, :], v[SURROUND, :] = by[0].T @ weighted, by[1].T @ weighted, by[3].T @ weighted
         if sensor.uses_acceleration:
@@ -140,36 +142,36 @@ class ParameterFilter(ABC):
             v[biases, :] = weighted
         model = [self.by_q, self.by_u, self.by_surroundings]
         weigh = ca.Function(
-            "weigh", [*model, value, variance, expected, *by, y], [v.T, weighted.T @ y, weighted.T @ innovation]
+            "weigh",
+            [*model, variance, whitened, transposed, *by, y],
+            [v.T, columns.T @ columns, columns.T @ innovation],
         )
         arguments = [_like(a) for a in self.arguments]
         effect, bias, mounting = (ca.MX.sym("", *shape) for shape in (
             (COORDINATES, self.count), (len(sensor.biases()), 1), (len(sensor.mounting()), 1),
         ))  # fmt: skip
-        measured = [_like(a) for a in (value, variance)]
-        sensed = [_like(a) for a in (expected, *by)]
-        columns, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *sensed[1:])
-        found = weigh(*arguments[7:10], *measured, *sensed, columns)
+        measured = [_like(a) for a in (variance, whitened, transposed)]
+        sensed = [_like(a) for a in by]
+        spread, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *sensed)
+        found = weigh(*arguments[7:10], *measured, *sensed, spread)
         return codegen.function(
             name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], _numbered(len(arguments) + 10)
         )
 
     def learn(self) -> ca.Function:
-        """(arguments, effect, Yᵀ R⁻¹ H, that times P, Yᵀ R⁻¹ Y, Yᵀ R⁻¹ r, D, error, information, θ, bounds) → θ, M, S,
-        information, and the changes of the state (n) and of the accelerations (14).
+        """(arguments, effect, Yᵀ R⁻¹ H times P, Yᵀ C⁻¹ Y, Yᵀ C⁻¹ r, D, information, θ, bounds) → θ, M, S, information,
+        and the changes of the state (n) and of the accelerations (14).
 
-        `error` is what the errorEKF's correction found, K r, P its corrected covariance. `information` (k×k) is the
-        sum of Tᵀ C⁻¹ T, what the measurements so far tell of the parameters whatever state and forces were.
+        P is the covariance that the errorEKF has corrected. `information` (k×k) is the sum of Tᵀ C⁻¹ T, what the
+        measurements so far tell of the parameters whatever state and forces were.
         """
         n, k, p = self.size, self.count, self.width
-        effect, v, pv = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("V", p, n), ca.SX.sym("PV", p, n)
-        plain, told, d = ca.SX.sym("G", p, p), ca.SX.sym("g", p), ca.SX.sym("D", k, p)
-        error, information = ca.SX.sym("error", n), ca.SX.sym("J", k, k)
+        effect, pv = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("PV", p, n)
+        g, told, d = ca.SX.sym("G", p, p), ca.SX.sym("g", p), ca.SX.sym("D", k, p)
+        information = ca.SX.sym("J", k, k)
         theta, lower, upper = ca.SX.sym("theta", k), ca.SX.sym("lower", k), ca.SX.sym("upper", k)
         s, m = self.sensitivity, self.covariance
-        g = plain - v @ pv.T
-        g = (g + g.T) / 2
-        told_all = told - v @ error + self.displacement * g[:, 0]
+        told_all = told + self.displacement * g[:, 0]
         factor = ca.chol(ca.SX.eye(p) + g)  # upper triangular R with Rᵀ R
         half = ca.solve(factor.T, d.T)
         new = theta + half.T @ ca.solve(factor.T, told_all)
@@ -180,9 +182,9 @@ class ParameterFilter(ABC):
         udot = self.through(change) + effect @ (new - theta)
         return codegen.function(
             "parameters_learn",
-            [*self.arguments, effect, v, pv, plain, told, d, error, information, theta, lower, upper],
+            [*self.arguments, effect, pv, g, told, d, information, theta, lower, upper],
             [new, half.T @ half, moved, information + regression.T @ g @ regression, change, udot],
-            _numbered(len(self.arguments) + 11),
+            _numbered(len(self.arguments) + 9),
         )
 
 

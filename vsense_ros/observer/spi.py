@@ -116,18 +116,21 @@ class Spi(ErrorEkf):
             sense = self._sense[i]
             if sense is None:
                 continue
-            value, variance = np.zeros(len(sensor.deviations())), sensor.deviations() ** 2
+            variance, size = sensor.deviations() ** 2, len(sensor.deviations())
             mounting = np.asarray(sensor.mounting(), dtype=float)
-            sensed = [r.reshape(-1, order="F") for r in sense.results]
+            sensed = [r.reshape(-1, order="F") for r in sense.results[1:]]
             bias = self.state[self.layout.biases[i]]
-            seen = Kernel(functions[f"seen_{i}"], [*arguments, effect, bias, mounting, value, variance, *sensed])
-            v, plain, told, d = (r.reshape(-1, order="F") for r in seen.results)
+            whitened, factor = self._kalman.whitened[:size], self._kalman.factor[: size * size]
+            seen = Kernel(
+                functions[f"seen_{i}"], [*arguments, effect, bias, mounting, variance, whitened, factor, *sensed]
+            )
+            g, told, d = (r.reshape(-1, order="F") for r in seen.results[1:])
             told_of, projected = seen.results[0].T, np.zeros(seen.results[0].T.shape)
             learned = np.zeros(known + n + 14)
-            found = [v, projected.reshape(-1), plain, told, d, self._error, parts[3], parts[0], lower, upper]
+            found = [projected.reshape(-1), g, told, d, parts[3], parts[0], lower, upper]
             learn = Kernel(functions["parameters_learn"], [*arguments, effect, *found], learned)
             told, change, udot = np.split(learned, [known, known + n])
-            self._seen[i] = Learned(seen, value, variance, told_of, projected, learn, told, change, udot)
+            self._seen[i] = Learned(seen, variance, whitened, factor, told_of, projected, learn, told, change, udot)
         self._added_force = self._force.results[0].reshape(-1, order="F")
         self._accelerations = self.udot.reshape(-1, order="F")
         moved, grown, added = (r.reshape(-1, order="F") for r in self._spread.results)
@@ -164,10 +167,11 @@ class Spi(ErrorEkf):
                 for sense, known in zip(self._sense, self._seen, strict=True):
                     if sense is not None and known is not None:
                         sense.call()
+                        known.whitened[:], known.factor[:] = 0.0, np.diag(known.variance**0.5).flat
                         known.seen.call()
-                        _, plain, _, spread = known.seen.results
+                        _, g, _, spread = known.seen.results
                         regression = spread.T @ np.linalg.inv(self.parameter_covariance) * scale
-                        told += np.einsum("pk,pq,qk->k", regression, plain, regression)
+                        told += np.einsum("pk,pq,qk->k", regression, g, regression)
                 self.predict(_STEP)
         for name, information in zip(self.parameter_names, told, strict=True):
             if not information > _LEAST:
@@ -220,12 +224,12 @@ class Spi(ErrorEkf):
         nis = super().correct(index, value, variance, limit, scale)
         known = self._seen[index] if self._in_c is None else None
         if scale == 1.0 and known is not None and 0 <= nis <= limit:  # what is forced upon the filter tells nothing
-            self._learn(known, value, variance)
+            self._learn(known, variance)
         return nis
 
-    def _learn(self, known: Learned, value: Array, variance: Array) -> None:
+    def _learn(self, known: Learned, variance: Array) -> None:
         """What a measurement by which the state has just been corrected tells of the parameters."""
-        known.value[:], known.variance[:] = value, variance
+        known.variance[:] = variance
         known.seen.call()
         np.dot(self.covariance, known.told_of, out=known.projected)
         known.learn.call()

@@ -33,10 +33,10 @@ struct filter {
 struct sensor {
     struct kernel expect;
     struct sensed sensed;
-    /* What it tells of the parameters; of seen, value and variance are arguments, told_of (n x width) is a result. */
+    /* What it tells of the parameters; of seen, variance is an argument, told_of (n x width) is a result. */
     struct kernel seen, learn;
     long long width;
-    double *value, *variance, *projected, *change;
+    double *variance, *projected, *change;
     const double *told_of, *learned, *accelerations;
 };
 
@@ -90,12 +90,11 @@ int vsense_predict(const struct filter *filter, double h, const double *decay, c
     return 1;
 }
 
-static void learn(const struct filter *filter, const struct sensor *sensor, const double *value, const double *variance) {
+static void learn(const struct filter *filter, const struct sensor *sensor, const double *variance) {
     const struct learning *const learning = filter->learning;
     const int width = sensor->width;
     double factors[STATES], column[STATES];
     const double *rows[STATES];
-    memcpy(sensor->value, value, sensor->sensed.components * sizeof(double));
     memcpy(sensor->variance, variance, sensor->sensed.components * sizeof(double));
     run(&sensor->seen);
     for (int k = 0; k < n; k++) rows[k] = filter->model.covariance + k * n;
@@ -126,7 +125,7 @@ double vsense_measure(const struct filter *filter, const struct sensor *sensor, 
     run(&filter->force);
     for (int i = 0; i < n; i++)
         filter->state[i] += i / MODEL == 2 ? filter->added[i - 2 * MODEL] : filter->model.error[i];
-    if (filter->learning && scale == 1) learn(filter, sensor, value, variance);
+    if (filter->learning && scale == 1) learn(filter, sensor, variance);
     return nis;
 }
 
