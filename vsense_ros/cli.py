@@ -386,22 +386,26 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     if calibrate is not None:
         found = calibration.calibrate(watched, car)
         save_limits(calibrate, found.limits)
-        for heading in ("margin", "recordings that leave the limits of the others"):
-            table.add_column(heading, justify="right")
-        for margin, alarms in found.false_alarms.items():
-            table.add_row(f"{margin:g}", f"{alarms} of {len(watched)}")
+        for heading in ("quantity", "mean from", "to", "rms to", "unit", "margin", "needed"):
+            table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
+        for name, one in found.limits.quantities.items():
+            rms = "–" if one.rms is None else f"{one.rms:.3g}"
+            margins = (f"{one.margin:.2f}", f"{found.needed[name]:.2f}")
+            table.add_row(name, f"{one.low:.3g}", f"{one.high:.3g}", rms, one.unit, *margins)
         console().print(table)
-        if alarms:
-            console().print("Even so: with more recordings, limits would be surer.", soft_wrap=True)
+        console().print("Needed: for each of the recordings, left out, to stay within the limits of the others.")
+        if found.unsure:
+            text = f"They differ too much for sure limits, more recordings are needed: {', '.join(found.unsure)}."
+            console().print(text, soft_wrap=True, style="yellow")
         console().print(f"Written to {calibrate}.", soft_wrap=True)
         return
     for heading in ("recording", "no longer fits", "since"):
         table.add_column(heading, justify="right" if heading == "since" else "left")
-    for one in watched:
-        for name, since in one.beyond.items():
-            table.add_row(one.name, name, f"{since:.1f} s")
-        if not one.beyond:
-            table.add_row(one.name, "nothing", "–")
+    for drive in watched:
+        for name, since in drive.beyond.items():
+            table.add_row(drive.name, name, f"{since:.1f} s")
+        if not drive.beyond:
+            table.add_row(drive.name, "nothing", "–")
     console().print(table)
 
 

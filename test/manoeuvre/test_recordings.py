@@ -58,6 +58,14 @@ def test_another_seed_gives_other_noise_and_the_same_truth(lane_change, plant):
         )
 
 
+def test_a_known_error_of_a_sensor_is_in_what_it_sends(lane_change, plant):
+    """Reading takes it off again."""
+    imu = plant.sensors["imu"].model_copy(update={"rate_offset": (0.0, 0.0, 0.1)})
+    off = generate("double_lane_change", plant.model_copy(update={"sensors": {**plant.sensors, "imu": imu}}), SEED)
+    rates, shifted = (r["imu/data"].columns["angular_velocity"] for r in (lane_change, off))
+    np.testing.assert_allclose(shifted - rates, np.broadcast_to([0.0, 0.0, 0.1], rates.shape), atol=2**-12)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_bag_is_small_enough_for_a_repository(name):
     assert sum(f.stat().st_size for f in (BAGS / name).iterdir()) < LARGEST

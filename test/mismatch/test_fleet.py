@@ -20,6 +20,9 @@ from synthetic_findings import finding
 from vsense_ros.bag import write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch import fleet, fleet_report
+from vsense_ros.mismatch.explain import Answer
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import save_vehicle
 
 Progress = Callable[[float], None]
@@ -161,6 +164,25 @@ def test_what_was_done_of_the_same_files_is_taken_and_of_changed_ones_done_again
             fleet.explain_member(member, out)
     (out / "result.json").write_text("{", encoding="utf-8")
     assert fleet.explain_member(member, out)["key"] != first["key"], "a damaged result is made anew"
+
+
+def test_a_recording_that_spoils_what_the_others_say_is_left_out_with_its_reason(tmp_path, monkeypatch):
+    folder_of(tmp_path, "car", "lap", "lap_2", "held_out/lap")
+    (member,) = fleet.members(tmp_path)
+
+    def answer(training: list[Recording], car: Vehicle, held_out: list[Recording], progress: Progress) -> Answer:
+        spun = any(recording.name == "lap_2" for recording in training)
+        said = {"sentence": "Nothing can be said: the car spins in lap_2.", "remarks": []}
+        return Answer(finding("not_assessable") | said if spun else finding("no_mismatch"))
+
+    monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
+    monkeypatch.setattr(fleet, "answer", answer)
+    result = fleet.explain_member(member, tmp_path / "out")
+    assert result["found"]["verdict"] == "no_mismatch"
+    reasons = {recording["name"]: recording["reason"] for recording in result["recordings"]}
+    assert "spins" in reasons.pop("lap_2")
+    assert set(reasons) == {"lap", "held_out/lap"}
+    assert "spins" not in "".join(reasons.values())
 
 
 def fleet_of_findings(root: Path) -> list[dict[str, Any]]:

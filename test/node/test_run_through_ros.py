@@ -153,12 +153,11 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
 
 def test_the_observer_says_in_its_diagnostics_what_of_its_model_no_longer_fits(tmp_path: Path) -> None:
     write_bag(tmp_path / "drive", straight_drive())
-    wide, elsewhere = (Range(unit="N", low=middle - 1e6, high=middle + 1e6) for middle in (0.0, 1e7))
+    wide, elsewhere = (Range(unit="N", low=x - 1e6, high=x + 1e6, margin=1.5) for x in (0.0, 1e7))
     limits = Limits(
         vehicle=load_vehicle(vehicle_path(CAR)).name,
         recordings=["another day"],
         seconds=60.0,
-        margin=1.5,
         window=2.0,
         quantities={"longitudinal force": wide, "lateral force": elsewhere},
     )

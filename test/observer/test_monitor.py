@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drives import messages
 from monitored import altered, driven, prototype
@@ -16,7 +18,7 @@ from vsense_ros.cli import main
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
 from vsense_ros.observer import Observer
-from vsense_ros.observer.calibration import MARGINS, Watch, calibrate, watch
+from vsense_ros.observer.calibration import MOST, Watch, calibrate, watch
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
 from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
@@ -120,7 +122,7 @@ def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
     of_car = ["--vehicle", str(tmp_path / "car.yaml")]
     made = CliRunner().invoke(main, ["monitor", *bags, *of_car, "--calibrate", str(tmp_path / "limits.yaml")])
     assert made.exit_code == 0, made.output
-    assert "of 2" in made.output
+    assert "torque of wheel fl" in made.output
     judged = CliRunner().invoke(
         main, ["monitor", str(tmp_path / "dragging"), bags[0], *of_car, "--limits", str(tmp_path / "limits.yaml")]
     )
@@ -139,19 +141,31 @@ def seen(name: str, *means: float, rms: float = 1.0) -> Watch:
 
 
 def test_the_margin_is_the_least_with_which_every_recording_passes_the_limits_of_the_others() -> None:
-    apart = calibrate([seen("a", -1.0, 1.0), seen("b", -1.0, 1.0), seen("c", -1.9, 1.0)], prototype())
-    assert apart.false_alarms == {1.25: 1, 1.5: 1, 2.0: 0}
-    assert apart.limits.margin == 2.0
-    found = apart.limits.quantities["yaw moment"]
-    assert (found.low, found.high) == (pytest.approx(-0.45 - 2.9), pytest.approx(-0.45 + 2.9))
-    assert apart.limits.recordings == ["a", "b", "c"]
-    assert apart.limits.seconds == 60.0
+    found = calibrate([seen("a", -1.0, 1.0), seen("b", -1.0, 1.0), seen("c", -1.9, 1.0)], prototype())
+    assert found.needed == {"yaw moment": pytest.approx(1.9)}
+    yaw = found.limits.quantities["yaw moment"]
+    assert yaw.margin == pytest.approx(1.9)
+    assert (yaw.low, yaw.high) == (pytest.approx(-0.45 - 1.9 * 1.45), pytest.approx(-0.45 + 1.9 * 1.45))
+    assert (found.limits.recordings, found.limits.seconds, found.unsure) == (["a", "b", "c"], 60.0, [])
 
 
-def test_where_no_margin_helps_the_largest_is_taken_and_its_false_alarms_told() -> None:
+@given(st.lists(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=5), min_size=2, max_size=5))
+def test_what_was_calibrated_on_is_within_the_limits(means: list[list[float]]) -> None:
+    found = calibrate([seen(str(i), *row) for i, row in enumerate(means)], prototype())
+    for name, limit in found.limits.quantities.items():
+        assert name in found.needed
+        assert all(limit.low <= mean <= limit.high for row in means for mean in row)
+
+
+def test_a_quantity_that_differs_too_much_between_recordings_is_told_to_be_unsure() -> None:
     found = calibrate([seen("a", -1.0, 1.0), seen("b", 50.0, 51.0)], prototype())
-    assert list(found.false_alarms) == list(MARGINS)
-    assert found.false_alarms[MARGINS[-1]] == 2
+    assert found.unsure == ["yaw moment"]
+    assert found.limits.quantities["yaw moment"].margin == MOST
+
+
+def test_a_quantity_that_never_changes_has_no_limits() -> None:
+    found = calibrate([seen("a", 1.0, 1.0), seen("b", 1.0, 1.0)], prototype())
+    assert found.limits.quantities == {}
 
 
 def test_one_recording_is_not_enough_for_limits() -> None:
@@ -166,9 +180,9 @@ def test_a_standing_car_gives_no_limits() -> None:
 
 
 def some_limits(**changes: object) -> Limits:
-    quantities = {"yaw moment": Range(unit="N m", low=-1.0, high=2.0, rms=3.0)}
+    quantities = {"yaw moment": Range(unit="N m", low=-1.0, high=2.0, rms=3.0, margin=1.5)}
     return Limits(
-        vehicle=prototype().name, recordings=["a"], seconds=60.0, margin=1.5, window=10.0, quantities=quantities
+        vehicle=prototype().name, recordings=["a"], seconds=60.0, window=10.0, quantities=quantities
     ).model_copy(update=changes)
 
 
@@ -199,4 +213,4 @@ def test_limits_of_another_vehicle_or_of_other_sensors_are_refused() -> None:
     with pytest.raises(InputError, match="those of the vehicle 'another'"):
         observer.watch(some_limits(vehicle="another"))
     with pytest.raises(InputError, match="lidar range innovation does not exist here"):
-        observer.watch(some_limits(quantities={"lidar range innovation": Range(unit="", low=0, high=1)}))
+        observer.watch(some_limits(quantities={"lidar range innovation": Range(unit="", low=0, high=1, margin=1)}))

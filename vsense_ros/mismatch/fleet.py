@@ -10,8 +10,9 @@ import hashlib
 import json
 import logging
 import os
+import re
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -224,6 +225,10 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         reasons |= unusable
         read = {name: recording for name, recording in read.items() if name not in unusable}
         found = explained()
+    while (blamed := _blamed(found.found, read)) and any(name in read for name in member.training if name != blamed):
+        reasons[blamed] = found.found["sentence"]
+        del read[blamed]
+        found = explained()
     found.write(out)
     recordings = [
         {"name": name, "role": role, "reason": reasons.get(name) or _remark(name, found.found["remarks"])}
@@ -255,6 +260,14 @@ def _unusable(read: Mapping[str, Recording], car: Vehicle) -> dict[str, str]:
 
 def _in_words(error: Exception) -> str:
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+
+
+def _blamed(found: Mapping[str, Any], names: Iterable[str]) -> str:
+    """The recording for which nothing could be said, where it is one; empty otherwise."""
+    if found["verdict"] != "not_assessable":
+        return ""
+    said = [name for name in names if re.search(rf"(?<![\w/]){re.escape(name)}(?![\w/])", found["sentence"])]
+    return said[0] if len(said) == 1 else ""
 
 
 def _remark(name: str, remarks: Sequence[str]) -> str:

@@ -17,14 +17,8 @@ from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 
-MARGINS = (
-    1.25,
-    1.5,
-    2.0,
-    2.5,
-    3.0,
-    4.0,
-)  # of which the least is taken that lets every recording pass the others' limits
+LEAST, MOST = 1.25, 4.0  # margins: one that chance alone asks for, and one beyond which limits would say nothing
+SHARE = 0.9  # of the quantities need no more than the margin that all get
 
 
 @dataclass(frozen=True)
@@ -41,10 +35,16 @@ class Watch:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Limits, and how many recordings, each left out, would have left those of the others with each margin tried."""
+    """Limits, and the margin that each quantity would need for every recording, left out, to stay within the limits of
+    the others."""
 
     limits: Limits
-    false_alarms: dict[float, int]
+    needed: dict[str, float]
+
+    @property
+    def unsure(self) -> list[str]:
+        """Quantities that differ more between the recordings than their margin allows for."""
+        return [name for name, needed in self.needed.items() if needed > self.limits.quantities[name].margin]
 
 
 def watch(
@@ -88,38 +88,48 @@ def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
     """Limits from at least two recordings with nothing hidden.
 
     They are as far from the middle of what all recordings have as the extremes, times a margin: the least with which
-    every recording, left out, stays within the limits of the others. Raises `InputError` for a single recording.
+    every recording, left out, stays within the limits of the others, and no less than nine in ten quantities need.
+    Raises `InputError` for a single recording.
     """
     if len(watched) < 2:
         raise InputError("expected at least two recordings, so that each can be held against the limits of the others")
-    false_alarms: dict[float, int] = {}
-    for margin in MARGINS:
-        alarms = 0
-        for i, left_out in enumerate(watched):
-            low, high, rms = _limits([one for j, one in enumerate(watched) if j != i], margin)
-            mean, square = left_out.statistics[:, 0], left_out.statistics[:, 1]
-            alarms += bool(np.any(mean < low) or np.any(mean > high) or np.any(square > rms))
-        false_alarms[margin] = alarms
-        if not alarms:
-            break
-    low, high, rms = _limits(watched, margin)
+    needed = np.max([_needed(one, [other for other in watched if other is not one]) for one in watched], axis=0)
+    low, high = _extremes(watched)
+    judged = np.flatnonzero(np.isfinite(needed) & np.isfinite(low[0]))
+    common = float(np.quantile(needed[judged], SHARE)) if len(judged) else LEAST
+    margins = np.clip(np.maximum(needed, common), LEAST, MOST)
+    middle, half = (low + high) / 2, (high - low) / 2 * margins
     ranges = {
-        quantity.name: Range(unit=quantity.unit, low=low[i], high=high[i], rms=rms[i] if np.isfinite(rms[i]) else None)
-        for i, quantity in enumerate(watched[0].quantities)
-        if np.isfinite(low[i])
+        watched[0].quantities[i].name: Range(
+            unit=watched[0].quantities[i].unit,
+            low=middle[0, i] - half[0, i],
+            high=middle[0, i] + half[0, i],
+            rms=middle[1, i] + half[1, i] if np.isfinite(middle[1, i]) else None,
+            margin=margins[i],
+        )
+        for i in judged
     }
     names, seconds = [one.name for one in watched], sum(one.seconds for one in watched)
-    limits = Limits(
-        vehicle=vehicle.name, recordings=names, seconds=seconds, margin=margin, window=WINDOW, quantities=ranges
-    )
-    return Calibration(limits, false_alarms)
+    limits = Limits(vehicle=vehicle.name, recordings=names, seconds=seconds, window=WINDOW, quantities=ranges)
+    return Calibration(limits, {watched[0].quantities[i].name: float(needed[i]) for i in judged})
 
 
-def _limits(watched: Sequence[Watch], margin: float) -> tuple[Array, Array, Array]:
-    """Least and largest mean, and largest root mean square; infinite where there was nothing in any recording."""
+def _extremes(watched: Sequence[Watch]) -> tuple[Array, Array]:
+    """Least and largest of the windows' means and root mean squares, (2, n) each, NaN where there was nothing."""
     every = np.concatenate([one.statistics for one in watched])
     seen = np.isfinite(every).any(axis=0)
-    low, high = np.nanmin(np.where(seen, every, 0.0), axis=0), np.nanmax(np.where(seen, every, 0.0), axis=0)
-    middle, half = (low + high) / 2, (high - low) / 2 * margin
-    low, high = np.where(seen, middle - half, -np.inf), np.where(seen, middle + half, np.inf)
-    return low[0], high[0], high[1]
+    filled = np.where(seen, every, 0.0)
+    low, high = np.nanmin(filled, axis=0), np.nanmax(filled, axis=0)
+    return np.where(seen, low, np.nan), np.where(seen, high, np.nan)
+
+
+def _needed(left_out: Watch, others: Sequence[Watch]) -> Array:
+    """The margin with which a recording stays within the limits of others, of each quantity, (n,); infinite where
+    theirs do not spread."""
+    low, high = _extremes(others)
+    least, largest = _extremes([left_out])
+    middle, half = (low + high) / 2, (high - low) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.maximum(largest - middle, middle - least)[0] / half[0]
+        square = (largest - middle)[1] / half[1]
+    return np.fmax(np.where(np.isnan(mean), np.inf, mean), square)

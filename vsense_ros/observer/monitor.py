@@ -61,6 +61,7 @@ class Range(BaseModel):
     low: float = Field(allow_inf_nan=False)
     high: float = Field(allow_inf_nan=False)
     rms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    margin: float = Field(gt=0, description="limits over what the recordings have, from the middle")
 
 
 class Limits(BaseModel):
@@ -71,7 +72,6 @@ class Limits(BaseModel):
     vehicle: str = Field(description="name in the vehicle file")
     recordings: list[str] = Field(description="with nothing hidden, from which the limits come")
     seconds: float = Field(gt=0, description="how long they are together")
-    margin: float = Field(gt=0, description="limits over what the recordings have, from the middle")
     window: float = Field(gt=0, le=600, description="length of the sliding window [s]")
     quantities: dict[str, Range]
 
