@@ -283,11 +283,10 @@ class ErrorEkf:
         return self.state, self.covariance
 
     @property
-    def innovation(self) -> Array:
-        """Of the last correction, by component, (16,): white and of unit deviation if the filter is right, NaN where
-        nothing was measured. The array stays the same."""
-        innovation: Array = self._kalman.innovation[0]
-        return innovation
+    def whitened(self) -> Array:
+        """Innovation of the last correction by component, (16,): white and of unit deviation if the filter is right,
+        NaN where nothing was measured. The array stays the same."""
+        return self._kalman.whitened
 
     @property
     def axle_distances(self) -> Array:

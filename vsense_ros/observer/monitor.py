@@ -154,7 +154,7 @@ class Monitor:
             last = first + len(axes)
             self.quantities += [Quantity(f"{name} {axis} innovation", "deviations") for axis in axes]
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
-            source, components = filter.innovation[: len(axes)], len(sensor.deviations())
+            source, components = filter.whitened[: len(axes)], len(sensor.deviations())
             self._sensors.append(_Watched(source, slice(first, last), last, components, gate))
         slow = [*_FORCES, *(_TORQUES if "wheel_torques" in {sensor.kind for sensor in sensors.values()} else ())]
         for index in range(SURROUND.start, filter.layout.size):
