@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros.model.car import car_of
 from vsense_ros.model.effects import BY_ID, Effects
+from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.simulate import rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -160,3 +162,15 @@ def test_without_a_compiler_a_run_is_the_same(full, monkeypatch):
     assert np.abs(expected.u - driven(full, changes).u).max() > 1e-3
     monkeypatch.setattr(loop, "_compiled", None)
     assert_allclose(loop.run(*run).u, expected.u, rtol=1e-8, atol=1e-8)
+
+
+def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
+    car = car_of(bare)
+    terms = Unmodelled(longitudinal_force_constant=300.0, lateral_force_yaw_rate=5000.0, roll_moment_lateral=10.0)
+    force = ca.Function(
+        "force", [car.q, car.u, car.inputs, car.p], [terms.chassis_force(ca.SX.zeros(6), car, car.memory)]
+    )
+    q, u = rolling_straight(bare, 20.0)
+    u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
+    found = np.array(force(q, u, np.zeros(5), bare.parameter_vector()))[:, 0]
+    assert_allclose(found, [20.0, 0, 0, 300.0, 500.0, 0], atol=1e-9)

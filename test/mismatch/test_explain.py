@@ -49,3 +49,18 @@ def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewh
     again = answer([driven(true, "sweep"), driven(true, "slalom")], extended).found
     assert again["verdict"] == "no_mismatch"
     assert np.isfinite(again["misfit"])
+
+
+@pytest.mark.slow
+def test_two_effects_at_once_are_both_named():
+    true = having(prototype(), brake_drag={"rr": 40.0}, imu_roll_misalignment={"angle": 0.1})
+    found = answer([driven(true, m) for m in ("sweep", "slalom")], wrong(prototype()), [driven(true, "brake")]).found
+    assert found["verdict"] == "named"
+    named = {effect["id"]: effect["parameters"][0]["value"] for effect in found["effects"] if effect["accepted"]}
+    assert named == {"brake_drag": pytest.approx(40.0, rel=0.1), "imu_roll_misalignment": pytest.approx(0.1, rel=0.1)}
+    assert set(found["answer_set"]) == set(named)
+
+
+def test_an_unknown_part_of_the_method_cannot_be_left_out():
+    with pytest.raises(InputError, match="no ablation luck; there are no_refit, no_projection, chi2_thresholds"):
+        answer([], prototype(), ablation="luck")

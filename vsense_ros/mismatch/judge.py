@@ -20,7 +20,8 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another.
 OWN = 0.3
-FURTHER = 0.06  # least gain of one more effect beside another: what an imperfect effect leaves looks like others
+# Least share that one more effect explains of what another leaves: what an imperfect effect leaves looks like others.
+FURTHER = 0.06
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 # Another explanation stays in the answer set with this share of the best one's gain, if it leaves no more of the cost
 # than this multiple of what the best one leaves; and the best one is not named where another is closer still.
@@ -143,11 +144,14 @@ def judge(
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
         ranked.setdefault(e.effects[0], e)
     leaders = [e for e in ranked.values() if holds(e)][:1]
+    size = float(sum(len(r) for r in proof.base.residuals))
+    least_whole = size / max(proof.base.value, size)
     for count in (2, 3):
         if leaders and proof.fitted.worst(leaders[0].fit.residuals) < UNFINISHED:
             break
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
-        if several and proven(several[0]) > max(map(proven, leaders), default=0.0) + FURTHER:
+        explained = max(map(proven, leaders), default=0.0)
+        if several and proven(several[0]) > explained + FURTHER * max(1 - explained, least_whole):
             leaders = several[:1]
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
     term = next((e for e in terms if proven(e) > DESCRIBED), None)

@@ -105,7 +105,9 @@ class Search:
         self._progress = progress
         self._before = [_left_out(base, group) for group in self.groups]
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
-        self.whole = max(base.value, float(sum(len(r) for r in base.residuals)))
+        least_whole = float(sum(len(r) for r in base.residuals))
+        self.whole = max(base.value, least_whole)
+        self.least_whole = least_whole / self.whole
         self._columns: dict[tuple[str, str], list[Array]] = {  # by name and form
             (knob.name, knob.form): [part / knob.deviation for part in column]
             for knob, column in zip(base.knobs, _columns(base.slopes), strict=True)
@@ -140,9 +142,10 @@ class Search:
         return sorted(found, key=lambda e: e.score, reverse=True)
 
     def further(self, explanations: Sequence[Explanation], least: float) -> list[Explanation]:
-        """The best explanations with one more effect each, where that promises `least` more than any of them gains."""
+        """The best explanations with one more effect each, where that promises `least` of what they leave."""
         found: dict[frozenset[str], Signature] = {}
-        enough = max((e.score for e in explanations), default=0.0) + least
+        gained = max((e.score for e in explanations), default=0.0)
+        enough = gained + least * max(1 - gained, self.least_whole)
         for explanation in explanations[:BEAM]:
             if len(explanation.candidates) < MOST and explanation.score > least:
                 for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
