@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import Predictor, Setting
-from vsense_ros.mismatch.signals import SIGNALS, difference
+from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,7 @@ CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
 SETTLED = 2e-3  # relative fall of the cost that ends the iterations
 
+_SHAKEN = {signal.name for signal in SIGNALS if signal.shaken}
 _FLOORS = {signal.name: signal.floor for signal in SIGNALS}
 
 
@@ -70,8 +71,11 @@ class Residuals:
         return float(np.sqrt(cost(residuals) / max(sum(len(r) for r in residuals), 1)))
 
     def worst(self, residuals: Sequence[Array]) -> float:
-        """Root mean square of the worst signal's residuals, in standard deviations."""
-        return max((error / self.deviation[name] for name, error in self.by_signal(residuals).items()), default=0.0)
+        """Root mean square of the worst signal's residuals, in standard deviations, and on a road that shakes the body
+        in multiples of that where it does."""
+        errors = {name: error / self.deviation[name] for name, error in self.by_signal(residuals).items()}
+        road = max(1.0, errors.get(SHAKING, 1.0))
+        return max((error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()), default=0.0)
 
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual in its unit."""

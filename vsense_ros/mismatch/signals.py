@@ -31,7 +31,8 @@ class Signal:
     """What is compared: `name`, its unit, and how it comes from a sensor's components (n, m), given the rolling radius.
 
     `floor` is the smallest standard deviation that is believed; a `drifting` signal is compared up to a constant and a
-    slope in each window, because it depends on a heading that nothing measures.
+    slope in each window, because it depends on a heading that nothing measures; a `shaken` one has in it what an uneven
+    road does to the body, of which `SHAKING` says how much it is.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Signal:
     make: Callable[[Array, float], Array]
     floor: float
     drifting: bool = False
+    shaken: bool = False
 
 
 def _component(index: int) -> Callable[[Array, float], Array]:
@@ -53,9 +55,9 @@ def _course(value: Array, radius: float) -> Array:
 SIGNALS = (
     Signal("longitudinal_acceleration", "m/s²", "imu", _component(3), 0.05),
     Signal("lateral_acceleration", "m/s²", "imu", _component(4), 0.05),
-    Signal("vertical_acceleration", "m/s²", "imu", _component(5), 0.1),
-    Signal("roll_rate", "rad/s", "imu", _component(0), 0.004),
-    Signal("pitch_rate", "rad/s", "imu", _component(1), 0.004),
+    Signal("vertical_acceleration", "m/s²", "imu", _component(5), 0.1, shaken=True),
+    Signal("roll_rate", "rad/s", "imu", _component(0), 0.004, shaken=True),
+    Signal("pitch_rate", "rad/s", "imu", _component(1), 0.004, shaken=True),
     Signal("yaw_rate", "rad/s", "imu", _component(2), 0.002),
     Signal("speed", "m/s", "wheel_speeds", lambda value, radius: radius * value.mean(axis=1), 0.05),
     Signal("wheel_difference_front", "m/s", "wheel_speeds", lambda v, radius: radius * (v[:, 0] - v[:, 1]), 0.02),
@@ -67,10 +69,11 @@ SIGNALS = (
     Signal("ground_speed", "m/s", "gnss_velocity", lambda value, radius: np.hypot(value[:, 0], value[:, 1]), 0.03),
     Signal("course", "rad", "gnss_velocity", _course, 0.003, drifting=True),
     *(
-        Signal(f"travel_{wheel}", "m", "suspension", _component(i), 0.001)
+        Signal(f"travel_{wheel}", "m", "suspension", _component(i), 0.001, shaken=True)
         for i, wheel in enumerate(("fl", "fr", "rl", "rr"))
     ),
 )  # fmt: skip
+SHAKING = "vertical_acceleration"
 
 
 def grid(window: Window) -> Array:
