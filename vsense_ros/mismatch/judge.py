@@ -21,7 +21,7 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another.
 OWN = 0.3
 # Least share that one more effect explains of what another leaves: what an imperfect effect leaves looks like others.
-FURTHER = 0.06
+FURTHER = 0.2
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 # Another explanation stays in the answer set with this share of the best one's gain, if it leaves no more of the cost
 # than this multiple of what the best one leaves; and the best one is not named where another is closer still.
@@ -150,13 +150,13 @@ def judge(
         if leaders and proof.fitted.worst(leaders[0].fit.residuals) < UNFINISHED:
             break
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
-        explained = max(map(proven, leaders), default=0.0)
+        explained = max(map(proven, (*leaders, *ranked.values())), default=0.0)
         if several and proven(several[0]) > explained + FURTHER * max(1 - explained, least_whole):
             leaders = several[:1]
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
     term = next((e for e in terms if proven(e) > DESCRIBED), None)
     explained = max(map(proven, leaders), default=0.0)
-    if not leaders or (term is not None and proven(term) > explained + FURTHER):
+    if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
         unknown = term is not None or proof.worst() > ASTRAY
         return Judged("unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), held_out)
     leader = leaders[0]
