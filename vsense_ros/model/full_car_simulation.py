@@ -91,6 +91,33 @@ class FullCarPlant:
         self.integrator.step()
         self._motion.call()
 
+    def advance(self, inputs: Array, duration: float) -> None:
+        """`duration` [s] with constant inputs, in equal steps of at most the length that the car was made with."""
+        count = max(1, int(np.ceil(duration / self.step_length - 1e-9)))
+        usual, self.step_length = self.step_length, duration / count
+        self.integrator.h[0] = self.step_length
+        try:
+            for _ in range(count):
+                self.step(inputs)
+        finally:
+            self.step_length = self.integrator.h[0] = usual
+
+    def memory(self) -> Array:
+        """All that the car keeps from one step to the next, but for what is written into it."""
+        state = self.integrator.state
+        return np.concatenate([state.z, state.dz, state.ddz, state.multipliers, [self._angle, self._rate]])
+
+    def recall(self, memory: Array, inputs: Array) -> None:
+        """Puts the car where it was when it had this `memory`; forces are those of now and of `inputs`."""
+        state = self.integrator.state
+        parts = (state.z, state.dz, state.ddz, state.multipliers)
+        *kept, steering = np.split(memory, np.cumsum([part.size for part in parts]))
+        for part, value in zip(parts, kept, strict=True):
+            part[:] = value
+        self._angle, self._rate = steering.tolist()
+        self._guides[:] = self.rack.motion(self._angle, self._rate)
+        self._act(inputs)
+
     @property
     def wheels(self) -> Array:
         """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
