@@ -137,7 +137,7 @@ class Kalman:
         expected, by_q, by_u, by_udot, by_surroundings = sensed
         model, count = self.model, len(value)
         innovation = value - expected[:, 0]
-        size, present = count, np.arange(count)
+        size = count
         self.whitened[:size] = np.nan
         h = np.zeros((count, len(self.covariance)))
         h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
@@ -149,7 +149,7 @@ class Kalman:
         if biases.stop > biases.start:
             h.reshape(-1)[biases.start :: h.shape[1] + 1] = 1.0
         if not isfinite(sum(innovation.tolist())):
-            present = np.flatnonzero(np.isfinite(innovation))
+            present = np.isfinite(innovation)
             h, innovation, variance = h[present], innovation[present], variance[present]
             count = len(innovation)
             if not count:
@@ -167,10 +167,12 @@ class Kalman:
             return float("nan")
         whitened = lapack.dtrtrs(factor, right.T, lower=True, overwrite_b=True)[0]
         projected, weights = whitened[:, :-1], whitened[:, -1]
-        self.whitened[present] = weights
-        whole = np.eye(size)
-        whole[np.ix_(present, present)] = factor
-        self.factor[: size * size] = whole.ravel()
+        if count == size:
+            self.whitened[:size], self.factor[: size * size] = weights, factor.ravel()
+        else:
+            whole = np.eye(size)
+            whole[np.ix_(present, present)] = factor
+            self.whitened[:size][present], self.factor[: size * size] = weights, whole.ravel()
         nis = float(weights @ weights)
         if not nis <= limit:
             return nis
