@@ -173,7 +173,8 @@ class Search:
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
         chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain)}
         best = max((s.score for s in single), default=0.0)
-        for free in (s for s in found if s.candidates[-1].along_road):
+        # Beside another effect, which is never quite right, a size that is free at every place would mend everything.
+        for free in (s for s in found if s.candidates[-1].along_road and not present):
             one = next((s for s in single if _first(s) == _first(free)), None)
             if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
                 self._simulate_places(free.candidates[-1])
