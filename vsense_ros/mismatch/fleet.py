@@ -144,28 +144,27 @@ def explain_fleet(
             progress(sum(shares.values()) / len(shares))
 
     client.subscribe_topic(_PROGRESS, at)
-    tasks = {
-        client.submit(_task, work or explain_member, member, out.resolve() / member.name, pure=False): member
-        for member in fleet
-    }
-    results = {}
+
+    def submitted(member: Member) -> Any:
+        return client.submit(_task, work or explain_member, member, out.resolve() / member.name, pure=False)
+
+    tasks = {submitted(member): member for member in fleet}
+    results, lost = {}, []
     for task in as_completed(list(tasks), raise_errors=False):
         member = tasks[task]
-        if task.status == "finished":
+        try:
             results[member.name] = task.result()
-        else:
-            results[member.name] = _failed(member, _lost(task))
+        except Exception:
+            lost.append(member)
         at((0.0, (member.name, 1.0)))
+    for member in lost:  # once more and alone: another vehicle may have brought its process down
+        try:
+            results[member.name] = submitted(member).result()
+        except Exception as error:
+            reason = f"the process that worked on it died: {type(error).__name__}: {error}"
+            results[member.name] = _failed(member, reason)
     client.unsubscribe_topic(_PROGRESS)
     return [results[member.name] for member in fleet]
-
-
-def _lost(task: Any) -> str:
-    """Why a process gave no result."""
-    if task.status == "cancelled":
-        return "the cluster was lost"
-    error = task.exception()
-    return f"the process that worked on it died: {type(error).__name__}: {error}"
 
 
 def _task(work: Work, member: Member, out: Path) -> dict[str, Any]:
