@@ -170,7 +170,7 @@ def answer(
         "base": {k.name: {"unit": k.unit, "value": float(a)} for k, a in zip(base.knobs, base.amounts, strict=True)},
         "misfit": residuals.level(base.residuals),
     }
-    found["sentence"] = _sentence(found)
+    found["sentence"] = _sentence(found, [e.effects for e in judged.rivals])
     found["cpu_s"] = time.process_time() - begun
     traces = _traces(residuals, base, shown, False)
     if proof.residuals is not None:
@@ -328,7 +328,8 @@ def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[s
     return result
 
 
-def _sentence(found: Mapping[str, Any]) -> str:
+def _sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
+    """The answer in words; `rivals` are the ids of what cannot be told apart."""
     if found["verdict"] == "no_mismatch":
         return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
     if found["verdict"] == "unknown":
@@ -342,8 +343,13 @@ def _sentence(found: Mapping[str, Any]) -> str:
             described = f": {where['description']}" if where else ""
         return f"Something is left over that no effect of the library explains{described}."
     if found["verdict"] == "ambiguous":
-        names = " or ".join(BY_ID[id].sentence for id in found["answer_set"])
-        return f"These recordings cannot tell which it is: {names}."
+        shared = [id for id in found["answer_set"] if all(id in effects for effects in rivals)]
+        others = [[id for id in effects if id not in shared] for effects in rivals]
+        choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
+        doubt = f"these recordings cannot tell which it is: {', or '.join(dict.fromkeys(choices))}."
+        if not shared:
+            return doubt[0].upper() + doubt[1:]
+        return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
     accepted = [effect for effect in found["effects"] if effect["accepted"]]
 
     def sizes(effect: Mapping[str, Any]) -> str:
