@@ -26,6 +26,7 @@ ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
 SETTLED = 2e-3  # relative fall of the cost that ends the iterations
+UNSETTLED = 0.05  # the same in the last of them, from where on the fit is none
 
 _SHAKEN = {signal.name for signal in SIGNALS if signal.shaken}
 _FLOORS = {signal.name: signal.floor for signal in SIGNALS}
@@ -186,7 +187,7 @@ def fit(
     setting = turned(start, knobs, amounts)
     best = Fit(setting, tuple(knobs), amounts, residuals(setting), [], 0.0)
     best = replace(best, slopes=first.slopes if first else _slopes(residuals, best, progress))
-    converged = False
+    fall = 0.0
     for iteration in range(iterations):
         best = replace(best, weight=first.weight if first else strength(best.residuals))
         fall = 0.0
@@ -204,12 +205,11 @@ def fit(
                 break
         progress()
         if fall < SETTLED:
-            converged = True
             break
         if first is None and iteration in (0, 2, 4):
             best = replace(best, slopes=_slopes(residuals, best, progress))
     weight = first.weight if first else strength(best.residuals)
-    return replace(best, weight=weight, converged=converged)
+    return replace(best, weight=weight, converged=fall < UNSETTLED)
 
 
 def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amounts: Array) -> Array:
