@@ -23,10 +23,9 @@ OWN = 0.3
 # Least share that one more effect explains of what another leaves: what an imperfect effect leaves looks like others.
 FURTHER = 0.2
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
-# Another explanation stays in the answer set with this share of the best one's gain, if it leaves no more of the cost
-# than this multiple of what the best one leaves; and the best one is not named where another is closer still.
-RIVAL, RIVAL_LEFT = 0.85, 1.5
-CLOSE, CLOSE_LEFT = 0.9, 1.25
+# Another explanation is as good with this share of the best one's gain, if it leaves no more of the cost than this
+# multiple of what the best one leaves.
+RIVAL, RIVAL_LEFT = 0.8, 1.5
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Rough roads alone give 1.9
 # in training and 2.1 on what is held out (public split, nothing hidden).
@@ -162,13 +161,10 @@ def judge(
     leader = leaders[0]
     alike = [e for e in explanations if len(e.candidates) == len(leader.candidates) and holds(e)]
 
-    def beside(share: float, left: float) -> tuple[Explanation, ...]:
-        most = proven(leader)
-        return tuple(
-            e for e in sorted(alike, key=proven, reverse=True)
-            if e is leader or (proven(e) >= share * most and 1 - proven(e) <= left * (1 - most))
-        )  # fmt: skip
-
-    close = any(set(e.effects) != set(leader.effects) for e in beside(CLOSE, CLOSE_LEFT))
-    verdict = "ambiguous" if close else "named"
-    return Judged(verdict, leader, beside(RIVAL, RIVAL_LEFT), tuple(ranked.values()), held_out)
+    most = proven(leader)
+    rivals = tuple(
+        e for e in sorted(alike, key=proven, reverse=True)
+        if e is leader or (proven(e) >= RIVAL * most and 1 - proven(e) <= RIVAL_LEFT * (1 - most))
+    )  # fmt: skip
+    alone = all(set(e.effects) == set(leader.effects) for e in rivals)
+    return Judged("named" if alone else "ambiguous", leader, rivals, tuple(ranked.values()), held_out)
