@@ -16,8 +16,8 @@ SENSORS = {"imu": Imu()}
 def window_of(yaw_rate: np.ndarray, t: np.ndarray) -> Window:
     value = np.zeros((len(t), 6))
     value[:, 2] = yaw_rate
-    speed = Readings(t, np.full((len(t), 1), 20.0))
-    return Window(0, "drive", BEGIN, END, {"imu": Readings(t, value)}, speed, 0.0, False)
+    speed, straight = Readings(t, np.full((len(t), 1), 20.0)), Readings(t, np.zeros((len(t), 1)))
+    return Window(0, "drive", BEGIN, END, {"imu": Readings(t, value)}, speed, 0.0, False, straight, straight)
 
 
 def slalom(t: np.ndarray) -> np.ndarray:
