@@ -23,6 +23,7 @@ OWN = 0.3
 # Least share that one more effect explains of what another leaves: what an imperfect effect leaves looks like others.
 FURTHER = 0.2
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
+LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain, if it leaves no more of the cost than this
 # multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.8, 1.5
@@ -35,7 +36,7 @@ SUSPICIOUS = 1.0  # the same, from where on terms without known physics are trie
 
 # Log odds that an effect is there, over the logarithm of its gain over that of the best other or the threshold: from
 # the public split of the examination by `python -m blind calibrate`.
-CERTAIN, CERTAIN_BY_LEAD = -2.3, 3.7
+CERTAIN, CERTAIN_BY_LEAD = -0.8, 3.7
 
 
 def confidence(gain: float, other: float) -> float:
@@ -137,7 +138,8 @@ def judge(
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
         least = threshold * max(1.0, OWN / max(e.keep, 1e-3))
-        return proven(e) > least and e.improved > 0.5 and left < LEFT_OVER and proof.mends_the_worst(e)
+        lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5
+        return lasts and left < LEFT_OVER and proof.mends_the_worst(e)
 
     ranked: dict[str, Explanation] = {}
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
