@@ -161,8 +161,8 @@ def judge(
         unknown = term is not None or proof.worst() > ASTRAY
         return Judged("unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), held_out)
     leader = leaders[0]
-    alike = [e for e in explanations if len(e.candidates) == len(leader.candidates) and holds(e)]
-
+    # What excludes another explanation is what it gains: that it is itself unproven does not.
+    alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
     most = proven(leader)
     rivals = tuple(
         e for e in sorted(alike, key=proven, reverse=True)
