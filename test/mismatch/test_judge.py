@@ -1,11 +1,18 @@
-"""How sure an answer is."""
+"""What may be said of explanations, and how sure it is."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.judge import THRESHOLD, confidence
+from vsense_ros.mismatch.fit import Fit
+from vsense_ros.mismatch.judge import THRESHOLD, confidence, judge
+from vsense_ros.mismatch.knobs import Candidate
+from vsense_ros.mismatch.prediction import Setting
+from vsense_ros.mismatch.search import Explanation
 
 GAINS = st.floats(-1.0, 1.0)
 
@@ -20,3 +27,74 @@ def test_more_gain_makes_surer_and_a_better_rival_less_sure(gain, other, more):
 def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
     assert confidence(THRESHOLD, 0.0) < 0.5
     assert confidence(10 * THRESHOLD, THRESHOLD) > 0.9
+
+
+@dataclass
+class Made:
+    """What recordings that no fit has seen would say, told."""
+
+    left: float = 1.0  # of the residuals after any effect, in deviations
+    base: Fit = field(default_factory=lambda: FITTED)
+
+    @property
+    def fitted(self) -> Made:
+        return self
+
+    def gain(self, explanation: Explanation) -> float:
+        return explanation.left_out
+
+    def mends_the_worst(self, explanation: Explanation) -> bool:
+        return explanation.name.strip() not in UNMENDED
+
+    def level(self, residuals: object) -> float:
+        return self.left
+
+    def worst(self, residuals: object = None) -> float:
+        return 1.0
+
+
+FITTED = Fit(Setting({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
+UNMENDED = ("effect that mends another signal",)
+
+
+def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Explanation:
+    candidates = tuple(Candidate(one, "", (), one) for one in effect.split(" + "))
+    return Explanation(candidates, FITTED, keep, gain, elsewhere, 1.0, {})
+
+
+def said(*explanations: Explanation, **proof: float) -> tuple[str, tuple[str, ...]]:
+    judged = judge(explanations, (), Made(**proof))
+    return judged.verdict, tuple(e.name.strip() for e in judged.rivals)
+
+
+def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
+    assert said(explaining("drag", 0.5, 0.45)) == ("named", ("drag",))
+    assert said(explaining("drag", 0.5, 0.1)) == ("no_mismatch", ())
+
+
+def test_what_explains_as_much_is_said_besides_even_if_it_is_itself_unproven():
+    drag, slope = explaining("drag", 0.5, 0.45), explaining(UNMENDED[0], 0.5, 0.42)
+    assert said(drag, slope) == ("ambiguous", ("drag", UNMENDED[0]))
+    assert said(slope) == ("no_mismatch", ())
+
+
+def test_what_explains_less_is_excluded():
+    assert said(explaining("drag", 0.9, 0.9), explaining("slope", 0.8, 0.8)) == ("named", ("drag",))
+
+
+def test_what_the_base_parameters_take_up_almost_whole_needs_more_gain():
+    assert said(explaining("drag", 0.1, 0.1, keep=0.5))[0] == "named"
+    assert said(explaining("drag", 0.1, 0.1, keep=0.05))[0] == "no_mismatch"
+
+
+def test_where_much_is_left_over_nothing_is_named():
+    assert said(explaining("drag", 0.5, 0.5), left=2.5) == ("no_mismatch", ())
+
+
+def test_a_second_effect_is_named_where_it_explains_much_of_what_the_first_leaves():
+    one = explaining("drag", 0.5, 0.5)
+    much, little = explaining("drag + bank", 0.9, 0.9), explaining("drag + bank", 0.52, 0.52)
+    assert said(one, much, left=1.0) == ("named", ("drag",)), "nothing unfinished is left"
+    unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
+    assert judge((one, much), (), unfinished()).rivals == (much,)
+    assert judge((one, little), (), unfinished()).rivals == (one,)
