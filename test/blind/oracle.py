@@ -16,7 +16,7 @@ DETECTABLE = (
 class Best:
     """The fit with the true effects."""
 
-    gain: float  # the smaller of training and held-out gain; relative decrease of the misfit
+    gain: float  # that the least of the effects adds to the others; the smaller of training and held-out gain
     errors: dict[str, float]  # of each signal on held-out recordings, after the fit
 
     @property
@@ -25,15 +25,29 @@ class Best:
 
 
 def ask(case: Path, report: Path, effects: list[str]) -> None:
-    """`vsense explain … --assume EFFECT…`: the tool told the answer, and left with the fitting."""
-    tool.explain(case, report, *(word for effect in effects for word in ("--assume", effect)), hidden=None)
+    """`vsense explain … --assume EFFECT…`: the tool told the answer, and left with the fitting; of several effects also
+    all but each."""
+    for folder, assumed in _reports(report, effects).items():
+        tool.explain(case, folder, *(word for effect in assumed for word in ("--assume", effect)), hidden=None)
 
 
 def best(report: Path, effects: list[str]) -> Best | None:
-    """From the answer that `ask` has left in `report`; None where there is none."""
+    """From the answers that `ask` has left in `report`; None where there is none."""
+    answer = tool.earlier(report)
+    if not answer or not answer.explain.get("effects"):
+        return None
+    gain, *without = (_gain(folder, assumed) for folder, assumed in _reports(report, effects).items())
+    after = {signal: after for signal, (_, after) in reading.errors(answer.explain).items()}
+    return Best(gain - max([0.0, *without]), after)
+
+
+def _reports(report: Path, effects: list[str]) -> dict[Path, list[str]]:
+    """Where it is told what: all effects, and of several all but each."""
+    rest = {report / f"without_{one}": [other for other in effects if other != one] for one in effects}
+    return {report: effects} | (rest if len(effects) > 1 else {})
+
+
+def _gain(report: Path, effects: list[str]) -> float:
     answer = tool.earlier(report)
     found = answer.explain.get("effects", [])[: len(effects)] if answer else []
-    if not answer or not found:
-        return None
-    after = {signal: after for signal, (_, after) in reading.errors(answer.explain).items()}
-    return Best(max(reading.gain(effect) for effect in found), after)
+    return max((reading.gain(effect) for effect in found), default=0.0)

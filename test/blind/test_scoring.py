@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
-from blind import cases, score, tool
+from blind import cases, oracle, score, tool
 from blind.__main__ import SEALS, main
 from blind.effects import EFFECTS
 from blind.oracle import Best
@@ -75,6 +75,20 @@ def test_silence_on_what_even_the_true_effect_cannot_show_costs_nothing():
     found = score.of_set([_result(["camber_thrust"], "no_mismatch", gain=0.01), _result(["gyro_bias"], "no_mismatch")])
     assert found["top1"]["n"] == 1
     assert found["detectable"]["value"] == 0.5
+
+
+def _told(report: Path, gain: float, *effects: str) -> None:
+    found = {"effects": [{"id": effect, "gain_training": gain, "gain_held_out": gain} for effect in effects], "fit": {}}
+    report.mkdir(parents=True, exist_ok=True)
+    (report / tool.KEPT).write_text(json.dumps({"explain": found, "cpu": 1.0}), encoding="utf-8")
+
+
+@pytest.mark.parametrize(("alone", "detectable"), [(0.5, True), (0.59, False)])
+def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alone, detectable):
+    _told(tmp_path, 0.6, "aero_drag", "gyro_bias")
+    _told(tmp_path / "without_aero_drag", 0.1, "gyro_bias")
+    _told(tmp_path / "without_gyro_bias", alone, "aero_drag")
+    assert oracle.best(tmp_path, ["aero_drag", "gyro_bias"]).detectable == detectable
 
 
 def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_cover_them():
