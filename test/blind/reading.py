@@ -2,7 +2,7 @@
 
 `verdict`; `effects`: ranked, each with `id`, `parameters` (`name`, `value`), `gain_training`, `gain_held_out`, and
 `accepted` where several are there at once; `answer_set`: ids within reach of the best; `fit`: for each signal
-`held_out` with the error `before` and `after`.
+`held_out` with the error `before` and `after`; `driven_s`.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ def parameters(effect: Mapping) -> dict[str, float]:
     values = {entry["name"]: entry["value"] for entry in effect.get("parameters", [])}
     place = next((effect[key] for key in PLACES if effect.get(key)), None)
     return {place: next(iter(values.values()))} if place and len(values) == 1 else values
+
+
+def driven(explain: Mapping) -> float:
+    """Of all recordings, held out or not, what is looked at [s]."""
+    return explain.get("driven_s", 0.0)
 
 
 def gain(effect: Mapping) -> float:

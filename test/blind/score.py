@@ -151,6 +151,9 @@ def of_set(results: list[Result]) -> dict:
         "detectable": share(r.detectable for r in results if r.kind == "effect"),
         "no_answer": share(not r.answer.explain for r in results),
         "cpu_seconds": number(r.answer.cpu for r in results),
+        "cpu_seconds_per_100_s": number(
+            100 * r.answer.cpu / s for r in results if (s := reading.driven(r.answer.explain))
+        ),
     }
 
 

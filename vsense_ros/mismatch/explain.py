@@ -103,7 +103,7 @@ def answer(
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
         "remarks": list(evidence.remarks), "located": {"signals": [], "segments": [], "region": None, "force": None},
         "effects": [], "out_of_reach": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {},
-        "threshold": THRESHOLD,
+        "threshold": THRESHOLD, "driven_s": sum(w.duration for e in (evidence, unseen) for w in e.windows),
     }  # fmt: skip
 
     def nothing_said(reason: str) -> Answer:

@@ -180,7 +180,7 @@ def printed(found: Mapping[str, Any], console: Console) -> None:
     for reason in dict.fromkeys(one["reason"] for one in found["out_of_reach"]):
         ids = ", ".join(one["id"] for one in found["out_of_reach"] if one["reason"] == reason)
         console.print(Text(f"Nothing can be said of {ids}: {reason}", style="yellow"))
-    console.print(Text(f"{found['cpu_s']:.0f} s of computing", style="dim"))
+    console.print(Text(f"{found['cpu_s']:.0f} s of computing for {found['driven_s']:.0f} s of driving", style="dim"))
 
 
 def shown_number(value: float, *, signed: bool = False) -> str:
