@@ -6,6 +6,8 @@ apart here, and refused with a sentence.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ LARGEST_TURN = 0.3  # largest change of a coordinate in one iteration
 RELATIVE_RANK = 1e-7  # singular values below this share of the largest are zero
 
 
+@lru_cache(maxsize=16)
 def closure_function(linkage: Linkage) -> ca.Function:
     """(z, guides, parameters) → Φ (m), Φ_z (m×n); `guides` are positions (g)."""
     n, g = len(linkage.coordinate_names), len(linkage.guides)
