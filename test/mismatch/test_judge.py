@@ -98,3 +98,13 @@ def test_a_second_effect_is_named_where_it_explains_much_of_what_the_first_leave
     unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
     assert judge((one, much), (), unfinished()).rivals == (much,)
     assert judge((one, little), (), unfinished()).rivals == (one,)
+
+
+def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alone():
+    bank = explaining("bank", 0.5, 0.5)
+    found, other = explaining("bank + ratio", 0.9, 0.9), explaining("bank + gyro", 0.75, 0.75)
+    unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
+    judged = judge((bank, found, other), (), unfinished())
+    assert (judged.verdict, judged.rivals) == ("named", (found,))
+    near = explaining("bank + gyro", 0.87, 0.87)
+    assert judge((bank, found, near), (), unfinished()).rivals == (found, near)

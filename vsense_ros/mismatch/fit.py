@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 PRIOR = 3e-3  # of the evidence: as much as a misfit of that share costs a knob that is one deviation off
 SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
 OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
-STEP = 0.25  # of a knob's deviation, for derivatives
+STEP = 0.25  # of a knob's likely amount, for derivatives
 ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
@@ -125,9 +125,9 @@ def turned(start: Setting, knobs: Sequence[Knob], amounts: Array) -> Setting:
 
 
 def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: float = STEP) -> list[Array]:
-    """Secant of the residuals by a knob that is turned by `step` deviations from the fit, per deviation."""
+    """Secant of the residuals by a knob that is turned by `step` likely amounts from the fit, per deviation."""
     for sign in (1.0, -1.0):
-        by = sign * step * knob.deviation
+        by = sign * step * knob.likely
         present = _amount(fit, knob)
         if not knob.low <= present + by <= knob.high:
             continue
@@ -135,7 +135,7 @@ def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: floa
             changed = residuals(turned(start, [knob], np.array([by])))
         except DivergedError:
             continue
-        return [(c - r) / (sign * step) for c, r in zip(changed, fit.residuals, strict=True)]
+        return [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
     return [np.zeros(len(r)) for r in fit.residuals]
 
 

@@ -24,8 +24,8 @@ OWN = 0.3
 FURTHER = 0.2
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
-# Another explanation is as good with this share of the best one's gain, if it leaves no more of the cost than this
-# multiple of what the best one leaves.
+# Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
+# the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.8, 1.5
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Rough roads alone give 1.9
@@ -161,12 +161,16 @@ def judge(
         unknown = term is not None or proof.worst() > ASTRAY
         return Judged("unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), held_out)
     leader = leaders[0]
-    # What excludes another explanation is what it gains: that it is itself unproven does not.
+
+    def is_rival(e: Explanation) -> bool:
+        """What excludes another explanation is what it gains beyond what the two share: that it is itself unproven does
+        not."""
+        shared = set(e.effects) & set(leader.effects)
+        known = max((proven(one) for one in explanations if set(one.effects) == shared), default=0.0)
+        as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
+        return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader))
+
     alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
-    most = proven(leader)
-    rivals = tuple(
-        e for e in sorted(alike, key=proven, reverse=True)
-        if e is leader or (proven(e) >= RIVAL * most and 1 - proven(e) <= RIVAL_LEFT * (1 - most))
-    )  # fmt: skip
+    rivals = (leader, *sorted((e for e in alike if e is not leader and is_rival(e)), key=proven, reverse=True))
     alone = all(set(e.effects) == set(leader.effects) for e in rivals)
     return Judged("named" if alone else "ambiguous", leader, rivals, tuple(ranked.values()), held_out)

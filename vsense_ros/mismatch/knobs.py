@@ -29,6 +29,12 @@ class Knob:
     turn: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
     form: str = ""  # of the effect
     place: tuple[str, float] | None = None  # what is turned at one place on the road alone: size and abscissa [m]
+    step: float = 0.0  # a likely amount of a knob that is one of many, of which each costs less; else the deviation
+
+    @property
+    def likely(self) -> float:
+        """An amount that shows what the knob does."""
+        return self.step or self.deviation
 
 
 def _relative(name: str, deviation: float, *parameters: str) -> Knob:
@@ -155,10 +161,15 @@ def size_of(effect: str) -> str:
 
 
 def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
-    """What a size is at places, beyond what it is everywhere."""
+    """What a size is at places, beyond what it is everywhere. Each place has its share of the evidence: a likely size
+    at all of them costs as much as a likely size everywhere."""
+    deviation = knob.deviation * len(abscissae) ** 0.5
     for abscissa in abscissae:
         name = point(knob.name, abscissa)
-        yield replace(knob, name=name, low=-knob.high, turn=_added(name), place=(knob.name, abscissa))
+        yield replace(
+            knob, name=name, low=-knob.high, turn=_added(name), place=(knob.name, abscissa), deviation=deviation,
+            step=knob.deviation,
+        )  # fmt: skip
 
 
 def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
