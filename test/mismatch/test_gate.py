@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ import pytest
 from hidden import driven, prototype
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import answer
-from vsense_ros.mismatch.gate import hindrance
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.gate import hindrance, misfit
+from vsense_ros.mismatch.knobs import BASE
+from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Channel, Recording
 
@@ -211,3 +215,22 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     found = answer([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).found
     assert found["verdict"] == "not_assessable"
     assert "are they recordings of one car?" in found["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("outside", "refused"),
+    [
+        ({}, False),
+        ({"roll stiffness, rear": -0.6}, False),
+        ({"mass": 1.5}, True),
+        ({"roll stiffness, rear": -0.6, "grip, front": 1.5}, True),
+    ],
+)
+def test_a_mass_or_several_parameters_out_of_bounds_are_of_another_car_and_one_stiffness_may_be_physics(
+    outside, refused
+):
+    amounts = np.array([outside.get(knob.name, 0.0) for knob in BASE])
+    base = Fit(Setting({}), BASE, amounts, [np.full(10, 0.5)], [], 0.0)
+    found = misfit(base, SimpleNamespace(level=Residuals.level))
+    assert bool(found) == refused
+    assert all(name in found for name in outside) or not refused
