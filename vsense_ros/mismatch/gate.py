@@ -92,12 +92,8 @@ def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     outside = [knob for knob in BASE if not knob.low < amounts[knob.name] < knob.high]
     # One stiffness may stand in for the physics that is missing.
     if len(outside) > 1 or any(knob.name in LASTING for knob in outside):
-        yield (
-            "; ".join(
-                f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit}) of the vehicle file's" for k in outside
-            )
-            + " fits; is it the file of this car?"
-        )
+        names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
+        yield f"{names} of the vehicle file's fits; is it the file of this car?"
     if level > STRANGE:
         yield from _of_several_fits(base, residuals)
 
