@@ -106,5 +106,7 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
     judged = judge((bank, found, other), (), unfinished())
     assert (judged.verdict, judged.rivals) == ("named", (found,))
+    assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
+    assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
     near = explaining("bank + gyro", 0.87, 0.87)
     assert judge((bank, found, near), (), unfinished()).rivals == (found, near)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,12 +115,22 @@ class Judged:
     leader: Explanation | None  # what explains most, if it is proven; a term where the physics is unknown
     rivals: tuple[Explanation, ...]  # the leader, and what is within its reach
     ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
+    explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
     held_out: dict[int, float | None]  # gains by id of the explanation
 
     def confidence(self, explanation: Explanation, effect: str) -> float:
-        """That an effect of an explanation is there."""
-        others = [_proven(e, self.held_out) for e in self.ranked if effect not in e.effects]
-        return confidence(_proven(explanation, self.held_out), max(others, default=0.0))
+        """That an effect of an explanation is there: how far what it gains beyond the other effects of the explanation
+        leads what any other effect would."""
+        rest = set(explanation.effects) - {effect}
+        known = self._most(e for e in self.explanations if set(e.effects) == rest)
+        others = (
+            e for e in self.explanations
+            if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(explanation.effects)
+        )  # fmt: skip
+        return confidence(_proven(explanation, self.held_out) - known, self._most(others) - known)
+
+    def _most(self, explanations: Iterable[Explanation]) -> float:
+        return max((_proven(e, self.held_out) for e in explanations), default=0.0)
 
 
 def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
@@ -137,6 +147,9 @@ def judge(
 
     def proven(e: Explanation) -> float:
         return _proven(e, held_out)
+
+    def said(verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
+        return Judged(verdict, leader, rivals, tuple(ranked.values()), tuple(explanations), held_out)
 
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
@@ -162,7 +175,9 @@ def judge(
     explained = max(map(proven, leaders), default=0.0)
     if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
         unknown = term is not None or proof.worst() > ASTRAY
-        return Judged("unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), held_out)
+        return Judged(
+            "unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), tuple(explanations), held_out
+        )
     leader = leaders[0]
 
     def is_rival(e: Explanation) -> bool:
@@ -176,4 +191,6 @@ def judge(
     alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
     rivals = (leader, *sorted((e for e in alike if e is not leader and is_rival(e)), key=proven, reverse=True))
     alone = all(set(e.effects) == set(leader.effects) for e in rivals)
-    return Judged("named" if alone else "ambiguous", leader, rivals, tuple(ranked.values()), held_out)
+    return Judged(
+        "named" if alone else "ambiguous", leader, rivals, tuple(ranked.values()), tuple(explanations), held_out
+    )
