@@ -182,6 +182,27 @@ def test_several_effects_at_once_are_all_marked_as_the_answer(tmp_path):
     assert "Road bank: angle" in text
 
 
+def test_a_road_that_is_another_at_every_place_is_drawn_along_the_way(tmp_path):
+    places = [
+        {
+            "stretch": stretch,
+            "distance": 50.0 * i,
+            "value": 0.01 * i,
+            "interval_90": [0.01 * i - 0.002, 0.01 * i + 0.002],
+        }
+        for stretch in (0.0, 1.0)
+        for i in range(4)
+    ]
+    found = finding("named") | {
+        "effects": [effect("road_bank", 0.5, accepted=True, profile=places)],
+        "answer_set": ["road_bank"],
+    }
+    drawn = read(found, [], tmp_path)
+    plain = read(found | {"answer_set": []}, [], tmp_path)
+    assert len(drawn.pictures) == len(plain.pictures) + 1
+    assert "how much, along the way" in drawn.text
+
+
 def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
     found = finding("named")
     found["effects"][1] = effect("gyro_bias", 0.6, gain_held_out=None)

@@ -38,6 +38,7 @@ DRIFTING = {signal.name for signal in SIGNALS if signal.drifting}
 SHORT = ("fl", "fr", "rl", "rr", "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
 COLUMNS = 3
+APART = 100.0  # [m] between stretches of road that do not hang together
 LABELLED = 3  # stretches of time whose share is written beside them
 
 
@@ -190,6 +191,32 @@ def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> byte
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", labelsize=9.0, labelcolor=TRUTH)
         axes.set_xlabel("time in the recording [s]")
+        axes.margins(x=0.005)
+        return _svg(figure)
+
+
+def road_profile(effect: Mapping[str, Any]) -> bytes:
+    """An effect that is another at every place: its size along the way, with the 90 % interval."""
+    size = effect["parameters"][0]
+    unit, factor = UNITS.get(size["unit"], (size["unit"], 1.0))
+    stretches: dict[float, list[Mapping[str, Any]]] = {}
+    for place in effect["profile"]:
+        stretches.setdefault(place["stretch"], []).append(place)
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(12.0, 2.6), facecolor="white", layout="constrained")
+        axes = figure.add_subplot()
+        begin = 0.0
+        for places in stretches.values():
+            at = np.array([place["distance"] for place in places])
+            at = begin + at - at[0]
+            values = np.array([[place["value"], *place["interval_90"]] for place in places]) + size["value"]
+            value, low, high = values.T * factor
+            axes.fill_between(at, low, high, color=AFTER, alpha=0.18, lw=0)
+            axes.plot(at, value, color=AFTER, lw=1.3, marker="o", ms=2.5)
+            begin = at[-1] + APART
+        axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
+        axes.set_xlabel("way along the road [m]")
+        axes.set_ylabel(f"{heading(size['name'])}{f' [{unit}]' if unit else ''}")
         axes.margins(x=0.005)
         return _svg(figure)
 

@@ -24,6 +24,7 @@ from vsense_ros.mismatch.picture import (
     label,
     most_affected,
     other_signals,
+    road_profile,
     when,
 )
 
@@ -139,6 +140,11 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
         region=_described(located["region"]),
         force=_described(located["force"]),
         candidates=_candidates(found),
+        profiles=[
+            (effect["sentence"], _embedded(road_profile(effect)))
+            for effect in found["effects"]
+            if "profile" in effect and effect["id"] in found["answer_set"]
+        ],
         threshold=percent(found["threshold"]),
         signals=_signal_rows(found),
         proven=_proven(found),
