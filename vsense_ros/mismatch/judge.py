@@ -92,9 +92,8 @@ class Proof:
 
     def mends_the_worst(self, explanation: Explanation) -> bool:
         """Whether the signal that is furthest from a good model comes closer, on what the fit has not seen if there is
-        any. Where every signal is as near as a good model's, the effect gains by what base parameters need no longer
-        stand in for."""
-        if self.worst() <= SUSPICIOUS:
+        any. Where every signal is near, the effect gains by what base parameters need no longer stand in for."""
+        if self.worst() <= UNFINISHED:
             return True
         residuals, before = self.fitted, self.base.residuals
         after: list[Array] | None = explanation.fit.residuals
