@@ -50,6 +50,32 @@ processor is another; its times are here for context.
 | | median | smallest | at most | thesis |
 |---|---|---|---|---|"""
 
+EXAMINATION = Path("docs/benchmarks/examination.json")
+EXAMINATION_HEAD = """## Examination of `vsense explain`
+
+The release split: cars that are not our model, with one effect hidden, two, none, or something outside the library, and
+wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
+the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and
+`score --json docs/benchmarks/examination.json`) for the cases that are there; seconds are of one processor.
+"""
+SCORES = {
+    "top1": ("named first, of what can be detected", "≥ 0.90"),
+    "top2": ("among the first two", "≥ 0.97"),
+    "wrong_among_answers": ("wrong names among answers", "≤ 0.04"),
+    "false_alarms": ("false alarms with nothing hidden", "≤ 0.03"),
+    "answer_set_coverage": ("truth in the answer set", "≥ 0.95"),
+    "answer_set_size": ("mean size of the answer set", "≤ 1.6"),
+    "inseparable_covered": ("all that cannot be told apart in the set", ""),
+    "unknown_recall": ("`unknown` where it is outside the library", "≥ 0.8"),
+    "recovery_median": ("recovery, median", "≥ 0.95"),
+    "recovery_p10": ("recovery, tenth percentile", "≥ 0.6"),
+    "parameter_error_median": ("error of the parameter, median", "≤ 0.07"),
+    "where_right": ("right wheel, axle, axis or sensor", ""),
+    "doubles_both": ("both of two named", "≥ 0.75"),
+    "detectable": ("share that can be detected", ""),
+    "cpu_seconds_per_100_s": ("seconds of computing per 100 s", "≤ 60"),
+}
+
 PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
 
@@ -140,11 +166,31 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
     return [*lines, ""]
 
 
-def render(results: dict[str, Any], picture: Path) -> str:
-    """The page for one run of pytest-benchmark; draws its `picture`, named as seen from the page."""
+def examination(found: dict[str, Any]) -> list[str]:
+    """The scores of `python -m blind score`, a column for each set of manoeuvres."""
+    sets = [name for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores]
+    names = [name.replace("_", " ") for name in sets]
+    rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
+    for score, (words, asked) in SCORES.items():
+        cells = [_cell(found[name].get(score, {})) for name in sets]
+        rows.append(f"| {words} | {asked} | {' | '.join(cells)} |")
+    return [*rows, ""]
+
+
+def _cell(score: dict[str, Any]) -> str:
+    if not score.get("n"):
+        return "–"
+    interval = f" ({score['low']:.2f} … {score['high']:.2f})" if "low" in score else ""
+    return f"{score['value']:.3g}{interval}, n = {score['n']}"
+
+
+def render(results: dict[str, Any], picture: Path, scores: dict[str, Any] | None = None) -> str:
+    """The page for one run of pytest-benchmark; draws its `picture`, named as seen from the page. `scores` are those of
+    the examination's release split."""
     lines = [HEAD + f"Machine: {machine(results['machine_info'])}.", ""]
     lines += steps(results["benchmarks"])
     lines += growth(results["benchmarks"], picture)
+    lines += examination(scores) if scores else []
     others = [b for b in results["benchmarks"] if b["name"] not in {step.benchmark for step in STEPS}]
     ordered = sorted(others, key=lambda b: b["group"] or "")
     for group, benchmarks in groupby(ordered, key=lambda b: b["group"] or "other"):
@@ -159,5 +205,6 @@ def render(results: dict[str, Any], picture: Path) -> str:
 
 if __name__ == "__main__":
     source, target = (Path(argument) for argument in sys.argv[1:3])
-    target.write_text(render(json.loads(source.read_text(encoding="utf-8")), PICTURE), encoding="utf-8")
+    scores = json.loads(EXAMINATION.read_text(encoding="utf-8")) if EXAMINATION.is_file() else None
+    target.write_text(render(json.loads(source.read_text(encoding="utf-8")), PICTURE, scores), encoding="utf-8")
     print(f"wrote {target}")
