@@ -110,3 +110,9 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
     near = explaining("bank + gyro", 0.87, 0.87)
     assert judge((bank, found, near), (), unfinished()).rivals == (found, near)
+
+
+def test_a_small_gain_that_three_effects_give_alike_is_chance():
+    assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank", "toe"))) == ("no_mismatch", ())
+    assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank")))[0] == "ambiguous"
+    assert said(*(explaining(name, 0.5, 0.5) for name in ("wind", "bank", "toe")))[0] == "ambiguous"

@@ -27,6 +27,7 @@ LASTING = 1 / 3  # least share of the gain in training that an effect has where 
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.8, 1.5
+CROWD, CROWDED = 3, 2.0  # so many names that all gain less than this multiple of the least gain: chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Rough roads alone give 1.9
 # in training and 2.1 on what is held out (public split, nothing hidden).
@@ -174,9 +175,7 @@ def judge(
     explained = max(map(proven, leaders), default=0.0)
     if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
         unknown = term is not None or proof.worst() > ASTRAY
-        return Judged(
-            "unknown" if unknown else "no_mismatch", term, (), tuple(ranked.values()), tuple(explanations), held_out
-        )
+        return said("unknown" if unknown else "no_mismatch", term)
     leader = leaders[0]
 
     def is_rival(e: Explanation) -> bool:
@@ -189,7 +188,7 @@ def judge(
 
     alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
     rivals = (leader, *sorted((e for e in alike if e is not leader and is_rival(e)), key=proven, reverse=True))
-    alone = all(set(e.effects) == set(leader.effects) for e in rivals)
-    return Judged(
-        "named" if alone else "ambiguous", leader, rivals, tuple(ranked.values()), tuple(explanations), held_out
-    )
+    names = {frozenset(e.effects) for e in rivals}
+    if len(names) >= CROWD and proven(leader) < CROWDED * threshold:
+        return said("no_mismatch", None)
+    return said("named" if len(names) == 1 else "ambiguous", leader, *rivals)
