@@ -182,6 +182,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     oracle.update((value - sensed[0][:, 0])[present])
     assert_close(k.error, oracle.x[:, 0], 1e-8)
     assert_close(k.covariance, oracle.P, 1e-9)
+    assert_close(k.covariance, k.covariance.T, 1e-15)
     assert_close(p.model.udot[:, 0], before + p.through() @ oracle.x[:, 0], 1e-8)
     assert nis == pytest.approx(float(oracle.mahalanobis) ** 2, rel=1e-8)
     assert np.array_equal(k.covariance, k.covariance.T)

@@ -295,7 +295,8 @@ class ErrorEkf:
 
     def sane(self) -> bool:
         """Whether the state is a car's."""
-        return bool(self.covariance.item(14, 14) > 0 and (np.abs(self.state) < self.largest).all())
+        within = np.count_nonzero(np.abs(self.state) < self.largest)
+        return bool(self.covariance.item(14, 14) > 0 and within == len(self.state))
 
     def backup(self) -> Backup:
         """A place where the filter may be kept."""
