@@ -1,8 +1,9 @@
 """The tables of Rodríguez 2020 again: slides "Estimations (SPI + simplified vehicle MB model): RMSE", "Implementation".
 
-The car that drives is the full one with all its bodies and linkages; what observes it is the simplified model, with
-700 kg where the car has 600, and a friction of 1.0 where the road has 0.8 or 0.6. As in the slides the observer gets
-throttle and steering as the car does, starts where the car does, on a level road, and has sensors without biases.
+The car that drives is the full one with all its bodies and linkages; what observes it is the simplified model or the
+full one, with 700 kg where the car has 600, and a friction of 1.0 where the road has 0.8 or 0.6. As in the slides the
+observer gets throttle and steering as the car does, starts where the car does, on a level road, and has sensors without
+biases.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from vsense_ros.observer import Observer
 from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.full_car_ekf import FullCarEkf
+from vsense_ros.observer.full_car_spi import FullCarSpi
 from vsense_ros.observer.run import as_recording, map_origin
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.ukf import Ukf
@@ -66,7 +68,13 @@ class Kind:
     name: str
     filter: type[ErrorEkf]
     parameter_filter: str | None = None  # None: it estimates no parameters
-    reference: bool = False  # slow, and here for comparison alone: one seed, the first step
+    reference: bool = False  # here for comparison alone: the first step only, and not in the file
+    full: bool = False  # its model is the full car
+
+    @property
+    def once(self) -> bool:
+        """Whether it is slow, and so is run with one seed."""
+        return self.reference or self.full
 
 
 KINDS = (
@@ -75,8 +83,11 @@ KINDS = (
     Kind("SPI_EKF", Spi, "ekf"),
     Kind("DEKF", Dekf, reference=True),
     Kind("UKF", Ukf, reference=True),
-    Kind("full car", FullCarEkf, reference=True),
+    Kind("full_errorEKF", FullCarEkf, full=True),
+    Kind("full_SPI_UKF", FullCarSpi, "ukf", full=True),
+    Kind("full_SPI_EKF", FullCarSpi, "ekf", full=True),
 )
+_FULL = {kind.name for kind in KINDS if kind.full}
 
 
 @dataclass(frozen=True)
@@ -113,6 +124,7 @@ class Result:
     percent: dict[str, float]  # of each force, of its largest magnitude in truth
     parameters: dict[str, tuple[float, float]]  # at the end: value and standard deviation, of the first seed
     step_us: float  # median computing time of all that happens in a step [µs]
+    iterations: float | None  # of the model in 1 ms, None: its steps have none
 
 
 Results = dict[tuple[str, str, int], Result]  # manoeuvre, observer, step [ms]
@@ -172,7 +184,7 @@ def repeat(
 ) -> Results:
     """Both manoeuvres with the noise of every seed, from rest to the end, nothing left out."""
     results: Results = {}
-    runs = {(kind, step): seeds[:1] if kind.reference else seeds for step in steps for kind in kinds}
+    runs = {(kind, step): seeds[:1] if kind.once else seeds for step in steps for kind in kinds}
     runs = {(kind, step): chosen for (kind, step), chosen in runs.items() if step == steps[0] or not kind.reference}
     total, done = len(MANOEUVRES) * sum(map(len, runs.values())), 0
     for manoeuvre in MANOEUVRES:
@@ -187,10 +199,13 @@ def repeat(
                 largest: dict[str, float] = {}
                 times: list[Array] = []
                 parameters: dict[str, tuple[float, float]] = {}
+                iterations = None
                 for recording in recordings[: len(runs[kind, step])]:
                     observer, output, spent = observe(recording, vehicle, kind, step)
                     times.append(spent)
                     parameters = parameters or observer.parameters()
+                    if isinstance(observer.filter, FullCarEkf):
+                        iterations = observer.filter.plant.integrator.iterations
                     estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
                     for row in ROWS:
                         aligned = align(estimates[row.signal], truths[row.signal])
@@ -206,6 +221,7 @@ def repeat(
                     {row.signal: 100 * rmse[row.signal] / largest[row.signal] for row in FORCES},
                     {name: parameters.get(name, known[name]) for name in PARAMETERS},
                     float(np.median(np.concatenate(times))),
+                    iterations,
                 )
     return results
 
@@ -215,7 +231,10 @@ def show(results: Results, console: Console) -> None:
     console.width = max(console.width, _WIDTH)
     for i, manoeuvre in enumerate(MANOEUVRES):
         console.print(f"[bold]Manoeuvre {i + 1}: {manoeuvre.title}")
-        console.print(_errors(results, i, manoeuvre.name))
+        for full in (False, True):
+            columns = [column for column in _columns(results) if (column[0] in _FULL) == full]
+            if columns:
+                console.print(_errors(results, i, manoeuvre.name, columns))
     console.print("[bold]Rear right tyre forces in percent of their largest magnitude, manoeuvre 2")
     console.print(_percentages(results, MANOEUVRES[1].name))
     console.print(
@@ -226,7 +245,7 @@ def show(results: Results, console: Console) -> None:
         "Thesis: his simplified model at 4 ms on his own car, in percent of forces that the slides do not name.\n"
         "His times: ARM Cortex-A9 at 667 MHz, Newton iterations of the trapezoidal rule. Ours: this machine, one "
         "thread, reading of the messages included; a step is linearly implicit and has no iterations.\n"
-        "full car: the errorEKF with all bodies and linkages as its model, in steps of 1 ms, which iterate."
+        "full: with all bodies and linkages as the model, in steps of 1 ms with as many iterations each."
     )
 
 
@@ -243,8 +262,7 @@ def _table(first: str, *others: str) -> Table:
     return table
 
 
-def _errors(results: Results, number: int, manoeuvre: str) -> Table:
-    columns = _columns(results)
+def _errors(results: Results, number: int, manoeuvre: str, columns: list[tuple[str, int]]) -> Table:
     table = _table("RMSE", "thesis\nerrorEKF", "thesis\nSPI", *(f"{k}\n{s} ms" for k, s in columns))
     for row in ROWS:
         ours = (results[manoeuvre, *column].rmse[row.signal] for column in columns)
@@ -274,7 +292,8 @@ def _costs(results: Results) -> Table:
         for result in both:
             for (value, deviation), digits in zip(result.parameters.values(), (1, 3), strict=True):
                 cells.append(f"{value:.{digits}f}" + (f" ± {deviation:.{digits}f}" if deviation else ""))
-        table.add_row(kind, f"{step} ms", *cells, "–" if kind == "full car" else "none", f"{both[0].step_us:.0f} µs")
+        iterated = "none" if both[0].iterations is None else f"{both[0].iterations:.2f}"
+        table.add_row(kind, f"{step} ms", *cells, iterated, f"{both[0].step_us:.0f} µs")
     return table
 
 

@@ -25,7 +25,13 @@ FRICTION = {m.name: m.friction for m in MANOEUVRES}
 
 @pytest.fixture(scope="module")
 def results(plant, model):
-    return repeat(plant, model, seeds=(0,), kinds=[kind for kind in KINDS if kind.name not in ("UKF", "full car")])
+    return repeat(plant, model, seeds=(0,), kinds=[kind for kind in KINDS if kind.name != "UKF" and not kind.full])
+
+
+@pytest.fixture(scope="module")
+def full(plant, model):
+    """With the full car as the observer's model."""
+    return repeat(plant, model, seeds=(0,), kinds=[kind for kind in KINDS if kind.full], steps=(4,))
 
 
 @pytest.mark.parametrize("kind", SPI)
@@ -59,24 +65,39 @@ def test_the_errorekf_alone_is_no_worse_than_in_the_thesis(results, manoeuvre):
             assert found.rmse[row.signal] <= row.error_ekf[number]
 
 
+@pytest.mark.parametrize("kind", SPI)
+@pytest.mark.parametrize("manoeuvre", FRICTION)
+def test_on_the_full_car_the_spi_finds_the_same_and_longitudinal_forces_better(results, full, manoeuvre, kind):
+    simplified, found = results[manoeuvre, kind, 4], full[manoeuvre, f"full_{kind}", 4]
+    for force, limit in zip(FORCES, (5.0, 6.0, 5.0), strict=True):
+        assert found.percent[force] <= limit
+    assert found.percent[FORCES[0]] < simplified.percent[FORCES[0]]
+    (mass, mass_deviation), (friction, friction_deviation) = found.parameters.values()
+    assert mass == pytest.approx(600.0, rel=0.02)
+    assert friction == pytest.approx(FRICTION[manoeuvre], abs=0.03)
+    assert abs(mass - 600.0) < 4 * mass_deviation
+    assert abs(friction - FRICTION[manoeuvre]) < 3 * friction_deviation
+    assert found.percent[FORCES[1]] < 0.5 * full[manoeuvre, "full_errorEKF", 4].percent[FORCES[1]]
+
+
 @pytest.mark.parametrize("manoeuvre", FRICTION)
 def test_force_estimation_is_worth_its_states(results, manoeuvre):
     for force in FORCES:
         assert results[manoeuvre, "errorEKF", 4].percent[force] < results[manoeuvre, "DEKF", 4].percent[force]
 
 
-def test_the_tables_stand_beside_his_and_in_a_file(results, tmp_path):
+def test_the_tables_stand_beside_his_and_in_a_file(results, full, tmp_path):
     text = io.StringIO()
-    show(results, Console(file=text, width=160))
-    for word in ("thesis SPI", "28.3", "SPI_EKF", "600"):
+    show(results | full, Console(file=text, width=160))
+    for word in ("thesis SPI", "28.3", "SPI_EKF", "full_SPI_EKF", "600"):
         assert word in text.getvalue()
-    write(results, tmp_path / "out" / "thesis.json")
+    write(results | full, tmp_path / "out" / "thesis.json")
     content = json.loads((tmp_path / "out" / "thesis.json").read_text(encoding="utf-8"))
     assert set(content) == {"manoeuvre_1", "manoeuvre_2"}
     for manoeuvre in content.values():
-        assert set(manoeuvre) == {"errorEKF", *SPI}
-        for steps in manoeuvre.values():
-            assert set(steps) == {"4ms", "8ms"}
+        assert set(manoeuvre) == {"errorEKF", *SPI, "full_errorEKF", *(f"full_{kind}" for kind in SPI)}
+        for kind, steps in manoeuvre.items():
+            assert set(steps) == ({"4ms"} if kind.startswith("full") else {"4ms", "8ms"})
     one = content["manoeuvre_2"]["SPI_EKF"]["4ms"]
     assert one["fx_percent"] == results["rodriguez_2", "SPI_EKF", 4].percent["wheel_force_rr_x"]
     assert set(one) == {

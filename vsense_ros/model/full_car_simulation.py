@@ -53,8 +53,7 @@ class FullCarPlant:
     def place(self, q: Array, u: Array, inputs: Array) -> None:
         """Puts the car into a state of the simplified one (14 each), with the wheels held at the angle of `inputs`."""
         mechanism, state = self.car.mechanism, self.integrator.state
-        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
-        self._guides[:] = self.rack.motion(self._angle)
+        self._hold(inputs)
         corners = self.car.corner_parameters(self.integrator.parameters)
         for i, numbers in enumerate(corners):
             wheel = WheelPosition(self.car.corners[i // 2], numbers)
@@ -78,6 +77,10 @@ class FullCarPlant:
             )
         state = self.integrator.state
         state.z[:], state.dz[:] = placed[:, 0], rates[:, 0]
+        self.settle()
+
+    def settle(self) -> None:
+        """Makes rates and accelerations fit what was written into the car, which stays where it is."""
         self.integrator.settle()
         self._motion.call()
 
@@ -103,25 +106,33 @@ class FullCarPlant:
             self.step_length = self.integrator.h[0] = usual
 
     def memory(self) -> Array:
-        """All that the car keeps from one step to the next, but for what is written into it."""
+        """All that the car keeps from one step to the next, but for what is written into it and how it is steered."""
         state = self.integrator.state
-        return np.concatenate([state.z, state.dz, state.ddz, state.multipliers, [self._angle, self._rate]])
+        return np.concatenate([state.z, state.dz, state.ddz, state.multipliers])
 
     def recall(self, memory: Array, inputs: Array) -> None:
-        """Puts the car where it was when it had this `memory`; forces are those of now and of `inputs`."""
+        """Puts the car where it was when it had this `memory`, but for its steering: forces are those of now and of
+        `inputs`, and the wheels are held at their angle, for which the linkages are closed by `correct`.
+
+        Wheels that were turned to another angle within a step would take the noise of a steering sensor for motion.
+        """
         state = self.integrator.state
         parts = (state.z, state.dz, state.ddz, state.multipliers)
-        *kept, steering = np.split(memory, np.cumsum([part.size for part in parts]))
+        kept = np.split(memory, np.cumsum([part.size for part in parts[:-1]]))
         for part, value in zip(parts, kept, strict=True):
             part[:] = value
-        self._angle, self._rate = steering.tolist()
-        self._guides[:] = self.rack.motion(self._angle, self._rate)
+        self._hold(inputs)
         self._act(inputs)
 
     @property
     def wheels(self) -> Array:
         """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
         return self.integrator.outputs().reshape(len(WHEELS), len(OUTPUTS)).T
+
+    def _hold(self, inputs: Array) -> None:
+        """The wheels at the mean angle of `inputs`, at rest."""
+        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
+        self._guides[:] = self.rack.motion(self._angle)
 
     def _act(self, inputs: Array) -> None:
         integrator, force = self.integrator, self.force

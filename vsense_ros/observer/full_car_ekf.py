@@ -29,7 +29,7 @@ class FullCarEkf(ErrorEkf):
     Raises `InputError` for a vehicle with errors of the tyre radius or physical effects, which the full car lacks.
     """
 
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], extra: int = 0) -> None:
         if vehicle.observer.surroundings.radius_error > 0:
             raise InputError(
                 f"{vehicle.name}: the full car has no error of the tyre radius; set observer.surroundings.radius_error "
@@ -38,9 +38,9 @@ class FullCarEkf(ErrorEkf):
         if vehicle.physics.effects.present():
             raise InputError(f"{vehicle.name}: the full car has no physics.effects; leave them out")
         self.plant = FullCarPlant(vehicle, LONGEST_STEP)
-        size = self.plant.memory().size
-        super().__init__(vehicle, sensors, extra=size + len(self.plant.udot))
-        self._kept, self._accelerations = np.split(self.extra, [size])
+        size, accelerations = self.plant.memory().size, len(self.plant.udot)
+        super().__init__(vehicle, sensors, extra=extra + size + accelerations)
+        self.extra, self._kept, self._kept_udot = np.split(self.extra, [extra, extra + size])
 
     def start(self, speed: float) -> None:
         super().start(speed)
@@ -51,7 +51,7 @@ class FullCarEkf(ErrorEkf):
 
     def linearize(self) -> None:
         super().linearize()
-        self.udot[:, 0] = self._accelerations
+        self.udot[:, 0] = self._kept_udot
 
     def predict(self, h: float) -> None:
         process, kalman, plant, state = self._process(h), self._kalman, self.plant, self.state
@@ -85,4 +85,4 @@ class FullCarEkf(ErrorEkf):
             raise FloatingPointError(str(error)) from None
 
     def _keep(self) -> None:
-        self._kept[:], self._accelerations[:] = self.plant.memory(), self.plant.udot
+        self._kept[:], self._kept_udot[:] = self.plant.memory(), self.plant.udot

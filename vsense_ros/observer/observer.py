@@ -378,7 +378,7 @@ class Observer:
 
     def _replay(self, events: list[Event]) -> int:
         """Let events happen in one go, up to one that needs a closer look; returns how many did."""
-        if not self.heading_known:
+        if not self.heading_known or not self.filter.at_once:
             return 0
         history, instants, plan = self._history, [self._history[-1]], []
         for event in events:

@@ -9,7 +9,7 @@ from vsense_ros.model import codegen
 from vsense_ros.model.car import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import SURROUND, Q, U
-from vsense_ros.observer.parameter_filter import ParameterFilter
+from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
 
 
 class ParameterEkf(ParameterFilter):
@@ -23,7 +23,7 @@ class ParameterEkf(ParameterFilter):
         # Column by column: the whole Jacobian, of which few columns are wanted, would share its work among all.
         seeds = [ca.SX.eye(self.car.p.numel())[:, column] for column in self.columns]
         effect = ca.horzcat(*(ca.jtimes(self.car.dynamics, self.car.p, seed) for seed in seeds))
-        return codegen.function("parameters_effect", self.arguments, [effect], [f"i{i}" for i in range(13)])
+        return codegen.function("parameters_effect", self.arguments, [effect], numbered(len(self.arguments)))
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
         m, k, s = len(sensor.deviations()), self.count, self.sensitivity

@@ -54,12 +54,20 @@ class ParameterFilter(ABC):
         self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(SURROUNDINGS))
         self.sensitivity = ca.SX.sym("S", size, self.count)
         self.covariance = ca.SX.sym("M", self.count, self.count)
+        self.others = ca.SX.sym("others", COORDINATES, self.elsewhere)
 
     @property
     def arguments(self) -> list[ca.SX]:
-        """State, accelerations and their Jacobians, S, M, the memory of the effects."""
+        """State, accelerations and their Jacobians, S, M, the memory of the effects, and accelerations of the cars that
+        act elsewhere if there are any."""
         model = [self.udot, self.by_q, self.by_u, self.by_surroundings]
-        return [*self.state, *model, self.sensitivity, self.covariance, self.car.memory]
+        others = [self.others] if self.elsewhere else []
+        return [*self.state, *model, self.sensitivity, self.covariance, self.car.memory, *others]
+
+    @property
+    def elsewhere(self) -> int:
+        """Number of cars with other parameters whose accelerations are given to the functions, not found by them."""
+        return 0
 
     @property
     @abstractmethod
@@ -155,7 +163,7 @@ class ParameterFilter(ABC):
         spread, d = self.spread(sensor, biases)(*arguments, effect, bias, mounting, *sensed)
         found = weigh(*arguments[7:10], *measured, *sensed, spread)
         return codegen.function(
-            name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], _numbered(len(arguments) + 10)
+            name, [*arguments, effect, bias, mounting, *measured, *sensed], [*found, d], numbered(len(arguments) + 10)
         )
 
     def learn(self) -> ca.Function:
@@ -184,7 +192,7 @@ class ParameterFilter(ABC):
             "parameters_learn",
             [*self.arguments, effect, pv, g, told, d, information, theta, lower, upper],
             [new, half.T @ half, moved, information + regression.T @ g @ regression, change, udot],
-            _numbered(len(self.arguments) + 9),
+            numbered(len(self.arguments) + 9),
         )
 
 
@@ -192,7 +200,8 @@ def _like(symbol: ca.SX) -> ca.MX:
     return ca.MX.sym(symbol.name() if symbol.is_scalar() else "a", *symbol.shape)
 
 
-def _numbered(count: int) -> tuple[str, ...]:
+def numbered(count: int) -> tuple[str, ...]:
+    """Names of that many arguments."""
     return tuple(f"i{i}" for i in range(count))
 
 

@@ -12,7 +12,7 @@ from vsense_ros.model import codegen
 from vsense_ros.model.car import COORDINATES, Motion
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
-from vsense_ros.observer.parameter_filter import ParameterFilter
+from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
 
 KAPPA = 1.0  # positive, so that all weights are; with two parameters the points have the kurtosis of the normal one
 
@@ -38,19 +38,21 @@ class ParameterUkf(ParameterFilter):
         step = (self.count + KAPPA) ** 0.5 * ca.chol(covariance).T
         return ca.horzcat(ca.SX.zeros(self.count, 1), step, -step)
 
-    def _cars(self, arguments: list[ca.MX]) -> tuple[ca.MX, ca.MX, ca.MX]:
-        """Of all sigma points: deviations of the parameters (k×p) and of the state (n×p), and accelerations (14×p)
-        without what errors of the forces add."""
-        p = self.width
+    def _deviations(self, arguments: list[ca.MX]) -> tuple[ca.MX, ca.MX]:
+        """Of all sigma points: deviations of the parameters (k×p) and of the state (n×p)."""
         m = ca.SX.sym("m", self.count, self.count)
         deviation = ca.Function("points", [m], [ca.densify(self.points(m))])(arguments[11])
-        of_state = arguments[10] @ deviation
+        return deviation, arguments[10] @ deviation
+
+    def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
+        """Of the cars of all sigma points (14×p), without what errors of the forces add."""
+        p = self.width
         names = ca.DM.zeros(self.car.p.numel(), self.count)
         for i, column in enumerate(self.columns):
             names[column, i] = 1
         q, u, force, around, inputs, parameters = (ca.repmat(a, 1, p) for a in arguments[:6])
         dynamics = ca.Function("f", [*self.state, self.car.memory], [self.car.dynamics], {"cse": True})
-        accelerations = dynamics.map(p)(
+        return dynamics.map(p)(
             q + of_state[Q, :],
             u + of_state[U, :],
             force,
@@ -59,7 +61,6 @@ class ParameterUkf(ParameterFilter):
             parameters + names @ deviation,
             ca.repmat(arguments[12], 1, p),
         )
-        return deviation, of_state, accelerations
 
     def _sensor(self, sensor: SensorBase) -> ca.Function:
         """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m)."""
@@ -70,7 +71,8 @@ class ParameterUkf(ParameterFilter):
 
     def effect(self) -> ca.Function:
         arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
-        deviation, _, accelerations = self._cars(arguments)
+        deviation, of_state = self._deviations(arguments)
+        accelerations = self.accelerations(arguments, deviation, of_state)
         _, by_q, by_u, by_surroundings = arguments[6:10]
         known = ca.Function(
             "known",
@@ -84,7 +86,7 @@ class ParameterUkf(ParameterFilter):
         factor = ca.chol(m)
         regress = ca.Function("regress", [x, m], [ca.solve(factor, ca.solve(factor.T, x.T)).T])
         return codegen.function(
-            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], [f"i{i}" for i in range(13)]
+            "parameters_effect", arguments, [regress(beyond @ weighted, arguments[11])], numbered(len(arguments))
         )
 
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
@@ -95,13 +97,10 @@ class ParameterUkf(ParameterFilter):
         jacobians = [ca.MX.sym("by", m, columns) for columns in (14, 14, 14, 4)]
         q, u, _, around, inputs = (ca.repmat(a, 1, p) for a in arguments[:5])
         udot = ca.repmat(arguments[6], 1, p)
+        deviation, of_state = self._deviations(arguments)
         if sensor.uses_acceleration:
-            deviation, of_state, accelerations = self._cars(arguments)
+            accelerations = self.accelerations(arguments, deviation, of_state)
             udot += accelerations - ca.repmat(accelerations[:, 0], 1, p) + of_state[FORCE, :]
-        else:
-            covariance = ca.SX.sym("m", self.count, self.count)
-            deviation = ca.Function("points", [covariance], [ca.densify(self.points(covariance))])(arguments[11])
-            of_state = arguments[10] @ deviation
         shifted = ca.repmat(bias, 1, p)
         if biases.stop > biases.start:
             shifted += of_state[biases, :]

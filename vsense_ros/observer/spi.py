@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -76,6 +77,7 @@ class Spi(ErrorEkf):
     """
 
     at_once = True
+    filters: ClassVar[dict[str, type[ParameterFilter]]] = FILTERS
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         settings = vehicle.observer.parameters
@@ -98,12 +100,15 @@ class Spi(ErrorEkf):
         drift = np.array([s.drift for s in settings.values()]) ** 2
         self._drifts = bool(drift.any())
         biases = tuple((where.start, where.stop) for where in self.layout.biases)
-        kind = FILTERS[vehicle.observer.parameter_filter]
-        functions = _functions(kind, car, tuple(self._columns.tolist()), n, self.sensors, biases)
+        kind, columns = self.filters[vehicle.observer.parameter_filter], tuple(self._columns.tolist())
+        self._filter = kind(car, columns, n)
+        self._others = np.zeros((self._filter.elsewhere, 14)).T
+        functions = _functions(kind, car, columns, n, self.sensors, biases)
         q, u, force, around = (self.state[s] for s in PARTS)
         flat = [m.reshape(-1, order="F") for m in self._linearize.results[:4]]
         s, m = parts[2], parts[1]
         arguments = [q, u, force, around, self.inputs, self.parameters, *flat, s, m, self._effects]
+        arguments += [self._others.T.reshape(-1)] if self._filter.elsewhere else []
         self._effect = Kernel(functions["parameters_effect"], arguments, effect)
         kinematics = [r.reshape(-1, order="F") for r in self._kinematics.results]
         self._decay = np.zeros(n - U.stop)
@@ -193,8 +198,8 @@ class Spi(ErrorEkf):
         self.information[:] = 0.0
 
     def start(self, speed: float) -> None:
-        super().start(speed)
         self._reset()
+        super().start(speed)
 
     def place(self, index: int, value: float, deviation: float) -> None:
         super().place(index, value, deviation)
@@ -210,9 +215,12 @@ class Spi(ErrorEkf):
 
     def predict(self, h: float) -> None:
         super().predict(h)
-        if self._in_c is not None:
-            return
-        self._decay[:] = self._process(h).decay
+        if self._in_c is None:
+            self._move_parameters(h)
+
+    def _move_parameters(self, h: float) -> None:
+        """What a step of `h` [s], which has just been made, changes of what is known of the parameters."""
+        self._h[0], self._decay[:] = h, self._process(h).decay
         self._spread.call()
         sensitivity, covariance, added = self._spread.results
         self.sensitivity[:] = sensitivity

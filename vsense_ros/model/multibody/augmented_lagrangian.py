@@ -420,7 +420,7 @@ class Integrator:
     ) -> None:
         self.mechanism = mechanism
         self.h, self.tolerance = np.array([h]), tolerance
-        self.calls = 0  # of the iterating functions, for statistics
+        self.steps = self.calls = 0  # made, and of the iterating functions, for statistics
         equations = Equations(mechanism)
         functions = codegen.compiled(
             name,
@@ -452,6 +452,7 @@ class Integrator:
         """One step of length `h`. Raises `InputError` where the iteration does not converge; the state stays then."""
         kernel = self._step
         kernel.call()
+        self.steps += 1
         self.calls += 1
         if kernel.results[4].item() < self.tolerance:
             self._take(kernel.results)
@@ -475,6 +476,11 @@ class Integrator:
         self._project.call()
         np.copyto(self.state.dz, self._project.results[0].reshape(-1))
         np.copyto(self.state.ddz, self._project.results[1].reshape(-1))
+
+    @property
+    def iterations(self) -> float:
+        """Of a step so far, on average."""
+        return CORRECTIONS * self.calls / max(self.steps, 1)
 
     def _take(self, results: list[Array]) -> None:
         state = self.state
