@@ -24,6 +24,8 @@ from vsense_ros.model.simulate import rolling_radii, rolling_straight
 from vsense_ros.model.steps import model_functions
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.full_car_ekf import FullCarEkf
+from vsense_ros.observer.full_car_spi import FullCarSpi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -142,6 +144,19 @@ def test_exported(benchmark: Any, vehicle: Vehicle, tmp_path: Path, flags: str) 
     exported = check.Exported(vehicle, check.build(tmp_path, tuple(flags.split())))
     benchmark(observer_step(exported, vehicle))
     assert exported.parts["state"][14] == pytest.approx(SPEED, abs=0.5)
+
+
+@pytest.mark.parametrize("kind", ["none", "ekf", "ukf"])
+def test_full_car_observer(benchmark: Any, vehicle: Vehicle, kind: str) -> None:
+    raw = vehicle.model_dump()
+    raw["observer"]["surroundings"] |= {"radius_error": 0.0, "radius_error_drift": 0.0}
+    if kind != "none":
+        estimated = {"chassis.mass": {"deviation": 100.0}, "road.friction": {"deviation": 0.2, "lower": 0.1}}
+        raw["observer"] |= {"parameters": estimated, "parameter_filter": kind}
+    known = Vehicle.model_validate(raw)
+    observer = (FullCarEkf if kind == "none" else FullCarSpi)(known, sensors_of(known))
+    benchmark(observer_step(observer, known))
+    assert observer.state[14] == pytest.approx(SPEED, abs=0.5)
 
 
 def linear_model() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -71,7 +71,8 @@ class FullCarParameterUkf(ParameterUkf, OnFullCars):
 
     def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
         """Theirs, and what errors of the surroundings add, in which the cars do not differ."""
-        return arguments[13] + arguments[9] @ of_state[SURROUND, :]
+        by_surroundings, others = arguments[9], arguments[13]
+        return others + by_surroundings @ of_state[SURROUND, :]
 
     def deviations(self) -> tuple[ca.SX, ca.SX]:
         points = self.points(self.covariance)
@@ -153,11 +154,12 @@ class FullCarSpi(Spi, FullCarEkf):
         of_parameters, of_state = self._deviations.results
         try:
             for i, deviation in enumerate(of_parameters.T):
-                plant.integrator.parameters[:] = self._numbers.at(self.values + deviation)
-                if of_state[: U.stop, i].any():
-                    plant.correct(q + of_state[Q, i], u + of_state[U, i])
-                else:
-                    plant.settle()
+                if deviation.any():  # the UKF's first car has none and is the plant as it stands
+                    plant.integrator.parameters[:] = self._numbers.at(self.values + deviation)
+                    if of_state[: U.stop, i].any():
+                        plant.correct(q + of_state[Q, i], u + of_state[U, i])
+                    else:
+                        plant.settle()
                 self._others[:, i] = plant.udot
         except InputError as error:
             raise FloatingPointError(str(error)) from None

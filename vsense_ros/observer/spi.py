@@ -102,7 +102,7 @@ class Spi(ErrorEkf):
         biases = tuple((where.start, where.stop) for where in self.layout.biases)
         kind, columns = self.filters[vehicle.observer.parameter_filter], tuple(self._columns.tolist())
         self._filter = kind(car, columns, n)
-        self._others = np.zeros((self._filter.elsewhere, 14)).T
+        self._others = np.zeros((self._filter.elsewhere, 14)).T  # accelerations of cars that act elsewhere
         functions = _functions(kind, car, columns, n, self.sensors, biases)
         q, u, force, around = (self.state[s] for s in PARTS)
         flat = [m.reshape(-1, order="F") for m in self._linearize.results[:4]]
