@@ -5,7 +5,7 @@
  * coordinates, velocities, accelerations (MODEL each) and SURROUND surroundings, then come biases.
  *
  * Nearly all the work is linear combinations of rows, which `combine` holds in registers; sums along a row, which a
- * compiler may not reorder and therefore does one by one, are avoided.
+ * compiler may not reorder and therefore does one by one, are few, and four at a time in `dot`.
  */
 #include <math.h>
 #include <string.h>
@@ -49,6 +49,12 @@ static void combine(int width, double *out, int count, const double *factor, con
     for (int k = 0; k < count; k++)
         for (int j = 0; j < width; j++) out[j] += factor[k] * row[k][j];
 }
+
+static double dot(int width, const double *a, const double *b) {
+    double sum = 0;
+    for (int j = 0; j < width; j++) sum += a[j] * b[j];
+    return sum;
+}
 #else
 typedef double lane __attribute__((vector_size(32)));
 #define LANES 14 /* with two more registers for operands, what a processor with 16 of them can hold */
@@ -78,6 +84,14 @@ static inline __attribute__((always_inline)) void combine(int width, double *out
     for (int k = 0; k < count; k++)
         for (int j = width / 4 * 4; j < width; j++) out[j] += factor[k] * row[k][j];
 }
+
+static inline __attribute__((always_inline)) double dot(int width, const double *a, const double *b) {
+    lane sums = {0, 0, 0, 0};
+    double rest = 0;
+    for (int j = 0; j < width / 4 * 4; j += 4) sums += loaded(a + j) * loaded(b + j);
+    for (int j = width / 4 * 4; j < width; j++) rest += a[j] * b[j];
+    return sums[0] + sums[1] + (sums[2] + sums[3]) + rest;
+}
 #endif
 
 /* Inverse by Gauss-Jordan elimination with partial pivoting; `rows` (MODEL x 2 MODEL) holds the matrix, and beside it
@@ -87,13 +101,15 @@ static int invert(double (*rows)[2 * MODEL]) {
         int best = k;
         for (int i = k + 1; i < MODEL; i++)
             if (fabs(rows[i][k]) > fabs(rows[best][k])) best = i;
-        const double pivot = rows[best][k];
-        if (!(fabs(pivot) > 1e-300)) return 0;
-        for (int j = 0; j < 2 * MODEL; j++) {
-            const double t = rows[best][j];
-            rows[best][j] = rows[k][j];
-            rows[k][j] = t / pivot;
+        if (!(fabs(rows[best][k]) > 1e-300)) return 0;
+        if (best != k) {
+            double row[2 * MODEL];
+            memcpy(row, rows[k], sizeof row);
+            memcpy(rows[k], rows[best], sizeof row);
+            memcpy(rows[best], row, sizeof row);
         }
+        const double scale = 1 / rows[k][k];
+        for (int j = 0; j < 2 * MODEL; j++) rows[k][j] *= scale;
         const double *const row = rows[k];
         for (int i = 0; i < MODEL; i++) {
             const double f = -rows[i][k];
@@ -171,9 +187,8 @@ void vsense_propagate(const struct model *model, double h, const double *decay, 
         memcpy(rows[i] + MODEL, corner[i], MODEL * sizeof(double));
         memcpy(p + (MODEL + i) * n, rows[i], n * sizeof(double));
     }
-    for (int j = 0; j < n; j++)
-        if (j < MODEL || j >= first_slow)
-            for (int i = 0; i < MODEL; i++) p[j * n + MODEL + i] = rows[i][j];
+    for (int j = 0; j < MODEL; j++)
+        for (int i = 0; i < MODEL; i++) p[j * n + MODEL + i] = rows[i][j];
     /* Coordinates: position and attitude follow attitude and velocity of the chassis, each of the others its rate. */
     for (int k = 0; k < followed; k++) columns[k] = k < 3 ? 3 + k : MODEL + k - 3;
     for (int k = followed; k < followed + MODEL - 6; k++) columns[k] = MODEL + 6 + k - followed;
@@ -199,16 +214,17 @@ void vsense_propagate(const struct model *model, double h, const double *decay, 
     for (int i = 0; i < MODEL; i++) {
         memcpy(rows[i], corner[i], MODEL * sizeof(double));
         memcpy(p + i * n, rows[i], n * sizeof(double));
-        for (int j = MODEL; j < n; j++) p[j * n + i] = rows[i][j];
+        for (int j = MODEL; j < first_slow; j++) p[j * n + i] = rows[i][j];
     }
     /* forces, surroundings, biases */
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; i < first_slow; i++)
+        for (int j = first_slow; j < n; j++) p[i * n + j] *= decay[j - first_slow];
+    for (int i = first_slow; i < n; i++) {
         double *row = p + i * n;
-        const double own = i < first_slow ? 1 : decay[i - first_slow];
-        if (i >= first_slow)
-            for (int j = 0; j < first_slow; j++) row[j] *= own;
+        const double own = decay[i - first_slow];
+        for (int j = 0; j < first_slow; j++) row[j] = p[j * n + i];
         for (int j = first_slow; j < n; j++) row[j] *= own * decay[j - first_slow];
-        if (i >= first_slow) row[i] += noise[i - first_slow];
+        row[i] += noise[i - first_slow];
     }
 }
 
@@ -244,6 +260,27 @@ static void tell(const struct model *model, int components, int used, const int 
     }
 }
 
+/* Adds what the error makes of the accelerations, with which the sensor that comes next is compared. */
+static void carry_on(const struct model *model) {
+    const double *const error = model->error, *column[DYNAMIC + MODEL + SURROUND];
+    double factor[DYNAMIC + MODEL + SURROUND];
+    int count = 0;
+    for (int j = 0; j < DYNAMIC; j++) {
+        column[count] = model->by_q + j * MODEL;
+        factor[count++] = error[dynamic_coordinates[j]];
+    }
+    for (int j = 0; j < MODEL; j++) {
+        column[count] = model->by_u + j * MODEL;
+        factor[count++] = error[MODEL + j];
+    }
+    for (int j = 0; j < SURROUND; j++) {
+        column[count] = model->by_surroundings + j * MODEL;
+        factor[count++] = error[3 * MODEL + j];
+    }
+    for (int i = 0; i < MODEL; i++) model->udot[i] += error[2 * MODEL + i];
+    combine(MODEL, model->udot, count, factor, column);
+}
+
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and carried into error and accelerations, only where that is at most limit. */
 double vsense_correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
@@ -265,11 +302,7 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
             }
         memset(projected[a], 0, sizeof projected[a]);
         combine(n, projected[a], count, factors, from);
-        for (int b = 0; b <= a; b++) {
-            double sum = 0;
-            for (int k = 0; k < n; k++) sum += projected[a][k] * rows[b][k];
-            total[a][b] = total[b][a] = sum;
-        }
+        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = dot(n, projected[a], rows[b]);
     }
     for (int a = 0; a < used; a++) {
         total[a][a] += sensed->variance[component[a]];
@@ -307,13 +340,6 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
         for (int a = 0; a < used; a++) factors[a] = -projected[a][i];
         combine(n, p + i * n, used, factors, from);
     }
-    for (int i = 0; i < MODEL; i++) {
-        double sum = model->error[2 * MODEL + i];
-        for (int j = 0; j < DYNAMIC; j++) sum += model->by_q[j * MODEL + i] * model->error[dynamic_coordinates[j]];
-        for (int j = 0; j < MODEL; j++) sum += model->by_u[j * MODEL + i] * model->error[MODEL + j];
-        for (int j = 0; j < SURROUND; j++)
-            sum += model->by_surroundings[j * MODEL + i] * model->error[3 * MODEL + j];
-        model->udot[i] += sum;
-    }
+    carry_on(model);
     return nis;
 }

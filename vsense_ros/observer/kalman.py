@@ -160,19 +160,17 @@ class Kalman:
             count = len(innovation)
             if not count:
                 return -1.0
-        right = np.empty((len(self.covariance) + 1, count))
-        self.covariance.dot(h.T, right[:-1])
-        right[-1] = innovation
-        total = h.dot(right[:-1])
+        across = h.dot(self.covariance)
+        total = across.dot(h.T)
         diagonal = total.reshape(-1)[:: count + 1]
         diagonal += variance
         if scale != 1.0:
             total *= scale
-        factor, failed = lapack.dpotrf(total, lower=True, overwrite_a=True)
+        factor, failed = lapack.dpotrf(total, lower=True)
         if failed:
             return float("nan")
-        whitened = lapack.dtrtrs(factor, right.T, lower=True, overwrite_b=True)[0]
-        projected, weights = whitened[:, :-1], whitened[:, -1]
+        whitening = lapack.dtrtri(factor, lower=True)[0]
+        projected, weights = whitening.dot(across), whitening.dot(innovation)
         if count == size:
             self.whitened[:size], self.factor[: size * size] = weights, factor.ravel()
         else:
@@ -184,7 +182,7 @@ class Kalman:
             return nis
         # A quarter of the time of `projected.T @ projected`, of which NumPy computes one triangle and copies it. BLAS
         # computes both triangles, which on some processors differ in the last bit until the next step.
-        blas.dgemm(-1.0, projected, projected, 1.0, self._transposed, trans_a=True, overwrite_c=True)
+        blas.dgemm(-1.0, projected.T, projected.T, 1.0, self._transposed, trans_b=True, overwrite_c=True)
         weights.dot(projected, self.error)
         self.model.udot[:, 0] += self._accelerations.dot(self.error)
         return nis
