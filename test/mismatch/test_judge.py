@@ -91,25 +91,35 @@ def test_where_much_is_left_over_nothing_is_named():
     assert said(explaining("drag", 0.5, 0.5), left=2.5) == ("no_mismatch", ())
 
 
-def test_a_second_effect_is_named_where_it_explains_much_of_what_the_first_leaves():
+def unfinished(left: float) -> Made:
+    """The same where a signal is still off after the first effect."""
+    return type("Unfinished", (Made,), {"worst": lambda self, residuals=None: left})()
+
+
+def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_would():
+    one, two = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.56, 0.56)
+    small = explaining("drag + bank", 0.53, 0.53)
+    assert said(one, two) == ("named", ("drag + bank",))
+    assert said(one, small) == ("named", ("drag",))
+    assert said(one, two, explaining("drag + wind", 0.54, 0.54)) == ("named", ("drag",))
+
+
+def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
     one = explaining("drag", 0.5, 0.5)
-    much, little = explaining("drag + bank", 0.9, 0.9), explaining("drag + bank", 0.52, 0.52)
-    assert said(one, much, left=1.0) == ("named", ("drag",)), "nothing unfinished is left"
-    unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
-    assert judge((one, much), (), unfinished()).rivals == (much,)
-    assert judge((one, little), (), unfinished()).rivals == (one,)
+    much, other = explaining("drag + bank", 0.9, 0.9), explaining("drag + wind", 0.8, 0.8)
+    assert judge((one, much, other), (), unfinished(2.0)).leader == much
+    assert judge((one, much, other), (), unfinished(1.0)).leader == one
 
 
 def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alone():
     bank = explaining("bank", 0.5, 0.5)
     found, other = explaining("bank + ratio", 0.9, 0.9), explaining("bank + gyro", 0.75, 0.75)
-    unfinished = type("Unfinished", (Made,), {"worst": lambda self, residuals=None: 2.0})
-    judged = judge((bank, found, other), (), unfinished())
+    judged = judge((bank, found, other), (), unfinished(2.0))
     assert (judged.verdict, judged.rivals) == ("named", (found,))
     assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
     near = explaining("bank + gyro", 0.87, 0.87)
-    assert judge((bank, found, near), (), unfinished()).rivals == (found, near)
+    assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
 
 
 def test_a_small_gain_that_three_effects_give_alike_is_chance():

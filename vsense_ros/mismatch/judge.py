@@ -20,8 +20,9 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another.
 OWN = 0.3
-# Least share that one more effect explains of what another leaves: what an imperfect effect leaves looks like others.
-FURTHER = 0.2
+# Least share that one more effect explains of what another leaves, where a signal is still off: what an imperfect
+# effect leaves looks like others. In multiples of the least gain, what one adds if no other adds half as much.
+FURTHER, CLEAR = 0.2, 1.5
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
@@ -164,11 +165,15 @@ def judge(
     size = float(sum(len(r) for r in proof.base.residuals))
     least_whole = size / max(proof.base.value, size)
     for count in (2, 3):
-        if leaders and proof.fitted.worst(leaders[0].fit.residuals) < UNFINISHED:
-            break
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
+        if not several:
+            break
         explained = max(map(proven, (*leaders, *ranked.values())), default=0.0)
-        if several and proven(several[0]) > explained + FURTHER * max(1 - explained, least_whole):
+        added = proven(several[0]) - explained
+        unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > UNFINISHED
+        much = unfinished and added > FURTHER * max(1 - explained, least_whole)
+        others = [proven(e) - explained for e in several if set(e.effects) != set(several[0].effects)]
+        if much or added > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             leaders = several[:1]
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
     term = next((e for e in terms if proven(e) > DESCRIBED), None)

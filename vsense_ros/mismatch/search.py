@@ -144,9 +144,8 @@ class Search:
     def further(self, explanations: Sequence[Explanation], least: float) -> list[Explanation]:
         """The best explanations with one more effect each, where that promises `least` of what they leave."""
         found: dict[frozenset[str], Signature] = {}
-        gained = max((e.score for e in explanations), default=0.0)
-        enough = gained + least * max(1 - gained, self.least_whole)
         for explanation in explanations[:BEAM]:
+            enough = explanation.score + least * max(1 - explanation.score, self.least_whole)
             if len(explanation.candidates) < MOST and explanation.score > least:
                 for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
                     if signature.score > enough:

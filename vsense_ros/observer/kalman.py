@@ -5,8 +5,9 @@ forces depend on, the velocities, the accelerations and the surroundings; the co
 nearly diagonal map; everything else decays on its own. That is about 40,000 multiplications for 52 states instead of
 the 280,000 of F P Fᵀ.
 
-A correction whitens the innovation with a Cholesky factor and subtracts outer products, P - Σ wᵢ wᵢᵀ, which is
-symmetric to the last bit and needs no re-symmetrisation; docs/covariance.md measures it beside other forms.
+A correction whitens the innovation with a Cholesky factor and subtracts outer products, P - Σ wᵢ wᵢᵀ, which needs no
+re-symmetrisation: compiled it is symmetric to the last bit, by BLAS to a rounding that the next prediction takes away.
+docs/covariance.md measures it beside other forms.
 """
 
 from __future__ import annotations
