@@ -102,6 +102,7 @@ def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_woul
     assert said(one, two) == ("named", ("drag + bank",))
     assert said(one, small) == ("named", ("drag",))
     assert said(one, two, explaining("drag + wind", 0.54, 0.54)) == ("named", ("drag",))
+    assert said(one, two, explaining("grade + bank", 0.55, 0.55)) == ("ambiguous", ("drag + bank", "grade + bank"))
 
 
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():

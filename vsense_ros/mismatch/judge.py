@@ -169,11 +169,12 @@ def judge(
         if not several:
             break
         explained = max(map(proven, (*leaders, *ranked.values())), default=0.0)
-        added = proven(several[0]) - explained
+        gain = proven(several[0]) - explained
         unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > UNFINISHED
-        much = unfinished and added > FURTHER * max(1 - explained, least_whole)
-        others = [proven(e) - explained for e in several if set(e.effects) != set(several[0].effects)]
-        if much or added > max(CLEAR * threshold, 2 * max(others, default=0.0)):
+        much = unfinished and gain > FURTHER * max(1 - explained, least_whole)
+        added = set(several[0].effects) - {effect for leader in leaders for effect in leader.effects}
+        others = [proven(e) - explained for e in several if not added & set(e.effects)]
+        if much or gain > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             leaders = several[:1]
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
     term = next((e for e in terms if proven(e) > DESCRIBED), None)
