@@ -87,6 +87,33 @@ def test_memory_is_all_of_it(known: Vehicle, lane_change: Recording) -> None:
     assert np.array_equal(*ends)
 
 
+def test_wheels_may_be_steered_by_degrees_from_one_message_to_the_next(known: Vehicle) -> None:
+    f = FullCarEkf(known, sensors_of(known))
+    f.start(8.0)
+    for angle in (0.08, -0.08, 0.08):
+        f.inputs[0] = angle
+        for _ in range(20):
+            f.linearize()
+            f.predict(0.01)
+        assert f.state[19] == pytest.approx(8.0 * angle / 2.2, rel=0.2)
+
+
+def test_noise_of_the_steering_sensor_does_not_shake_the_car(known: Vehicle) -> None:
+    """Accelerations at the ends of steps, with which the IMU is compared, are those that velocities change by."""
+    f, random = FullCarEkf(known, sensors_of(known)), np.random.default_rng(0)
+    f.start(3.0)
+    f.linearize()
+    felt, velocities = [], []
+    for _ in range(500):
+        f.inputs[0] = random.normal(scale=1.2e-3)
+        f.predict(0.004)
+        f.linearize()
+        felt.append(f.udot[:10, 0].copy())
+        velocities.append(f.state[14:24].copy())
+    mean, change = np.mean(felt[250:], axis=0), (velocities[499] - velocities[249]) / (250 * 0.004)
+    assert np.abs(mean - change).max() < 1e-3
+
+
 def test_what_the_full_car_lacks_is_refused(vehicle: Vehicle, known: Vehicle) -> None:
     with pytest.raises(InputError, match=r"no error of the tyre radius; set observer\.surroundings\.radius_error"):
         FullCarEkf(vehicle, sensors_of(vehicle))
