@@ -97,12 +97,12 @@ def unfinished(left: float) -> Made:
 
 
 def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_would():
-    one, two = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.56, 0.56)
-    small = explaining("drag + bank", 0.53, 0.53)
+    one, two = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.6, 0.6)
+    small = explaining("drag + bank", 0.55, 0.55)
     assert said(one, two) == ("named", ("drag + bank",))
     assert said(one, small) == ("named", ("drag",))
-    assert said(one, two, explaining("drag + wind", 0.54, 0.54)) == ("named", ("drag",))
-    assert said(one, two, explaining("grade + bank", 0.55, 0.55)) == ("ambiguous", ("drag + bank", "grade + bank"))
+    assert said(one, two, explaining("drag + wind", 0.56, 0.56)) == ("named", ("drag",))
+    assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
 
 
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
@@ -123,7 +123,7 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
 
 
-def test_a_small_gain_that_three_effects_give_alike_is_chance():
-    assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank", "toe"))) == ("no_mismatch", ())
-    assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank")))[0] == "ambiguous"
-    assert said(*(explaining(name, 0.5, 0.5) for name in ("wind", "bank", "toe")))[0] == "ambiguous"
+def test_a_small_gain_that_several_effects_give_alike_is_chance():
+    assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank"))) == ("no_mismatch", ())
+    assert said(explaining("wind", 0.05, 0.05)) == ("named", ("wind",))
+    assert said(*(explaining(name, 0.5, 0.5) for name in ("wind", "bank")))[0] == "ambiguous"

@@ -22,13 +22,13 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 OWN = 0.3
 # Least share that one more effect explains of what another leaves, where a signal is still off: what an imperfect
 # effect leaves looks like others. In multiples of the least gain, what one adds if no other adds half as much.
-FURTHER, CLEAR = 0.2, 1.5
+FURTHER, CLEAR = 0.2, 3.0
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.8, 1.5
-CROWD, CROWDED = 3, 2.0  # so many names that all gain less than this multiple of the least gain: chance
+ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Rough roads alone give 1.9
 # in training and 2.1 on what is held out (public split, nothing hidden).
@@ -195,6 +195,6 @@ def judge(
     alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
     rivals = (leader, *sorted((e for e in alike if e is not leader and is_rival(e)), key=proven, reverse=True))
     names = {frozenset(e.effects) for e in rivals}
-    if len(names) >= CROWD and proven(leader) < CROWDED * threshold:
+    if len(names) > 1 and proven(leader) < ALIKE * threshold:
         return said("no_mismatch", None)
     return said("named" if len(names) == 1 else "ambiguous", leader, *rivals)
