@@ -152,11 +152,12 @@ class FullCarSpi(Spi, FullCarEkf):
         self._return()
         self._deviations.call()
         of_parameters, of_state = self._deviations.results
+        moved = of_state[: U.stop].any()
         try:
             for i, deviation in enumerate(of_parameters.T):
                 if deviation.any():  # the UKF's first car has none and is the plant as it stands
                     plant.integrator.parameters[:] = self._numbers.at(self.values + deviation)
-                    if of_state[: U.stop, i].any():
+                    if moved:
                         plant.correct(q + of_state[Q, i], u + of_state[U, i])
                     else:
                         plant.settle()
