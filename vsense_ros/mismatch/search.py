@@ -23,7 +23,7 @@ from vsense_ros.mismatch.signals import grid
 Array = NDArray[np.float64]
 
 SHORTLIST = 4  # by the fall of the cost, and as many by its fall on what was left out
-WORTH = 0.03  # of the cost that a size must explain which is another at every place, beyond what one size does
+WORTH = 0.06  # of the cost that a size must explain which is another at every place, beyond what one size does
 PROMISING = 0.5  # of the best score, below which no such size is fitted: each of its places costs a simulation
 SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
@@ -150,7 +150,7 @@ class Search:
                 for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
                     if signature.score > enough:
                         found.setdefault(frozenset(c.effect for c in signature.candidates), signature)
-        return self._fitted(list(found.values()))
+        return self._fitted(sorted(found.values(), key=lambda s: s.score, reverse=True)[:BEAM])
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
