@@ -45,7 +45,9 @@ def main(
     chosen = [
         case
         for case in every
-        if (not manoeuvres or case.manoeuvres in manoeuvres) and (not kinds or case.kind in kinds)
+        if (not manoeuvres or case.manoeuvres in manoeuvres)
+        and (not kinds or case.kind in kinds)
+        and case.number not in cases.SPENT[split]
     ][:count]
     context.obj = {"out": out / split, "split": split, "every": every, "chosen": chosen, "processes": processes}
 

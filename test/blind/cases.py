@@ -20,6 +20,14 @@ from blind.knobs import Values
 from blind.outside import OUTSIDE
 
 SEEDS = {"public": 20_100, "release": 77_003}
+# Cases whose answers were looked at before the tool last changed: they are no examination any more.
+SPENT: dict[str, frozenset[str]] = {
+    "public": frozenset(),
+    "release": frozenset(
+        f"{number:04d}"
+        for number in (0, 1, 2, 5, 9, 11, 17, 20, 21, 22, 25, 28, 30, 34, 36, 41, 43, 46, 47, 49, 57, 58, 61, 86)
+    ),
+}
 PLANTS = ("newton_euler", "mujoco_tree")
 TYRES = ("magic_formula_1989", "brush", "dugoff", "burckhardt")
 MODELS = ("tmeasy", "tmeasy", "magic_formula")  # of the vehicle file; the first twice as often
