@@ -203,6 +203,14 @@ def test_a_road_that_is_another_at_every_place_is_drawn_along_the_way(tmp_path):
     assert "how much, along the way" in drawn.text
 
 
+def test_nothing_is_ever_said_to_be_certain(tmp_path):
+    found = finding("named")
+    found["effects"] = [effect("brake_drag", 0.5, accepted=True, confidence=0.99997)]
+    text = read(found, [], tmp_path).text
+    assert "> 99 %" in text
+    assert "100 %" not in text
+
+
 def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
     found = finding("named")
     found["effects"][1] = effect("gyro_bias", 0.6, gain_held_out=None)

@@ -8,7 +8,7 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints
 from numpy.typing import NDArray
 
-from drives import feed, messages
+from drives import feed, goes_on_as_it_did, messages
 from test_full_car_ekf import on_known_tyres
 from vsense_ros.errors import InputError
 from vsense_ros.model.full_car_simulation import FullCarPlant
@@ -148,19 +148,7 @@ def test_without_uncertain_parameters_it_is_the_errorekf(vehicle: Vehicle) -> No
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str) -> None:
-    spi = cornering(spi_of(vehicle, kind))
-
-    def go_on() -> Array:
-        for _ in range(5):
-            spi.linearize()
-            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
-            spi.predict(0.004)
-        return spi.memory.copy()
-
-    before = spi.memory.copy()
-    first = go_on()
-    spi.memory[:] = before
-    np.testing.assert_array_equal(go_on(), first)
+    goes_on_as_it_did(cornering(spi_of(vehicle, kind)), steps=5)
 
 
 def test_it_follows_a_drive_with_measurements_that_come_late_and_learns(

@@ -13,7 +13,7 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from drives import feed, messages
+from drives import feed, goes_on_as_it_did, messages
 from test_kalman import N, problem
 from vsense_ros.errors import InputError
 from vsense_ros.model.car import car_of
@@ -276,19 +276,7 @@ def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str) -> None:
-    spi = cornering(spi_of(vehicle, kind))
-
-    def go_on() -> Array:
-        for _ in range(10):
-            spi.linearize()
-            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
-            spi.predict(0.004)
-        return spi.memory.copy()
-
-    before = spi.memory.copy()
-    first = go_on()
-    spi.memory[:] = before
-    np.testing.assert_array_equal(go_on(), first)
+    goes_on_as_it_did(cornering(spi_of(vehicle, kind)), steps=10)
 
 
 def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell_what_is_known(

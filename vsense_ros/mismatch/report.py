@@ -309,7 +309,7 @@ def _candidates(found: Mapping[str, Any]) -> list[Candidate]:
                 bars=[Bar(name, percent(share), max(share, 0.0) / widest) for name, share in gain.items()],
                 mark=found["threshold"] / widest,
                 keep=percent(effect["keep"]),
-                confidence=percent(effect["confidence"]),
+                confidence="> 99 %" if effect["confidence"] > 0.99 else percent(effect["confidence"]),
                 answer=answer or rival,
                 standing="the answer" if answer else _standing(effect, gain, best, found, within=bool(within)),
             )
