@@ -236,8 +236,8 @@ def _separation(
         if worst is None or square < worst[0]:
             worst = square, left, (rivals[a].name, rivals[b].name)
     assert worst is not None
-    by_signal = {name: error / residuals.deviation[name] for name, error in residuals.by_signal(worst[1]).items()}
-    return Separation(test, float(np.sqrt(worst[0])), max(by_signal, key=lambda name: by_signal[name]), worst[2])
+    apart = residuals.deviations(worst[1])
+    return Separation(test, float(np.sqrt(worst[0])), max(apart, key=lambda name: apart[name]), worst[2])
 
 
 def _rival(residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[str, Knob], test: Option) -> Fit:

@@ -7,7 +7,7 @@ beside it. Its first seconds let the simulation find its state and are not compa
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,13 @@ class Evidence:
         """Windows of each recording that has some."""
         numbers = sorted({w.recording for w in self.windows})
         return [[w for w in self.windows if w.recording == number] for number in numbers]
+
+    def without(self, left_out: Sequence[bool], reason: str) -> Evidence:
+        """The evidence without some windows, and remarks that say why."""
+        stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)
+        gone = [w for w, out in zip(self.windows, left_out, strict=True) if out]
+        remarks = tuple(f"{w.name}: left out from {w.begin:.0f} to {w.end:.0f} s: {reason}" for w in gone)
+        return replace(self, windows=stay, remarks=(*self.remarks, *remarks))
 
 
 def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:

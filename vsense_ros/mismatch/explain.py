@@ -24,9 +24,9 @@ from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
 from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
-from vsense_ros.mismatch.knobs import BASE, Candidate, base_knobs, candidates, out_of_reach
+from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.prediction import Predictor, Setting
+from vsense_ros.mismatch.prediction import SPINS, Predictor, Setting
 from vsense_ros.mismatch.report import shown_value, write_report
 from vsense_ros.mismatch.road import STRETCH, place_of, points
 from vsense_ros.mismatch.search import Explanation, Search
@@ -116,11 +116,9 @@ def answer(
     beyond = out_of_reach({evidence.sensors[name].kind for w in evidence.windows for name in w.readings})
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
         return nothing_said("; ".join(lacking))
-    predictor = Predictor(vehicle, evidence)
-    residuals = Residuals(predictor)
     try:
         knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond)
-        base = fit(residuals, predictor.start, knobs, progress=progress)
+        evidence, residuals, base = _refitted(vehicle, evidence, knobs, progress)
     except DivergedError:
         return nothing_said(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
@@ -130,7 +128,7 @@ def answer(
         return nothing_said(reason)
     places = points([w.place.value[:, 0] for w in evidence.windows])
     offered = tuple(c for c in candidates(places) if c.effect not in beyond and (not assume or c.effect in assume))
-    start = predictor.start
+    start = residuals.predictor.start
     if ablation == "no_projection":
         base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
         start = base.setting
@@ -141,7 +139,7 @@ def answer(
     if not search.visible:
         return nothing_said("no effect of the library would leave a trace in these recordings")
     proof = Proof(unseen, vehicle, residuals, base)
-    found["remarks"] += proof.remarks
+    found["remarks"] = [*evidence.remarks, *proof.remarks]
     found["held_out"] = proof.recordings
     described: list[Explanation] = []
     if assume:
@@ -160,6 +158,7 @@ def answer(
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     leader, verdict = judged.leader, judged.verdict
     shown = leader.fit if leader is not None else base
+    found["remarks"] += proof.spins(shown)
     found |= {
         "verdict": verdict,
         "located": _located(residuals, base) | {"force": _force(judged)},
@@ -177,6 +176,26 @@ def answer(
         traces += _traces(proof.residuals, base, shown, True)
     extended = _extended(vehicle, evidence, shown.setting) if leader is not None and verdict != "ambiguous" else None
     return Answer(found, traces, extended)
+
+
+def _refitted(
+    vehicle: Vehicle, evidence: Evidence, knobs: Sequence[Knob], progress: Callable[[], None]
+) -> tuple[Evidence, Residuals, Fit]:
+    """The base parameters fitted to the evidence; to the rest of it where the simulated car spins in some windows even
+    when it is fitted to the others. Where it spins in most of them, to all."""
+    residuals = Residuals(Predictor(vehicle, evidence))
+    base = fit(residuals, residuals.predictor.start, knobs, progress=progress)
+    spins = residuals.predictor.spinning(base.setting)
+    if not any(spins) or 2 * sum(spins) > len(spins):
+        return evidence, residuals, base
+    rest = evidence.without(spins, SPINS)
+    residuals_of_rest = Residuals(Predictor(vehicle, rest))
+    fitted = fit(residuals_of_rest, residuals.predictor.start, knobs, begin=base.amounts, progress=progress)
+    if not any(residuals.predictor.spinning(fitted.setting)):
+        base = fit(residuals, residuals.predictor.start, knobs, begin=fitted.amounts, progress=progress)
+        if not any(residuals.predictor.spinning(base.setting)):
+            return evidence, residuals, base
+    return rest, residuals_of_rest, fitted
 
 
 def _all_of(id: str) -> Candidate:
@@ -251,8 +270,8 @@ def _separating(residuals: Residuals, rivals: Sequence[Explanation]) -> dict[str
     one = next(id for id in first.effects if id not in second.effects)
     known = {way for id in second.effects for way in BY_ID[id].excited_by}
     ways = [way for way in BY_ID[one].excited_by if way not in known] or list(BY_ID[one].excited_by)
-    apart = residuals.by_signal([a - b for a, b in zip(first.fit.residuals, second.fit.residuals, strict=True)])
-    return {"manoeuvre": ways[0], "signal": max(apart, key=lambda name: apart[name] / residuals.deviation[name])}
+    apart = residuals.deviations([a - b for a, b in zip(first.fit.residuals, second.fit.residuals, strict=True)])
+    return {"manoeuvre": ways[0], "signal": max(apart, key=lambda name: apart[name])}
 
 
 def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
@@ -321,7 +340,7 @@ def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[s
         name: {"unit": units[name], "training": {"before": before[name], "after": after[name]}} for name in before
     }
     if proof.residuals is not None:
-        before, after = (proof.residuals.by_signal(r) for r in (proof.before, proof.residuals(shown.setting)))
+        before, after = (proof.residuals.by_signal(r) for r in (proof.before, proof.after(shown)))
         for name in before:
             if name in result:
                 result[name]["held_out"] = {"before": before[name], "after": after[name]}

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 PRIOR = 3e-3  # of the evidence: as much as a misfit of that share costs a knob that is one deviation off
 SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
 OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
+# Standard deviations of all signals together from where on an instant counts for less and less (as Cauchy's loss has
+# it): a simulated car that spins at the limit, where the real one just did not, says no more than that.
+FAR = 5.0
 STEP = 0.25  # of a knob's likely amount, for derivatives
 ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
@@ -50,20 +53,26 @@ class Residuals:
             self.deviation[name] = float(np.linalg.norm([_FLOORS[name], SHARE * size, noise]))
         self.layout = [[name for name in names if name in m] for m in measured]
 
-    def __call__(self, setting: Setting) -> list[Array]:
-        """Of each window, (signals × instants) in the order of `layout`; in standard deviations.
+    def __call__(self, setting: Setting, instead: Sequence[Array] | None = None) -> list[Array]:
+        """Of each window, (signals × instants) in the order of `layout`; in standard deviations, and less where the
+        simulation has gone `FAR`. Where the simulated car spins they are those of `instead`, if that is given.
 
-        Raises `DivergedError`.
+        Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
         result = []
-        for measured, simulated, names in zip(
-            self.predictor.measured, self.predictor.simulated(setting), self.layout, strict=True
+        everything = self.predictor.simulated(setting)
+        spins = self.predictor.spinning(setting) if instead is not None else [False] * len(everything)
+        for i, (measured, simulated, names) in enumerate(
+            zip(self.predictor.measured, everything, self.layout, strict=True)
         ):
+            if instead is not None and spins[i]:
+                result.append(instead[i])
+                continue
             if not simulated:
                 raise DivergedError
             off = difference(measured, simulated)
             rows = [off[name] / self.deviation[name] for name in names if name in off]
-            result.append(np.clip(np.concatenate(rows), -OUTLIER, OUTLIER) if rows else np.zeros(0))
+            result.append(_tempered(np.clip(rows, -OUTLIER, OUTLIER)).reshape(-1) if rows else np.zeros(0))
         return result
 
     @staticmethod
@@ -74,19 +83,37 @@ class Residuals:
     def worst(self, residuals: Sequence[Array]) -> float:
         """Root mean square of the worst signal's residuals, in standard deviations, and on a road that shakes the body
         in multiples of that where it does."""
-        errors = {name: error / self.deviation[name] for name, error in self.by_signal(residuals).items()}
+        errors = self.deviations(residuals)
         road = max(1.0, errors.get(SHAKING, 1.0))
         return max((error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()), default=0.0)
 
+    def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:
+        """Root mean square of each signal's residual, in standard deviations."""
+        return self._root_mean_squares(residuals, lambda rows: rows)
+
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
-        """Root mean square of each signal's residual in its unit."""
-        sums: dict[str, list[Array]] = {}
+        """Root mean square of each signal's error in its unit."""
+        found = self._root_mean_squares(residuals, _as_found)
+        return {name: off * self.deviation[name] for name, off in found.items()}
+
+    def _root_mean_squares(self, residuals: Sequence[Array], of: Callable[[Array], Array]) -> dict[str, float]:
+        parts: dict[str, list[Array]] = {}
         for rows, names in zip(residuals, self.layout, strict=True):
-            for name, part in zip(names, np.split(rows, len(names)) if names else [], strict=True):
-                sums.setdefault(name, []).append(part)
-        return {
-            name: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) * self.deviation[name] for name, p in sums.items()
-        }
+            for name, part in zip(names, of(rows.reshape(len(names), -1)) if len(rows) else (), strict=False):
+                parts.setdefault(name, []).append(part)
+        return {name: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for name, p in parts.items()}
+
+
+def _tempered(off: Array) -> Array:
+    """(signals, instants), shorter at instants where all signals together are far off."""
+    far = np.maximum(np.mean(off**2, axis=0) / FAR**2, 1e-12)
+    return np.asarray(off * np.sqrt(np.log1p(far) / far))
+
+
+def _as_found(tempered: Array) -> Array:
+    """The inverse of `_tempered`."""
+    near = np.maximum(np.mean(tempered**2, axis=0) / FAR**2, 1e-12)
+    return np.asarray(tempered * np.sqrt(np.expm1(near) / near))
 
 
 @dataclass(frozen=True)
@@ -170,17 +197,19 @@ def fit(
     knobs: Sequence[Knob],
     *,
     first: Fit | None = None,
+    begin: Array | None = None,
     iterations: int = ITERATIONS,
     progress: Callable[[], None] = lambda: None,
 ) -> Fit:
-    """Turn `knobs` until the value no longer falls. `first` is a fit of the same knobs from which to go on, with the
-    slopes to use. Raises `DivergedError` where the start cannot be simulated.
+    """Turn `knobs` until the value no longer falls, from the amounts `begin` (k,) if they are given. `first` is a fit
+    of the same knobs from which to go on, with the slopes to use. Raises `DivergedError` where the start cannot be
+    simulated.
     """
-    amounts = np.zeros(len(knobs))
+    amounts = np.zeros(len(knobs)) if begin is None else begin
     if first is not None:
         known = dict(zip((knob.name for knob in first.knobs), first.amounts, strict=True))
         amounts = np.array([known.get(knob.name, 0.0) for knob in knobs])
-    else:
+    elif begin is None:
         amounts = _likeliest(residuals, start, knobs, amounts)
     deviations = np.array([knob.deviation for knob in knobs])
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost
-from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.fit import Fit, Residuals, cost
+from vsense_ros.mismatch.prediction import SPINS, Predictor
 from vsense_ros.mismatch.search import Explanation
 from vsense_ros.model.vehicle import Vehicle
 
@@ -54,34 +54,43 @@ class Proof:
     def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
         self.residuals: Residuals | None = None
         self.base, self.fitted = base, residuals
+        self._after: dict[int, list[Array]] = {}
+        if evidence.windows:
+            evidence = evidence.without(Predictor(vehicle, evidence).spinning(base.setting), SPINS)
         self.remarks = evidence.remarks
         self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
-        self._after: dict[int, list[Array] | None] = {}
         if evidence.windows:
             self.residuals = Residuals(Predictor(vehicle, evidence))
             self.residuals.deviation |= residuals.deviation
             self.before = self.residuals(base.setting)
 
-    def after(self, explanation: Explanation) -> list[Array] | None:
-        """Residuals with an explanation, simulated once; None where it leaves all bounds."""
+    def after(self, fitted: Fit) -> list[Array]:
+        """Residuals with a setting that was fitted elsewhere, simulated once. Where the car spins, which says only that
+        it is at its limit, they are those of the base fit."""
         assert self.residuals is not None
-        if id(explanation) not in self._after:
-            try:
-                self._after[id(explanation)] = self.residuals(explanation.fit.setting)
-            except DivergedError:
-                self._after[id(explanation)] = None
-        return self._after[id(explanation)]
+        if id(fitted) not in self._after:
+            self._after[id(fitted)] = self.residuals(fitted.setting, self.before)
+        return self._after[id(fitted)]
+
+    def spins(self, fitted: Fit) -> list[str]:
+        """Remarks on windows in which the car spins with a setting, so that nothing is proven there."""
+        if self.residuals is None:
+            return []
+        predictor = self.residuals.predictor
+        return [
+            f"{w.name}: with what was found the simulated car spins between {w.begin:.0f} and {w.end:.0f} s; the error "
+            "there is counted as before"
+            for w, spun in zip(predictor.evidence.windows, predictor.spinning(fitted.setting), strict=True)
+            if spun
+        ]
 
     def gain(self, explanation: Explanation) -> float | None:
-        """Relative fall of what is minimised, -1 where the simulation leaves all bounds; None without held-out
-        recordings."""
+        """Relative fall of what is minimised; None without held-out recordings."""
         if self.residuals is None:
             return None
-        after = self.after(explanation)
-        if after is None:
-            return -1.0
-        before = self._value(self.base, self.before)
-        return (before - self._value(explanation.fit, after)) / max(before, float(sum(len(r) for r in after)))
+        after = self.after(explanation.fit)
+        before, left = self._value(self.base, self.before), self._value(explanation.fit, after)
+        return (before - left) / max(before, float(sum(len(r) for r in after)))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
         share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
@@ -98,13 +107,11 @@ class Proof:
         if self.worst() <= UNFINISHED:
             return True
         residuals, before = self.fitted, self.base.residuals
-        after: list[Array] | None = explanation.fit.residuals
+        after = explanation.fit.residuals
         if self.residuals is not None:
-            residuals, before, after = self.residuals, self.before, self.after(explanation)
-        if after is None:
-            return False
-        errors, left = residuals.by_signal(before), residuals.by_signal(after)
-        worst = max(errors, key=lambda name: errors[name] / residuals.deviation[name])
+            residuals, before, after = self.residuals, self.before, self.after(explanation.fit)
+        errors, left = residuals.deviations(before), residuals.deviations(after)
+        worst = max(errors, key=lambda name: errors[name])
         return left[worst] < errors[worst]
 
 

@@ -15,7 +15,7 @@ from vsense_ros.mismatch.knobs import size_of
 from vsense_ros.mismatch.road import place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.model import codegen
-from vsense_ros.model.car import SURROUNDINGS, YAW, Car, car_of
+from vsense_ros.model.car import SURROUNDINGS, YAW, Car, X, Y, car_of
 from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
+SPUN = 0.5  # [rad] of side slip from which cars do not come back …
+SPINS = "the simulated car spins there, where the real one did not"  # … and how that is told
 _FIX = ("latitude", "longitude", "altitude")
 _SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
 _MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
@@ -110,15 +112,9 @@ class Predictor:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
         sensors = self._sensors(setting)
         result = []
-        for index, window in enumerate(self.evidence.windows):
-            turned, place = self._way[index]
-            varying = setting.varying(place, self._surveyed(place))
-            around = np.zeros((len(place), len(SURROUNDINGS)))
-            for id in _SLOPING:
-                along, across = setting.effect(id, varying).slope(turned)
-                around[:, 0] += along
-                around[:, 1] += across
-            motion, sensed = self._moved(index, setting, sensors, around, varying)
+        for window, (motion, sensed, around) in zip(
+            self.evidence.windows, self._all_moved(setting, sensors), strict=True
+        ):
             reading = hash(tuple(sensors.items()))
             if reading not in sensed:
                 if len(sensed) > 3:
@@ -126,6 +122,29 @@ class Predictor:
                 sensed[reading] = self._signals(window, motion, sensors, around[::KEEP])
             result.append(sensed[reading])
         return result
+
+    def spinning(self, setting: Setting) -> list[bool]:
+        """Whether the simulated car loses the road in each window: a steering wheel that was turned for another car
+        does not hold one at its limit."""
+        found = []
+        for motion, _, _ in self._all_moved(setting, self._sensors(setting)):
+            slip = np.arctan2(motion.u[:, Y], motion.u[:, X])
+            found.append(not bool(np.all(np.abs(slip) < SPUN)))
+        return found
+
+    def _all_moved(
+        self, setting: Setting, sensors: Mapping[str, SensorBase]
+    ) -> Iterator[tuple[Motion, dict[int, dict[str, Array]], Array]]:
+        """Motion in each window, what of its signals is known already, and the surroundings."""
+        for index in range(len(self.evidence.windows)):
+            turned, place = self._way[index]
+            varying = setting.varying(place, self._surveyed(place))
+            around = np.zeros((len(place), len(SURROUNDINGS)))
+            for id in _SLOPING:
+                along, across = setting.effect(id, varying).slope(turned)
+                around[:, 0] += along
+                around[:, 1] += across
+            yield *self._moved(index, setting, sensors, around, varying), around
 
     @cached_property
     def _way(self) -> list[tuple[Array, Array]]:
