@@ -123,6 +123,13 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
 
 
+def test_a_smaller_second_effect_that_cannot_be_told_from_another_leaves_the_first_named():
+    bank = explaining("bank", 0.6, 0.6)
+    pairs = [explaining(f"bank + {other}", 0.8, 0.8) for other in ("ratio", "gyro")]
+    judged = judge((bank, *pairs), (), unfinished(2.0))
+    assert (judged.verdict, judged.rivals, judged.besides) == ("named", (bank,), ("gyro", "ratio"))
+
+
 def test_a_small_gain_that_several_effects_give_alike_is_chance():
     assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank"))) == ("no_mismatch", ())
     assert said(explaining("wind", 0.05, 0.05)) == ("named", ("wind",))

@@ -124,8 +124,7 @@ def answer(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         )
-    if reason := misfit(base, residuals):
-        return nothing_said(reason)
+    strange = misfit(base, residuals)  # unless what the model leaves out is the reason
     places = points([w.place.value[:, 0] for w in evidence.windows])
     offered = tuple(c for c in candidates(places) if c.effect not in beyond and (not assume or c.effect in assume))
     start = residuals.predictor.start
@@ -157,8 +156,15 @@ def answer(
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     leader, verdict = judged.leader, judged.verdict
+    if strange and (leader is None or verdict != "named" or misfit(leader.fit, residuals)):
+        return nothing_said(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += proof.spins(shown)
+    if judged.besides:
+        found["remarks"].append(
+            f"something smaller is there besides, and the recordings cannot tell whether it is "
+            f"{' or '.join(BY_ID[id].sentence for id in judged.besides)}"
+        )
     found |= {
         "verdict": verdict,
         "located": _located(residuals, base) | {"force": _force(judged)},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ LASTING = 1 / 3  # least share of the gain in training that an effect has where 
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.8, 1.5
+SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Rough roads alone give 1.9
@@ -125,6 +126,7 @@ class Judged:
     ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
     explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
     held_out: dict[int, float | None]  # gains by id of the explanation
+    besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
 
     def confidence(self, explanation: Explanation, effect: str) -> float:
         """That an effect of an explanation is there: how far what it gains beyond the other effects of the explanation
@@ -189,19 +191,33 @@ def judge(
     if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
         unknown = term is not None or proof.worst() > ASTRAY
         return said("unknown" if unknown else "no_mismatch", term)
+
+    def within_reach(leader: Explanation) -> tuple[Explanation, ...]:
+        """A leader and its rivals. What excludes another explanation is what it gains beyond what the two share: that
+        it is itself unproven does not."""
+
+        def is_rival(e: Explanation) -> bool:
+            shared = set(e.effects) & set(leader.effects)
+            known = max((proven(one) for one in explanations if set(one.effects) == shared), default=0.0)
+            as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
+            return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader))
+
+        alike = (e for e in explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
+        return leader, *sorted(filter(is_rival, alike), key=proven, reverse=True)
+
     leader = leaders[0]
-
-    def is_rival(e: Explanation) -> bool:
-        """What excludes another explanation is what it gains beyond what the two share: that it is itself unproven does
-        not."""
-        shared = set(e.effects) & set(leader.effects)
-        known = max((proven(one) for one in explanations if set(one.effects) == shared), default=0.0)
-        as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
-        return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader))
-
-    alike = [e for e in explanations if len(e.candidates) == len(leader.candidates)]
-    rivals = (leader, *sorted((e for e in alike if e is not leader and is_rival(e)), key=proven, reverse=True))
+    rivals = within_reach(leader)
     names = {frozenset(e.effects) for e in rivals}
+    shared = frozenset.intersection(*names)
+    besides: frozenset[str] = frozenset()
+    if len(names) > 1 and shared:
+        # What all rivals share is sure; what else there is, is not, and if it is the smaller part it may be left open.
+        sure = [e for e in explanations if set(e.effects) == shared and holds(e)]
+        if sure and max(map(proven, sure)) > SURE * proven(leader):
+            besides = frozenset.union(*names) - shared
+            leader = max(sure, key=proven)
+            rivals = within_reach(leader)
+            names = {frozenset(e.effects) for e in rivals}
     if len(names) > 1 and proven(leader) < ALIKE * threshold:
         return said("no_mismatch", None)
-    return said("named" if len(names) == 1 else "ambiguous", leader, *rivals)
+    return replace(said("named" if len(names) == 1 else "ambiguous", leader, *rivals), besides=tuple(sorted(besides)))
