@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import detrend
 
 from vsense_ros.mismatch.evidence import Readings, Window
-from vsense_ros.mismatch.signals import CUT_OFF, noise, signals
-from vsense_ros.model.sensors import Imu
+from vsense_ros.mismatch.signals import CUT_OFF, difference, grid, noise, signals
+from vsense_ros.model.sensors import GnssVelocity, Imu
 
 BEGIN, END, PERIOD = 0.0, 200.0, 0.01
 SENSORS = {"imu": Imu()}
@@ -42,3 +43,25 @@ def test_a_signal_without_noise_has_next_to_none():
     t = np.arange(BEGIN - 1.0, END + 1.0, PERIOD)
     drive = window_of(slalom(t), t)
     assert noise(drive, drive.readings, SENSORS, 0.3)["yaw_rate"] < 1e-4
+
+
+def test_side_slip_is_the_course_less_the_heading_up_to_what_drifts():
+    t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
+    rate, slip = slalom(t), 0.02 * np.sin(2 * np.pi * 0.5 * t)
+    heading = np.cumsum(rate) * PERIOD
+    imu = np.zeros((len(t), 6))
+    imu[:, 2] = rate + 0.001  # a bias, which detrending takes off
+    course = heading + slip
+    velocity = np.column_stack([20.0 * np.cos(course), 20.0 * np.sin(course), np.zeros(len(t))])[::10]
+    straight = Readings(t, np.zeros((len(t), 1)))
+    readings = {"imu": Readings(t, imu), "velocity": Readings(t[::10], velocity)}
+    drive = Window(
+        0, "drive", BEGIN, 20.0, readings, Readings(t, straight.value + 20.0), 0.0, False, straight, straight
+    )
+    sensors = {"imu": Imu(), "velocity": GnssVelocity()}
+    measured = signals(drive, readings, sensors, 0.3)
+    at_rest = {"side_slip": np.zeros(len(measured["side_slip"]))}
+    found = difference(measured, at_rest)["side_slip"]
+    expected = detrend(np.interp(grid(drive), t, slip))
+    assert np.abs(found - expected).max() < 0.003
+    assert "side_slip" not in signals(drive, {"velocity": readings["velocity"]}, sensors, 0.3)
