@@ -26,7 +26,7 @@ from vsense_ros.mismatch.gate import hindrance, misfit
 from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.prediction import SPINS, Predictor, Setting
+from vsense_ros.mismatch.prediction import LOST, Predictor, Setting
 from vsense_ros.mismatch.report import shown_value, write_report
 from vsense_ros.mismatch.road import STRETCH, place_of, points
 from vsense_ros.mismatch.search import Explanation, Search
@@ -159,7 +159,7 @@ def answer(
     if strange and (leader is None or verdict != "named" or misfit(leader.fit, residuals)):
         return nothing_said(strange)
     shown = leader.fit if leader is not None else base
-    found["remarks"] += proof.spins(shown)
+    found["remarks"] += proof.lost(shown)
     if judged.besides:
         found["remarks"].append(
             f"something smaller is there besides, and the recordings cannot tell whether it is "
@@ -187,19 +187,19 @@ def answer(
 def _refitted(
     vehicle: Vehicle, evidence: Evidence, knobs: Sequence[Knob], progress: Callable[[], None]
 ) -> tuple[Evidence, Residuals, Fit]:
-    """The base parameters fitted to the evidence; to the rest of it where the simulated car spins in some windows even
-    when it is fitted to the others. Where it spins in most of them, to all."""
+    """The base parameters fitted to the evidence; to the rest of it where the simulated car is lost in some windows
+    even when it is fitted to the others. Where it is lost in most of them, to all."""
     residuals = Residuals(Predictor(vehicle, evidence))
     base = fit(residuals, residuals.predictor.start, knobs, progress=progress)
-    spins = residuals.predictor.spinning(base.setting)
-    if not any(spins) or 2 * sum(spins) > len(spins):
+    lost = residuals.predictor.lost(base.setting)
+    if not any(lost) or 2 * sum(lost) > len(lost):
         return evidence, residuals, base
-    rest = evidence.without(spins, SPINS)
+    rest = evidence.without(lost, LOST)
     residuals_of_rest = Residuals(Predictor(vehicle, rest))
     fitted = fit(residuals_of_rest, residuals.predictor.start, knobs, begin=base.amounts, progress=progress)
-    if not any(residuals.predictor.spinning(fitted.setting)):
+    if not any(residuals.predictor.lost(fitted.setting)):
         base = fit(residuals, residuals.predictor.start, knobs, begin=fitted.amounts, progress=progress)
-        if not any(residuals.predictor.spinning(base.setting)):
+        if not any(residuals.predictor.lost(base.setting)):
             return evidence, residuals, base
     return rest, residuals_of_rest, fitted
 

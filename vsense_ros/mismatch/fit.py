@@ -55,17 +55,17 @@ class Residuals:
 
     def __call__(self, setting: Setting, instead: Sequence[Array] | None = None) -> list[Array]:
         """Of each window, (signals × instants) in the order of `layout`; in standard deviations, and less where the
-        simulation has gone `FAR`. Where the simulated car spins they are those of `instead`, if that is given.
+        simulation has gone `FAR`. Where the simulated car is lost they are those of `instead`, if that is given.
 
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
         result = []
         everything = self.predictor.simulated(setting)
-        spins = self.predictor.spinning(setting) if instead is not None else [False] * len(everything)
+        lost = self.predictor.lost(setting) if instead is not None else [False] * len(everything)
         for i, (measured, simulated, names) in enumerate(
             zip(self.predictor.measured, everything, self.layout, strict=True)
         ):
-            if instead is not None and spins[i]:
+            if instead is not None and lost[i]:
                 result.append(instead[i])
                 continue
             if not simulated:
@@ -159,7 +159,7 @@ def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: floa
         if not knob.low <= present + by <= knob.high:
             continue
         try:
-            changed = residuals(turned(start, [knob], np.array([by])))
+            changed = residuals(turned(start, [knob], np.array([by])), fit.residuals)
         except DivergedError:
             continue
         return [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
@@ -198,12 +198,13 @@ def fit(
     *,
     first: Fit | None = None,
     begin: Array | None = None,
+    instead: Sequence[Array] | None = None,
     iterations: int = ITERATIONS,
     progress: Callable[[], None] = lambda: None,
 ) -> Fit:
     """Turn `knobs` until the value no longer falls, from the amounts `begin` (k,) if they are given. `first` is a fit
-    of the same knobs from which to go on, with the slopes to use. Raises `DivergedError` where the start cannot be
-    simulated.
+    of the same knobs from which to go on, with the slopes to use; `instead` are the residuals of windows in which the
+    simulated car gets lost. Raises `DivergedError` where the start cannot be simulated.
     """
     amounts = np.zeros(len(knobs)) if begin is None else begin
     if first is not None:
@@ -214,7 +215,7 @@ def fit(
     deviations = np.array([knob.deviation for knob in knobs])
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
     setting = turned(start, knobs, amounts)
-    best = Fit(setting, tuple(knobs), amounts, residuals(setting), [], 0.0)
+    best = Fit(setting, tuple(knobs), amounts, residuals(setting, instead), [], 0.0)
     best = replace(best, slopes=first.slopes if first else _slopes(residuals, best, progress))
     fall = 0.0
     for iteration in range(iterations):
@@ -225,7 +226,7 @@ def fit(
             amounts = np.clip(best.amounts + change, low, high)
             setting = turned(start, knobs, amounts)
             try:
-                tried = replace(best, setting=setting, amounts=amounts, residuals=residuals(setting))
+                tried = replace(best, setting=setting, amounts=amounts, residuals=residuals(setting, instead))
             except DivergedError:
                 continue
             if tried.value < best.value:

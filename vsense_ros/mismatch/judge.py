@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import Fit, Residuals, cost
-from vsense_ros.mismatch.prediction import SPINS, Predictor
+from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
 from vsense_ros.model.vehicle import Vehicle
 
@@ -57,7 +57,7 @@ class Proof:
         self.base, self.fitted = base, residuals
         self._after: dict[int, list[Array]] = {}
         if evidence.windows:
-            evidence = evidence.without(Predictor(vehicle, evidence).spinning(base.setting), SPINS)
+            evidence = evidence.without(Predictor(vehicle, evidence).lost(base.setting), LOST)
         self.remarks = evidence.remarks
         self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
         if evidence.windows:
@@ -66,23 +66,23 @@ class Proof:
             self.before = self.residuals(base.setting)
 
     def after(self, fitted: Fit) -> list[Array]:
-        """Residuals with a setting that was fitted elsewhere, simulated once. Where the car spins, which says only that
-        it is at its limit, they are those of the base fit."""
+        """Residuals with a setting that was fitted elsewhere, simulated once. Where the car gets lost they are those of
+        the base fit."""
         assert self.residuals is not None
         if id(fitted) not in self._after:
             self._after[id(fitted)] = self.residuals(fitted.setting, self.before)
         return self._after[id(fitted)]
 
-    def spins(self, fitted: Fit) -> list[str]:
-        """Remarks on windows in which the car spins with a setting, so that nothing is proven there."""
-        if self.residuals is None:
-            return []
-        predictor = self.residuals.predictor
+    def lost(self, fitted: Fit) -> list[str]:
+        """Remarks on windows that say nothing of a setting."""
         return [
-            f"{w.name}: with what was found the simulated car spins between {w.begin:.0f} and {w.end:.0f} s; the error "
-            "there is counted as before"
-            for w, spun in zip(predictor.evidence.windows, predictor.spinning(fitted.setting), strict=True)
-            if spun
+            f"{w.name}: from {w.begin:.0f} to {w.end:.0f} s the error with what was found is counted as before: {LOST}"
+            for residuals in (self.fitted, self.residuals)
+            if residuals is not None
+            for w, lost in zip(
+                residuals.predictor.evidence.windows, residuals.predictor.lost(fitted.setting), strict=True
+            )
+            if lost
         ]
 
     def gain(self, explanation: Explanation) -> float | None:

@@ -10,12 +10,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, Evidence, Readings, Window
+from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, SLOWEST, Evidence, Readings, Window
 from vsense_ros.mismatch.knobs import size_of
 from vsense_ros.mismatch.road import place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.model import codegen
-from vsense_ros.model.car import SURROUNDINGS, YAW, Car, X, Y, car_of
+from vsense_ros.model.car import SPIN, SURROUNDINGS, YAW, Car, X, Y, car_of
 from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
-SPUN = 0.5  # [rad] of side slip from which cars do not come back …
-SPINS = "the simulated car spins there, where the real one did not"  # … and how that is told
+SPUN = 0.5  # [rad] of side slip from which cars do not come back
+SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
+LOST = "there the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
 _SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
 _MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
@@ -123,13 +124,30 @@ class Predictor:
             result.append(sensed[reading])
         return result
 
-    def spinning(self, setting: Setting) -> list[bool]:
-        """Whether the simulated car loses the road in each window: a steering wheel that was turned for another car
-        does not hold one at its limit."""
+    def lost(self, setting: Setting) -> list[bool]:
+        """Whether the simulated car loses the road in each window, or a wheel does, where the real one does not: what
+        was steered and braked for another car does not hold one at its limit, and says no more than that."""
         found = []
-        for motion, _, _ in self._all_moved(setting, self._sensors(setting)):
+        for index, (motion, _, _) in enumerate(self._all_moved(setting, self._sensors(setting))):
             slip = np.arctan2(motion.u[:, Y], motion.u[:, X])
-            found.append(not bool(np.all(np.abs(slip) < SPUN)))
+            spins = not bool(np.all(np.abs(slip) < SPUN))
+            rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
+            slips = bool(np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST)))
+            found.append(spins or (slips and not self._slipped[index]))
+        return found
+
+    @cached_property
+    def _slipped(self) -> list[bool]:
+        """Whether wheels locked or spun in each window."""
+        found = []
+        for window in self.evidence.windows:
+            wheels = [r for name, r in window.readings.items() if self.evidence.sensors[name].kind == "wheel_speeds"]
+            slips = False
+            for readings in wheels:
+                speed = readings.value * self.radius
+                usual = np.nanmedian(speed, axis=1, keepdims=True)
+                slips |= bool(np.any(np.abs(speed - usual) > SLIPPING * np.maximum(usual, SLOWEST)))
+            found.append(slips)
         return found
 
     def _all_moved(

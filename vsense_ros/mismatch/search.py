@@ -225,7 +225,10 @@ class Search:
         found = []
         for signature in signatures:
             try:
-                fitted = fit(self.residuals, self.start, signature.joint.knobs, first=signature.joint, iterations=5)
+                fitted = fit(
+                    self.residuals, self.start, signature.joint.knobs, first=signature.joint,
+                    instead=self.base.residuals, iterations=5,
+                )  # fmt: skip
             except DivergedError:
                 continue
             self._progress()
