@@ -52,6 +52,9 @@ class Made:
     def worst(self, residuals: object = None) -> float:
         return 1.0
 
+    def astray(self) -> bool:
+        return False
+
 
 FITTED = Fit(Setting({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
 UNMENDED = ("effect that mends another signal",)

@@ -68,6 +68,7 @@ class Evidence:
     remarks: tuple[str, ...]
     road: Road  # with all places where the car has been
     on_map: Map
+    left_out: tuple[Window, ...] = ()  # of which nothing can be said
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
@@ -79,7 +80,7 @@ class Evidence:
         stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)
         gone = [w for w, out in zip(self.windows, left_out, strict=True) if out]
         remarks = tuple(f"{w.name}: left out from {w.begin:.0f} to {w.end:.0f} s: {reason}" for w in gone)
-        return replace(self, windows=stay, remarks=(*self.remarks, *remarks))
+        return replace(self, windows=stay, remarks=(*self.remarks, *remarks), left_out=(*self.left_out, *gone))
 
 
 def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:

@@ -101,7 +101,8 @@ def answer(
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
-        "remarks": list(evidence.remarks), "located": {"signals": [], "segments": [], "region": None, "force": None},
+        "remarks": list(evidence.remarks),
+        "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None},
         "effects": [], "out_of_reach": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {},
         "threshold": THRESHOLD, "driven_s": sum(w.duration for e in (evidence, unseen) for w in e.windows),
     }  # fmt: skip
@@ -295,6 +296,7 @@ def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
             {"name": n, "unit": units[n], "before": by_signal[n], "null": residuals.deviation[n]} for n in worst
         ],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
+        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
         "region": _region(residuals, base, worst[0]) if worst else None,
     }
 
@@ -364,6 +366,9 @@ def _sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
                 f". It is described by {force['description']}, with which the squared error falls by "
                 f"{100 * force['gain']:.0f} %"
             )
+        elif lost := found["located"]["lost"]:
+            names = dict.fromkeys(window["recording"] for window in lost)
+            described = f": in {' and '.join(names)} {LOST.replace('there ', '', 1)}"
         else:
             described = f": {where['description']}" if where else ""
         return f"Something is left over that no effect of the library explains{described}."

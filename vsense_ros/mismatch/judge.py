@@ -97,6 +97,10 @@ class Proof:
         share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
         return cost(found) + fitted.weight * share * float(fitted.prior @ fitted.prior)
 
+    def astray(self) -> bool:
+        """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
+        return self.worst() > ASTRAY or bool(self.fitted.predictor.evidence.left_out)
+
     def worst(self) -> float:
         """Of the base fit the signal that is furthest from a good model, there or here, in deviations."""
         there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
@@ -189,8 +193,7 @@ def judge(
     term = next((e for e in terms if proven(e) > DESCRIBED), None)
     explained = max(map(proven, leaders), default=0.0)
     if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
-        unknown = term is not None or proof.worst() > ASTRAY
-        return said("unknown" if unknown else "no_mismatch", term)
+        return said("unknown" if term is not None or proof.astray() else "no_mismatch", term)
 
     def within_reach(leader: Explanation) -> tuple[Explanation, ...]:
         """A leader and its rivals. What excludes another explanation is what it gains beyond what the two share: that
