@@ -24,6 +24,7 @@ OWN = 0.3
 # effect leaves looks like others. In multiples of the least gain, what one adds if no other adds half as much.
 FURTHER, CLEAR = 0.2, 3.0
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
+NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
@@ -153,6 +154,15 @@ def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> f
     return min(explanation.gain, explanation.left_out if unseen is None else unseen)
 
 
+def _negligible(explanation: Explanation) -> bool:
+    """Whether one of its effects has next to no size."""
+    sizes = explanation.sizes
+    return any(
+        c.knobs and all(abs(sizes[knob.name]) < NEGLIGIBLE * knob.likely for knob in c.knobs)
+        for c in explanation.candidates
+    )
+
+
 def judge(
     explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof, threshold: float = THRESHOLD
 ) -> Judged:
@@ -169,7 +179,7 @@ def judge(
         left = proof.fitted.level(e.fit.residuals)
         least = threshold * max(1.0, OWN / max(e.keep, 1e-3))
         lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5
-        return lasts and left < LEFT_OVER and proof.mends_the_worst(e)
+        return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
 
     ranked: dict[str, Explanation] = {}
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
