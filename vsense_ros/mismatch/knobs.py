@@ -59,6 +59,8 @@ BASE = (
     _relative("roll inertia", 0.15, "chassis.roll_inertia"),
     _relative("cornering stiffness, front", 0.15, "front.cornering_scale"),
     _relative("cornering stiffness, rear", 0.15, "rear.cornering_scale"),
+    _relative("longitudinal stiffness, front", 0.15, "front.longitudinal_scale"),
+    _relative("longitudinal stiffness, rear", 0.15, "rear.longitudinal_scale"),
     _relative("grip, front", 0.15, "front.grip_scale"),
     _relative("grip, rear", 0.15, "rear.grip_scale"),
     _relative("roll stiffness, front", 0.15, "front.suspension_stiffness", "front.antiroll_stiffness"),

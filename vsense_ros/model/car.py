@@ -282,7 +282,8 @@ class Car:
         if lagging:
             for effect, memory in zip(self._effects, self._memories, strict=True):
                 speed_y = effect.lateral_speed(speed_y, corner, memory)
-        return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling_speed, touch.inclination)
+        rolling = rolling_speed + (corner.axle.longitudinal_scale - 1) * (rolling_speed - touch.speed_x)
+        return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling, touch.inclination)
 
     def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Forces, moment and slips of a tyre by a column of `tyre_motions`."""

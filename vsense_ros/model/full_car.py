@@ -261,7 +261,7 @@ class Corner:
             slips[0],
             slips[1],
             slips[2] * a.cornering_scale,
-            slips[3],
+            slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
             self._extra.friction * a.grip_scale,
             camber=camber,
             side=self._extra.side,

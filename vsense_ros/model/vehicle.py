@@ -64,6 +64,9 @@ class Axle(Part):
     cornering_scale: float = parameter(
         "-", "cornering stiffness of the axle over that of the tyre's parameters", gt=0, le=5, default=1.0
     )
+    longitudinal_scale: float = parameter(
+        "-", "longitudinal stiffness of the axle's tyres over that of the tyre's parameters", gt=0, le=5, default=1.0
+    )
 
 
 class Steering(Part):
