@@ -125,7 +125,6 @@ def answer(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         )
-    strange = misfit(base, residuals)  # unless what the model leaves out is the reason
     places = points([w.place.value[:, 0] for w in evidence.windows])
     offered = tuple(c for c in candidates(places) if c.effect not in beyond and (not assume or c.effect in assume))
     start = residuals.predictor.start
@@ -133,6 +132,15 @@ def answer(
         base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
         start = base.setting
     search = Search(residuals, start, base, offered, progress)
+
+    def fitted() -> list[Explanation]:
+        return search.together([_all_of(id) for id in assume]) if assume else search.singles()
+
+    explanations = fitted()
+    if (better := search.better_base(explanations)) is not None:
+        base, search = better, Search(residuals, start, better, offered, progress)
+        explanations = fitted()
+    strange = misfit(base, residuals)  # unless what the model leaves out is the reason
     traceless = {c.effect for c in offered} - search.visible
     beyond |= dict.fromkeys(sorted(traceless), "nothing that was recorded depends on it")
     found["out_of_reach"] = [{"id": id, "reason": reason} for id, reason in beyond.items()]
@@ -142,10 +150,8 @@ def answer(
     found["remarks"] = [*evidence.remarks, *proof.remarks]
     found["held_out"] = proof.recordings
     described: list[Explanation] = []
-    if assume:
-        explanations = search.together([_all_of(id) for id in assume])
-    else:
-        explanations = found_last = search.singles()
+    if not assume:
+        found_last = explanations
         while found_last := search.further(found_last, THRESHOLD):
             explanations = [*explanations, *found_last]
         if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:

@@ -28,6 +28,7 @@ STEP = 0.25  # of a knob's likely amount, for derivatives
 ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
+SHAKEN = 1.4  # how much further off a good model is in signals that any road shakes
 SETTLED = 2e-3  # relative fall of the cost that ends the iterations
 UNSETTLED = 0.05  # the same in the last of them, from where on the fit is none
 
@@ -81,10 +82,10 @@ class Residuals:
         return float(np.sqrt(cost(residuals) / max(sum(len(r) for r in residuals), 1)))
 
     def worst(self, residuals: Sequence[Array]) -> float:
-        """Root mean square of the worst signal's residuals, in standard deviations, and on a road that shakes the body
-        in multiples of that where it does."""
+        """Root mean square of the worst signal's residuals, in standard deviations; of signals that a road shakes in
+        multiples of what that does."""
         errors = self.deviations(residuals)
-        road = max(1.0, errors.get(SHAKING, 1.0))
+        road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
         return max((error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()), default=0.0)
 
     def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -29,6 +29,7 @@ SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
 ENOUGH = 0.1  # gain of an effect from where on its shape can be seen
+STUCK = 0.05  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
 
 
@@ -140,6 +141,27 @@ class Search:
             )  # fmt: skip
             found[i : i + 1] = self._fitted([signature]) or [explanation]
         return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def better_base(self, explanations: Sequence[Explanation]) -> Fit | None:
+        """The base parameters fitted anew from where they are in an explanation, if without its effect they fit better
+        there than before: then the effect gained because the fit had stopped short."""
+        least, begin = self.base.value - STUCK * self.whole, None
+        for explanation in explanations:
+            taken = {knob.name for candidate in explanation.candidates for knob in candidate.knobs}
+            found = dict(zip((knob.name for knob in explanation.fit.knobs), explanation.fit.amounts, strict=True))
+            amounts = np.array(
+                [
+                    amount if knob.name in taken else found[knob.name]
+                    for knob, amount in zip(self.base.knobs, self.base.amounts, strict=True)
+                ]
+            )
+            setting = turned(self.start, self.base.knobs, amounts)
+            tried = replace(self.base, amounts=amounts, residuals=self.residuals(setting, self.base.residuals))
+            if tried.value < least:
+                least, begin = tried.value, amounts
+        if begin is None:
+            return None
+        return fit(self.residuals, self.start, self.base.knobs, begin=begin, progress=self._progress)
 
     def further(self, explanations: Sequence[Explanation], least: float) -> list[Explanation]:
         """The best explanations with one more effect each, where that promises `least` of what they leave."""
