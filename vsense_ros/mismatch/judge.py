@@ -32,8 +32,8 @@ RIVAL, RIVAL_LEFT = 0.8, 1.5
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
-# The same of the worst signal: something is left over, and a further effect is worth while. Good models of cars in which
-# nothing is hidden leave 1.2, on rough roads 1.5 (public split).
+# The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
+# hidden good models leave 1.2, on rough roads 1.5 (public split).
 ASTRAY, UNFINISHED = 1.8, 1.5
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
