@@ -73,7 +73,7 @@ class Residuals:
                 raise DivergedError
             off = difference(measured, simulated)
             rows = [off[name] / self.deviation[name] for name in names if name in off]
-            result.append(_tempered(np.clip(rows, -OUTLIER, OUTLIER)).reshape(-1) if rows else np.zeros(0))
+            result.append(tempered(np.clip(rows, -OUTLIER, OUTLIER)).reshape(-1) if rows else np.zeros(0))
         return result
 
     @staticmethod
@@ -94,7 +94,7 @@ class Residuals:
 
     def by_signal(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's error in its unit."""
-        found = self._root_mean_squares(residuals, _as_found)
+        found = self._root_mean_squares(residuals, untempered)
         return {name: off * self.deviation[name] for name, off in found.items()}
 
     def _root_mean_squares(self, residuals: Sequence[Array], of: Callable[[Array], Array]) -> dict[str, float]:
@@ -105,14 +105,14 @@ class Residuals:
         return {name: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for name, p in parts.items()}
 
 
-def _tempered(off: Array) -> Array:
+def tempered(off: Array) -> Array:
     """(signals, instants), shorter at instants where all signals together are far off."""
     far = np.maximum(np.mean(off**2, axis=0) / FAR**2, 1e-12)
     return np.asarray(off * np.sqrt(np.log1p(far) / far))
 
 
-def _as_found(tempered: Array) -> Array:
-    """The inverse of `_tempered`."""
+def untempered(tempered: Array) -> Array:
+    """The inverse of `tempered`."""
     near = np.maximum(np.mean(tempered**2, axis=0) / FAR**2, 1e-12)
     return np.asarray(tempered * np.sqrt(np.expm1(near) / near))
 

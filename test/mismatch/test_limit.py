@@ -1,0 +1,97 @@
+"""What is made of simulations that go astray: at the limit of grip, and from a fit that stopped short."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from hidden import STEP, driven, prototype, wrong
+from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.fit import FAR, Residuals, fit, tempered, untempered
+from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
+from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.search import Search
+from vsense_ros.model.car import SPIN, X, car_of
+from vsense_ros.model.open_loop import Inputs, OpenLoop
+from vsense_ros.model.simulate import rolling_radii, rolling_straight
+
+ERRORS = arrays(float, (3, 5), elements=st.floats(-40.0, 40.0, allow_subnormal=False))
+
+
+@given(ERRORS)
+def test_errors_are_known_again_from_what_counts_of_them(off):
+    assert untempered(tempered(off)) == pytest.approx(off, rel=1e-6, abs=1e-9)
+
+
+@given(ERRORS)
+def test_an_instant_that_is_far_off_counts_for_less_and_one_that_is_near_for_what_it_is(off):
+    counted = tempered(off)
+    assert np.all(np.abs(counted) <= np.abs(off) * (1 + 1e-12))
+    near = np.mean(off**2, axis=0) < (0.1 * FAR) ** 2
+    assert counted[:, near] == pytest.approx(off[:, near], rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def slalom() -> Predictor:
+    return Predictor(prototype(), gather([driven(prototype(), "slalom")], prototype()))
+
+
+@pytest.mark.parametrize(("grip_front", "grip_rear", "lost"), [(1.0, 1.0, False), (0.8, 0.8, False), (1.0, 0.1, True)])
+def test_a_car_that_spins_where_the_real_one_did_not_is_lost(slalom, grip_front, grip_rear, lost):
+    setting = slalom.start.changed({"front.grip_scale": grip_front, "rear.grip_scale": grip_rear})
+    assert slalom.lost(setting) == [lost]
+
+
+def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
+    residuals = Residuals(slalom)
+    known = residuals(slalom.start)
+    spinning = slalom.start.changed({"rear.grip_scale": 0.1})
+    assert residuals.level(residuals(spinning)) > 3 * residuals.level(known)
+    (counted,) = residuals(spinning, known)
+    assert np.array_equal(counted, known[0])
+
+
+def test_a_wheel_that_locks_where_the_real_one_rolled_is_lost_as_well():
+    predictor = Predictor(prototype(), gather([driven(prototype(), "brake")], prototype()))
+    assert predictor.lost(predictor.start) == [False]
+    slippery = {"front.grip_scale": 0.05, "rear.grip_scale": 0.05}
+    assert predictor.lost(predictor.start.changed(slippery)) == [True]
+
+
+def test_tyres_of_more_longitudinal_stiffness_slip_less_in_proportion():
+    def slip(scale: float) -> float:
+        vehicle = prototype().with_parameters({f"{axle}.longitudinal_scale": scale for axle in ("front", "rear")})
+        inputs = np.zeros((2000, 5))
+        inputs[:, 1:] = 20.0
+        loop = OpenLoop(car_of(vehicle), keep=1)
+        start = rolling_straight(vehicle, 20.0)
+        u = loop.run(*start, Inputs(STEP, inputs, np.zeros((2000, 4))), vehicle.parameter_vector()).u[-1]
+        coasting = loop.run(*start, Inputs(STEP, 0 * inputs, np.zeros((2000, 4))), vehicle.parameter_vector()).u[-1]
+        return float(
+            np.mean(u[SPIN] * rolling_radii(vehicle) / u[X] - coasting[SPIN] * rolling_radii(vehicle) / coasting[X])
+        )
+
+    assert slip(1.0) > 1e-4
+    assert slip(1.5) == pytest.approx(slip(1.0) / 1.5, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
+    evidence = gather([driven(prototype(), m) for m in ("sweep", "slalom")], wrong(prototype()))
+    predictor = Predictor(wrong(prototype()), evidence)
+    residuals = Residuals(predictor)
+    beyond = out_of_reach({sensor.kind for sensor in evidence.sensors.values()})
+    knobs = base_knobs(predictor.vehicle, beyond)
+    short = fit(residuals, predictor.start, knobs, begin=np.zeros(len(knobs)), iterations=0)
+    short = fit(residuals, predictor.start, knobs, first=short, iterations=0)
+    whole = fit(residuals, predictor.start, knobs)
+    offered = [c for c in candidates() if c.effect == "brake_drag"]
+    search = Search(residuals, predictor.start, short, offered)
+    better = search.better_base(search.singles())
+    assert better is not None
+    assert better.value < 0.3 * short.value
+    assert better.value == pytest.approx(whole.value, rel=0.05)
+    assert Search(residuals, predictor.start, better, offered).better_base([]) is None
