@@ -134,7 +134,9 @@ def answer(
     search = Search(residuals, start, base, offered, progress)
 
     def fitted() -> list[Explanation]:
-        return search.together([_all_of(id) for id in assume]) if assume else search.singles()
+        if assume:
+            return [search.polished(e) for e in search.together([_all_of(id) for id in assume])]
+        return search.singles()
 
     explanations = fitted()
     if (better := search.better_base(explanations)) is not None:

@@ -217,7 +217,7 @@ def fit(
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
     setting = turned(start, knobs, amounts)
     best = Fit(setting, tuple(knobs), amounts, residuals(setting, instead), [], 0.0)
-    best = replace(best, slopes=first.slopes if first else _slopes(residuals, best, progress))
+    best = replace(best, slopes=first.slopes if first else slopes_at(residuals, best, progress))
     fall = 0.0
     for iteration in range(iterations):
         best = replace(best, weight=first.weight if first else strength(best.residuals))
@@ -238,7 +238,7 @@ def fit(
         if fall < SETTLED:
             break
         if first is None and iteration in (0, 2, 4):
-            best = replace(best, slopes=_slopes(residuals, best, progress))
+            best = replace(best, slopes=slopes_at(residuals, best, progress))
     weight = first.weight if first else strength(best.residuals)
     return replace(best, weight=weight, converged=fall < UNSETTLED)
 
@@ -259,7 +259,8 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
     return min(found, key=lambda one: one[0])[2]
 
 
-def _slopes(residuals: Residuals, at: Fit, progress: Callable[[], None]) -> list[Array]:
+def slopes_at(residuals: Residuals, at: Fit, progress: Callable[[], None]) -> list[Array]:
+    """By window, (rows, k): secants by the knobs of a fit from where it is, per deviation."""
     slopes = [np.zeros((len(r), len(at.knobs))) for r in at.residuals]
     for i, knob in enumerate(at.knobs):
         for window, column in zip(slopes, slope(residuals, at, knob, at.setting), strict=True):

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, solve, turned
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, slopes_at, solve, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -29,6 +29,7 @@ SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
 ENOUGH = 0.1  # gain of an effect from where on its shape can be seen
+POLISHED = 2  # explanations that are fitted again with secants of their own
 STUCK = 0.05  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
 
@@ -124,7 +125,9 @@ class Search:
 
     def singles(self) -> list[Explanation]:
         """The likeliest candidates alone, fitted in full, best first."""
-        return self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
+        found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
+        best = [self.polished(e) if e.gain > ENOUGH else e for e in found[:POLISHED]]
+        return sorted([*best, *found[POLISHED:]], key=lambda e: e.score, reverse=True)
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """The explanations, the best of them with their shapes fitted besides."""
@@ -247,22 +250,36 @@ class Search:
         found = []
         for signature in signatures:
             try:
-                fitted = fit(
-                    self.residuals, self.start, signature.joint.knobs, first=signature.joint,
-                    instead=self.base.residuals, iterations=5,
-                )  # fmt: skip
+                fitted = self._fit(signature.joint)
             except DivergedError:
                 continue
-            self._progress()
-            windows = [i for i, r in enumerate(self.base.residuals) if len(r)]
-            improved = [_value(fitted, [i]) < _value(self.base, [i]) for i in windows]
-            found.append(
-                Explanation(
-                    signature.candidates, fitted, signature.keep, (self.base.value - fitted.value) / self.whole,
-                    self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted),
-                )
-            )  # fmt: skip
+            found.append(self._explanation(signature.candidates, fitted, signature.keep))
         return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def polished(self, explanation: Explanation) -> Explanation:
+        """The explanation fitted further with secants of its own: with those of the base fit, which an effect that is
+        left out may have driven far off, it stops short."""
+        if any(candidate.along_road for candidate in explanation.candidates):
+            return explanation  # each place would cost a simulation
+        at = explanation.fit
+        fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, at, self._progress)))
+        better = self._explanation(explanation.candidates, fitted, explanation.keep)
+        return better if fitted.value < at.value else explanation
+
+    def _fit(self, joint: Fit) -> Fit:
+        fitted = fit(
+            self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals, iterations=5
+        )  # fmt: skip
+        self._progress()
+        return fitted
+
+    def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
+        windows = [i for i, r in enumerate(self.base.residuals) if len(r)]
+        improved = [_value(fitted, [i]) < _value(self.base, [i]) for i in windows]
+        return Explanation(
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
+            self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted),
+        )  # fmt: skip
 
 
 def _first(signature: Signature) -> tuple[str, str]:
