@@ -144,8 +144,8 @@ class Predictor:
             wheels = [r for name, r in window.readings.items() if self.evidence.sensors[name].kind == "wheel_speeds"]
             slips = False
             for readings in wheels:
-                speed = readings.value * self.radius
-                usual = np.nanmedian(speed, axis=1, keepdims=True)
+                speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
+                usual = np.median(speed, axis=1, keepdims=True)
                 slips |= bool(np.any(np.abs(speed - usual) > SLIPPING * np.maximum(usual, SLOWEST)))
             found.append(slips)
         return found
