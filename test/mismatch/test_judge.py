@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit
 from vsense_ros.mismatch.judge import THRESHOLD, confidence, judge
-from vsense_ros.mismatch.knobs import Candidate
+from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
 
@@ -137,3 +138,21 @@ def test_a_small_gain_that_several_effects_give_alike_is_chance():
     assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank"))) == ("no_mismatch", ())
     assert said(explaining("wind", 0.05, 0.05)) == ("named", ("wind",))
     assert said(*(explaining(name, 0.5, 0.5) for name in ("wind", "bank")))[0] == "ambiguous"
+
+
+def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_over():
+    lost = type("Lost", (Made,), {"astray": lambda self: True})()
+    found = explaining("wind", 0.01, 0.01)
+    assert judge((found,), (), lost).verdict == "unknown"
+    assert judge((found,), (), Made()).verdict == "no_mismatch"
+
+
+@pytest.mark.parametrize(("torque", "verdict"), [(1.0, "no_mismatch"), (5.0, "named")])
+def test_an_effect_of_next_to_no_size_is_not_told(torque, verdict):
+    knob = Knob("torque", "N m", 10.0, -100.0, 100.0, lambda values, amount: {"torque": amount})
+    found = replace(
+        explaining("drag", 0.2, 0.2),
+        candidates=(Candidate("drag", "", (knob,), "a brake that drags"),),
+        fit=replace(FITTED, knobs=(knob,), amounts=np.array([torque])),
+    )
+    assert judge((found,), (), Made()).verdict == verdict

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from vsense_ros.mismatch.road import ALONG, Road
 from vsense_ros.model.sensors import SensorBase
@@ -173,7 +174,7 @@ def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: R
         present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
         if present.sum() >= 2:
             t, rate = imu.t[present], imu.value[present, 2]
-            angle = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+            angle = cumulative_trapezoid(rate, t, initial=0)
             return Readings(t, angle[:, None])
     return Readings(speed.t, np.zeros((len(speed.t), 1)))
 
@@ -181,7 +182,7 @@ def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: R
 def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
     """Abscissa of a whole recording, by time. Without positions it has a stretch of the road for itself."""
     t, v = speed.t, speed.value[:, 0]
-    travelled = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
+    travelled = cumulative_trapezoid(v, t, initial=0)
     if position is not None:
         known = np.isfinite(position.value).all(axis=1) & (position.t >= t[0]) & (position.t <= t[-1])
         at = np.interp(position.t[known], t, travelled)

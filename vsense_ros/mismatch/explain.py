@@ -376,7 +376,7 @@ def _sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
             )
         elif lost := found["located"]["lost"]:
             names = dict.fromkeys(window["recording"] for window in lost)
-            described = f": in {' and '.join(names)} {LOST.replace('there ', '', 1)}"
+            described = f": in {' and '.join(names)} {LOST}"
         else:
             described = f": {where['description']}" if where else ""
         return f"Something is left over that no effect of the library explains{described}."

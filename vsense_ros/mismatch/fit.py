@@ -100,8 +100,9 @@ class Residuals:
     def _root_mean_squares(self, residuals: Sequence[Array], of: Callable[[Array], Array]) -> dict[str, float]:
         parts: dict[str, list[Array]] = {}
         for rows, names in zip(residuals, self.layout, strict=True):
-            for name, part in zip(names, of(rows.reshape(len(names), -1)) if len(rows) else (), strict=False):
-                parts.setdefault(name, []).append(part)
+            if len(rows):
+                for name, part in zip(names, of(rows.reshape(len(names), -1)), strict=True):
+                    parts.setdefault(name, []).append(part)
         return {name: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for name, p in parts.items()}
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.inspect import doubts
@@ -266,7 +267,7 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
         if moving.sum() < 2:
             continue
         at, (east, north) = velocity.t[moving], velocity.value[moving, :2].T
-        heading = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+        heading = cumulative_trapezoid(rate, t, initial=0)
         slip = np.unwrap(np.arctan2(north, east)) - np.interp(at, t, heading)
         earlier = np.interp(at - SLIDE_TIME, at, slip)
         if float(np.max(np.abs(slip - earlier))) > SLIDE:
@@ -408,7 +409,7 @@ def _mean(at: Array, t: Array, value: Array, span: float = SMOOTH) -> Array:
     if present.sum() < 2:
         return np.full(len(at), np.nan)
     t, value = t[present], value[present]
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(t) * (value[1:] + value[:-1]) / 2)])
+    integral = cumulative_trapezoid(value, t, initial=0)
     begin, end = np.clip(at - span / 2, t[0], t[-1]), np.clip(at + span / 2, t[0], t[-1])
     with np.errstate(invalid="ignore", divide="ignore"):
         return (np.interp(end, t, integral) - np.interp(begin, t, integral)) / (end - begin)

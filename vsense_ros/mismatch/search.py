@@ -267,9 +267,7 @@ class Search:
         return better if fitted.value < at.value else explanation
 
     def _fit(self, joint: Fit) -> Fit:
-        fitted = fit(
-            self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals, iterations=5
-        )  # fmt: skip
+        fitted = fit(self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals, iterations=5)
         self._progress()
         return fitted
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
 from vsense_ros.mismatch.evidence import RUN_IN, Readings, Window
@@ -145,7 +146,7 @@ def _heading(imu: Readings) -> tuple[Array, Array]:
     t, rate = imu.t[np.isfinite(rate)], rate[np.isfinite(rate)]
     if not len(t):
         return imu.t, np.full(len(imu.t), np.nan)
-    return t, np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+    return t, cumulative_trapezoid(rate, t, initial=0)
 
 
 def difference(measured: Mapping[str, Array], simulated: Mapping[str, Array]) -> dict[str, Array]:
