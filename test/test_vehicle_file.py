@@ -193,7 +193,9 @@ def test_a_file_that_is_not_text_is_refused(tmp_path):
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    assert complaint(tmp_path / "nowhere.yaml") == f"{tmp_path / 'nowhere.yaml'}: no such vehicle file"
+    missing = complaint(tmp_path / "nowhere.yaml")
+    assert missing.startswith(f"{tmp_path / 'nowhere.yaml'}: no such vehicle file; give the path of one")
+    assert "config/vehicles" in missing
     assert complaint(tmp_path).startswith(f"{tmp_path}: cannot be read")
 
 

@@ -32,7 +32,9 @@ def load_vehicle(path: str | Path) -> Vehicle:
     try:
         tree = YAML().load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{path}: no such vehicle file") from None
+        raise InputError(
+            f"{path}: no such vehicle file; give the path of one, or the name without .yaml of one in config/vehicles"
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     except MarkedYAMLError as error:
