@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hidden import STEP, driven, prototype, wrong
+from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import FAR, Residuals, fit, tempered, untempered
 from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
@@ -95,3 +95,17 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     assert better.value < 0.3 * short.value
     assert better.value == pytest.approx(whole.value, rel=0.05)
     assert Search(residuals, predictor.start, better, offered).better_base([]) is None
+
+
+def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
+    biased, vehicle = having(prototype(), gyro_bias={"x": 0.03}), wrong(prototype())
+    evidence = gather([driven(biased, "sweep"), driven(biased, "slalom", seed=1)], vehicle)
+    residuals = Residuals(Predictor(vehicle, evidence))
+    base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
+    offered = [c for c in candidates() if c.name == "gyro_bias x"]
+    (alone,) = Search(residuals, residuals.predictor.start, base, offered).singles()
+    settled = Search(residuals, residuals.predictor.start, base, offered).settled(alone)
+    size = "effects.gyro_bias.x"
+    assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
+    assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
+    assert settled.gain == pytest.approx(alone.gain, abs=0.01)

@@ -164,6 +164,8 @@ def answer(
     judged = judge(explanations, described, proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
+    if judged.leader is not None:
+        judged = judged.led_by(search.settled(judged.leader), proof)
     leader, verdict = judged.leader, judged.verdict
     if strange and (leader is None or verdict != "named" or misfit(leader.fit, residuals)):
         return nothing_said(strange)

@@ -133,6 +133,13 @@ class Judged:
     held_out: dict[int, float | None]  # gains by id of the explanation
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
 
+    def led_by(self, leader: Explanation, proof: Proof) -> Judged:
+        """The same verdict with the leader fitted further."""
+        return replace(
+            self, leader=leader, rivals=(leader, *self.rivals[1:]) if self.rivals else (),
+            held_out=self.held_out | {id(leader): proof.gain(leader)},
+        )  # fmt: skip
+
     def confidence(self, explanation: Explanation, effect: str) -> float:
         """That an effect of an explanation is there: how far what it gains beyond the other effects of the explanation
         leads what any other effect would."""

@@ -14,7 +14,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, slopes_at, solve, turned
+from vsense_ros.mismatch.fit import (
+    DivergedError,
+    Fit,
+    Residuals,
+    cost,
+    fit,
+    slope,
+    slopes_at,
+    solve,
+    strength,
+    turned,
+)
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -32,6 +43,7 @@ ENOUGH = 0.1  # gain of an effect from where on its shape can be seen
 POLISHED = 2  # explanations that are fitted again with secants of their own
 STUCK = 0.05  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
+FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
 
 
 @dataclass(frozen=True)
@@ -265,6 +277,29 @@ class Search:
         fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, at, self._progress)))
         better = self._explanation(explanation.candidates, fitted, explanation.keep)
         return better if fitted.value < at.value else explanation
+
+    def settled(self, explanation: Explanation) -> Explanation:
+        """The explanation with its sizes fitted once more, hardly drawn to zero any longer: what they cost has told the
+        likely effects from the unlikely. What it gains is counted at the same costs as that of all others."""
+        at, sizes = explanation.fit, explanation.sizes
+        times = np.array(
+            [
+                max(1.0, FREED * abs(sizes[knob.name]) / knob.deviation) if knob.name in sizes else 1.0
+                for knob in at.knobs
+            ]
+        )
+        knobs = tuple(
+            replace(knob, deviation=knob.deviation * factor) for knob, factor in zip(at.knobs, times, strict=True)
+        )
+        freed = replace(at, knobs=knobs, slopes=[s * times for s in at.slopes], weight=strength(at.residuals))
+        try:
+            fitted = self._fit(freed)
+        except DivergedError:
+            return explanation
+        at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes, weight=at.weight)
+        return replace(
+            self._explanation(explanation.candidates, at_same_costs, explanation.keep), deviations=_deviations(fitted)
+        )
 
     def _fit(self, joint: Fit) -> Fit:
         fitted = fit(self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals, iterations=5)
