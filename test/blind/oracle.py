@@ -17,7 +17,7 @@ class Best:
     """The fit with the true effects."""
 
     gain: float  # that the least of the effects adds to the others; the smaller of training and held-out gain
-    errors: dict[str, float]  # of each signal on held-out recordings, after the fit
+    left: dict[str, float]  # of each signal's error on held-out recordings, the share that is left after the fit
 
     @property
     def detectable(self) -> bool:
@@ -37,8 +37,9 @@ def best(report: Path, effects: list[str]) -> Best | None:
     if not answer or not answer.explain.get("effects"):
         return None
     gain, *without = (_gain(folder, assumed) for folder, assumed in _reports(report, effects).items())
-    after = {signal: after for signal, (_, after) in reading.errors(answer.explain).items()}
-    return Best(gain - max([0.0, *without]), after)
+    errors = reading.errors(answer.explain)
+    left = {signal: after / before for signal, (before, after) in errors.items() if before > 0}
+    return Best(gain - max([0.0, *without]), left)
 
 
 def _reports(report: Path, effects: list[str]) -> dict[Path, list[str]]:

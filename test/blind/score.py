@@ -102,7 +102,8 @@ def parameter_error(result: Result) -> float | None:
 
 
 def recovery(result: Result) -> float | None:
-    """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before.
+    """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before:
+    each fit is compared where its car is not lost.
 
     None where not even the true effect makes the fit better by 2 % of a signal.
     """
@@ -110,9 +111,9 @@ def recovery(result: Result) -> float | None:
         return None
     gained, possible = 0.0, 0.0
     for signal, (before, after) in reading.errors(result.answer.explain).items():
-        if before > 0 and signal in result.best.errors:
+        if before > 0 and signal in result.best.left:
             gained += 1 - after / before
-            possible += 1 - result.best.errors[signal] / before
+            possible += 1 - result.best.left[signal]
     return gained / possible if possible > 0.02 else None
 
 

@@ -10,10 +10,11 @@ from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.fit import FAR, Residuals, fit, tempered, untempered
+from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Residuals, fit, tempered, untempered
 from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.search import Search
+from vsense_ros.mismatch.signals import grid
 from vsense_ros.model.car import SPIN, X, car_of
 from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
@@ -51,7 +52,21 @@ def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
     spinning = slalom.start.changed({"rear.grip_scale": 0.1})
     assert residuals.level(residuals(spinning)) > 3 * residuals.level(known)
     (counted,) = residuals(spinning, known)
-    assert np.array_equal(counted, known[0])
+    (window,), (lost,) = slalom.evidence.windows, slalom.lost_from(spinning)
+    after = np.tile(grid(window) > lost - ASTRAY_BEFORE, len(residuals.layout[0]))
+    assert np.array_equal(counted[after], known[0][after])
+
+
+def test_what_a_car_measures_before_it_gets_lost_is_compared():
+    predictor = Predictor(prototype(), gather([driven(prototype(), "brake")], prototype()))
+    residuals = Residuals(predictor)
+    spinning = predictor.start.changed({"rear.grip_scale": 0.65, "effects.gyro_bias.x": 0.05})
+    (lost,) = predictor.lost_from(spinning)
+    (found,) = residuals.compared(spinning, [lost])
+    signals = residuals.layout[0]
+    assert len(found) == len(signals) * np.sum(grid(predictor.evidence.windows[0]) < lost - ASTRAY_BEFORE)
+    off = found.reshape(len(signals), -1)[signals.index("roll_rate")]
+    assert np.median(off) == pytest.approx(-0.05 / residuals.deviation["roll_rate"], rel=0.3)
 
 
 def test_a_wheel_that_locks_where_the_real_one_rolled_is_lost_as_well():

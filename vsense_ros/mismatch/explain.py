@@ -358,7 +358,7 @@ def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[s
         name: {"unit": units[name], "training": {"before": before[name], "after": after[name]}} for name in before
     }
     if proof.residuals is not None:
-        before, after = (proof.residuals.by_signal(r) for r in (proof.before, proof.after(shown)))
+        before, after = (proof.residuals.by_signal(r) for r in proof.compared(shown))
         for name in before:
             if name in result:
                 result[name]["held_out"] = {"before": before[name], "after": after[name]}

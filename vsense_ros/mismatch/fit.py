@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import Predictor, Setting
-from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference
+from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference, grid
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,8 @@ OUTLIER = 40.0  # standard deviations beyond which a residual counts as that man
 # Standard deviations of all signals together from where on an instant counts for less and less (as Cauchy's loss has
 # it): a simulated car that spins at the limit, where the real one just did not, says no more than that.
 FAR = 5.0
+ASTRAY_BEFORE = 1.0  # [s] that a car which gets lost is astray already
+LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
 STEP = 0.25  # of a knob's likely amount, for derivatives
 ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
@@ -53,27 +55,41 @@ class Residuals:
             noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
             self.deviation[name] = float(np.linalg.norm([_FLOORS[name], SHARE * size, noise]))
         self.layout = [[name for name in names if name in m] for m in measured]
+        self._instants = [grid(window) for window in predictor.evidence.windows]
 
     def __call__(self, setting: Setting, instead: Sequence[Array] | None = None) -> list[Array]:
         """Of each window, (signals × instants) in the order of `layout`; in standard deviations, and less where the
-        simulation has gone `FAR`. Where the simulated car is lost they are those of `instead`, if that is given.
+        simulation has gone `FAR`. Once the simulated car is lost they are those of `instead`, if that is given.
 
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
+        if instead is None:
+            found = self._until(setting, [np.inf] * len(self.layout))
+            return [rows.reshape(-1) for rows in found]
+        found = self._until(setting, self.predictor.lost_from(setting))
+        return [
+            np.column_stack([rows, known.reshape(len(rows), -1)[:, rows.shape[1] :]]).reshape(-1)
+            for rows, known in zip(found, instead, strict=True)
+        ]
+
+    def compared(self, setting: Setting, until: Sequence[float]) -> list[Array]:
+        """The same, of each window up to a time [s] alone."""
+        return [rows.reshape(-1) for rows in self._until(setting, until)]
+
+    def _until(self, setting: Setting, until: Sequence[float]) -> list[Array]:
+        """Of each window (signals, instants) before it is `ASTRAY_BEFORE` a time [s]; nothing if those are few."""
         result = []
-        everything = self.predictor.simulated(setting)
-        lost = self.predictor.lost(setting) if instead is not None else [False] * len(everything)
-        for i, (measured, simulated, names) in enumerate(
-            zip(self.predictor.measured, everything, self.layout, strict=True)
-        ):
-            if instead is not None and lost[i]:
-                result.append(instead[i])
+        simulations = zip(self.predictor.measured, self.predictor.simulated(setting), strict=True)
+        for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):
+            kept = len(t) if np.isinf(end) else int(np.searchsorted(t, end - ASTRAY_BEFORE))
+            if kept < min(LEAST_KEPT, len(t)):
+                result.append(np.zeros((len(names), 0)))
                 continue
             if not simulated:
                 raise DivergedError
-            off = difference(measured, simulated)
-            rows = [off[name] / self.deviation[name] for name in names if name in off]
-            result.append(tempered(np.clip(rows, -OUTLIER, OUTLIER)).reshape(-1) if rows else np.zeros(0))
+            off = difference({n: v[:kept] for n, v in measured.items()}, {n: v[:kept] for n, v in simulated.items()})
+            rows = np.array([off[name] / self.deviation[name] for name in names if name in off]).reshape(-1, kept)
+            result.append(tempered(np.clip(rows, -OUTLIER, OUTLIER)))
         return result
 
     @staticmethod

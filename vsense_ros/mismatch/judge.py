@@ -35,6 +35,7 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
 # hidden good models leave 1.2, on rough roads 1.5 (public split).
 ASTRAY, UNFINISHED = 1.8, 1.5
+COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
 
@@ -56,7 +57,7 @@ class Proof:
     def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
         self.residuals: Residuals | None = None
         self.base, self.fitted = base, residuals
-        self._after: dict[int, list[Array]] = {}
+        self._compared: dict[int, tuple[list[Array], list[Array]]] = {}
         if evidence.windows:
             evidence = evidence.without(Predictor(vehicle, evidence).lost(base.setting), LOST)
         self.remarks = evidence.remarks
@@ -66,33 +67,36 @@ class Proof:
             self.residuals.deviation |= residuals.deviation
             self.before = self.residuals(base.setting)
 
-    def after(self, fitted: Fit) -> list[Array]:
-        """Residuals with a setting that was fitted elsewhere, simulated once. Where the car gets lost they are those of
-        the base fit."""
+    def compared(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """Residuals of the base fit and of one with effects, simulated once: in each window until the car gets lost. If
+        that leaves little, or nothing can be said of the fit, until the end, with those of the base fit from there on.
+        """
         assert self.residuals is not None
-        if id(fitted) not in self._after:
-            self._after[id(fitted)] = self.residuals(fitted.setting, self.before)
-        return self._after[id(fitted)]
+        if id(fitted) not in self._compared:
+            until = self.residuals.predictor.lost_from(fitted.setting)
+            before = self.residuals.compared(self.base.setting, until)
+            after = self.residuals.compared(fitted.setting, until)
+            if sum(map(len, before)) < COMPARED * sum(map(len, self.before)):
+                before, after = self.before, self.residuals(fitted.setting, self.before)
+            self._compared[id(fitted)] = before, after
+        return self._compared[id(fitted)]
 
     def lost(self, fitted: Fit) -> list[str]:
-        """Remarks on windows that say nothing of a setting."""
+        """Remarks on windows that say nothing of a setting, or not to their end."""
         return [
-            f"{w.name}: from {w.begin:.0f} to {w.end:.0f} s the error with what was found is counted as before: {LOST}"
-            for residuals in (self.fitted, self.residuals)
-            if residuals is not None
-            for w, lost in zip(
-                residuals.predictor.evidence.windows, residuals.predictor.lost(fitted.setting), strict=True
-            )
-            if lost
+            f"{w.name}: from {lost:.0f} to {w.end:.0f} s what was found is not judged: {LOST}"
+            for predictor in (r.predictor for r in (self.fitted, self.residuals) if r is not None)
+            for w, lost in zip(predictor.evidence.windows, predictor.lost_from(fitted.setting), strict=True)
+            if np.isfinite(lost)
         ]
 
     def gain(self, explanation: Explanation) -> float | None:
         """Relative fall of what is minimised; None without held-out recordings."""
         if self.residuals is None:
             return None
-        after = self.after(explanation.fit)
-        before, left = self._value(self.base, self.before), self._value(explanation.fit, after)
-        return (before - left) / max(before, float(sum(len(r) for r in after)))
+        before, after = self.compared(explanation.fit)
+        value, left = self._value(self.base, before), self._value(explanation.fit, after)
+        return (value - left) / max(value, float(sum(len(r) for r in after)))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
         share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
@@ -115,7 +119,7 @@ class Proof:
         residuals, before = self.fitted, self.base.residuals
         after = explanation.fit.residuals
         if self.residuals is not None:
-            residuals, before, after = self.residuals, self.before, self.after(explanation.fit)
+            residuals, (before, after) = self.residuals, self.compared(explanation.fit)
         errors, left = residuals.deviations(before), residuals.deviations(after)
         worst = max(errors, key=lambda name: errors[name])
         return left[worst] < errors[worst]

@@ -125,15 +125,25 @@ class Predictor:
         return result
 
     def lost(self, setting: Setting) -> list[bool]:
-        """Whether the simulated car loses the road in each window, or a wheel does, where the real one does not: what
-        was steered and braked for another car does not hold one at its limit, and says no more than that."""
+        """Whether the simulated car gets lost in each window."""
+        return [bool(np.isfinite(instant)) for instant in self.lost_from(setting)]
+
+    def lost_from(self, setting: Setting) -> list[float]:
+        """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
+        infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
+        says no more than that."""
         found = []
-        for index, (motion, _, _) in enumerate(self._all_moved(setting, self._sensors(setting))):
+        moved = self._all_moved(setting, self._sensors(setting))
+        for window, (motion, _, _), slipped in zip(self.evidence.windows, moved, self._slipped, strict=True):
+            if not _in_bounds(motion):
+                found.append(window.begin)
+                continue
             slip = np.arctan2(motion.u[:, Y], motion.u[:, X])
-            spins = not bool(np.all(np.abs(slip) < SPUN))
-            rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
-            slips = bool(np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST)))
-            found.append(spins or (slips and not self._slipped[index]))
+            lost = ~(np.abs(slip) < SPUN)
+            if not slipped:
+                rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
+                lost |= np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
+            found.append(window.begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf)
         return found
 
     @cached_property
@@ -265,7 +275,7 @@ class Predictor:
     def _signals(
         self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], around: Array
     ) -> dict[str, Array]:
-        if not np.isfinite(motion.u[-1]).all():
+        if not _in_bounds(motion):
             return {}
         readings = {}
         for name, sensing in self._sensing.items():
@@ -283,6 +293,10 @@ class Predictor:
 def _middle(window: Window) -> Array:
     """Times in the middle of each step [s]."""
     return np.asarray(window.begin + (np.arange(np.ceil(window.duration / STEP)) + 0.5) * STEP, dtype=float)
+
+
+def _in_bounds(motion: Motion) -> bool:
+    return bool(np.isfinite(motion.u[-1]).all())
 
 
 def _offset(sensor: SensorBase) -> Array | float:
