@@ -147,12 +147,15 @@ def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_
     assert judge((found,), (), Made()).verdict == "no_mismatch"
 
 
-@pytest.mark.parametrize(("torque", "verdict"), [(1.0, "no_mismatch"), (5.0, "named")])
-def test_an_effect_of_next_to_no_size_is_not_told(torque, verdict):
+@pytest.mark.parametrize(
+    ("torque", "deviation", "verdict"), [(1.0, 0.1, "no_mismatch"), (5.0, 1.0, "named"), (5.0, 4.0, "no_mismatch")]
+)
+def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torque, deviation, verdict):
     knob = Knob("torque", "N m", 10.0, -100.0, 100.0, lambda values, amount: {"torque": amount})
     found = replace(
         explaining("drag", 0.2, 0.2),
         candidates=(Candidate("drag", "", (knob,), "a brake that drags"),),
         fit=replace(FITTED, knobs=(knob,), amounts=np.array([torque])),
+        deviations={"torque": deviation},
     )
     assert judge((found,), (), Made()).verdict == verdict

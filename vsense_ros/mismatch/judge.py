@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import Fit, Residuals, cost
+from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
 from vsense_ros.model.vehicle import Vehicle
@@ -24,6 +25,7 @@ OWN = 0.3
 # effect leaves looks like others. In multiples of the least gain, what one adds if no other adds half as much.
 FURTHER, CLEAR = 0.2, 2.0
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
+CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
@@ -166,11 +168,14 @@ def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> f
 
 
 def _negligible(explanation: Explanation) -> bool:
-    """Whether one of its effects has next to no size."""
-    sizes = explanation.sizes
+    """Whether one of its effects has next to no size, or one that might as well be zero."""
+    sizes, deviations = explanation.sizes, explanation.deviations
+
+    def least(knob: Knob) -> float:
+        return max(NEGLIGIBLE * knob.likely, CERTAIN_SIZE * deviations[knob.name])
+
     return any(
-        c.knobs and all(abs(sizes[knob.name]) < NEGLIGIBLE * knob.likely for knob in c.knobs)
-        for c in explanation.candidates
+        c.knobs and all(abs(sizes[knob.name]) < least(knob) for knob in c.knobs) for c in explanation.candidates
     )
 
 
