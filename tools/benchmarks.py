@@ -78,6 +78,15 @@ SCORES = {
     "detectable": ("share that can be detected", ""),
     "cpu_seconds_per_100_s": ("seconds of computing per 100 s", "≤ 60"),
 }
+ABLATIONS_HEAD = """Rich manoeuvres with a part of the method left out (`run --ablation`, on the first of the
+cases), and the answers held against the labels of other cases:
+"""
+ABLATIONS = {
+    "no_refit": "without the refit",
+    "no_projection": "without the projection",
+    "chi2_thresholds": "χ² thresholds",
+    "shuffled_labels": "labels shuffled",
+}
 
 PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
@@ -170,13 +179,21 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
 
 
 def examination(found: dict[str, Any]) -> list[str]:
-    """The scores of `python -m blind score`, a column for each set of manoeuvres."""
+    """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
+    without a part of the method and with the labels of other cases."""
     sets = [name for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores]
     names = [name.replace("_", " ") for name in sets]
     rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
         cells = [_cell(found[name].get(score, {})) for name in sets]
         rows.append(f"| {words} | {asked} | {' | '.join(cells)} |")
+    parts = {name: sets["rich"] for name, sets in found.get("ablations", {}).items() if "rich" in sets}
+    if parts and "rich" in found:
+        names = [ABLATIONS.get(name, name.replace("_", " ")) for name in parts]
+        rows += ["", ABLATIONS_HEAD, f"| | whole | {' | '.join(names)} |", f"|---|---|{'---|' * len(parts)}"]
+        for score, (words, _) in SCORES.items():
+            cells = [_cell(scores.get(score, {})) for scores in (found["rich"], *parts.values())]
+            rows.append(f"| {words} | {' | '.join(cells)} |")
     return [*rows, ""]
 
 

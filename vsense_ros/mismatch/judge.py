@@ -174,9 +174,7 @@ def _negligible(explanation: Explanation) -> bool:
     def least(knob: Knob) -> float:
         return max(NEGLIGIBLE * knob.likely, CERTAIN_SIZE * deviations[knob.name])
 
-    return any(
-        c.knobs and all(abs(sizes[knob.name]) < least(knob) for knob in c.knobs) for c in explanation.candidates
-    )
+    return any(c.knobs and all(abs(sizes[knob.name]) < least(knob) for knob in c.knobs) for c in explanation.candidates)
 
 
 def judge(

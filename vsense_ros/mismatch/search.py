@@ -14,18 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import (
-    DivergedError,
-    Fit,
-    Residuals,
-    cost,
-    fit,
-    slope,
-    slopes_at,
-    solve,
-    strength,
-    turned,
-)
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, slopes_at, solve, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -291,12 +280,12 @@ class Search:
         knobs = tuple(
             replace(knob, deviation=knob.deviation * factor) for knob, factor in zip(at.knobs, times, strict=True)
         )
-        freed = replace(at, knobs=knobs, slopes=[s * times for s in at.slopes], weight=strength(at.residuals))
+        freed = replace(at, knobs=knobs, slopes=[s * times for s in at.slopes])
         try:
             fitted = self._fit(freed)
         except DivergedError:
             return explanation
-        at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes, weight=at.weight)
+        at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes)
         return replace(
             self._explanation(explanation.candidates, at_same_costs, explanation.keep), deviations=_deviations(fitted)
         )
