@@ -112,15 +112,29 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     assert Search(residuals, predictor.start, better, offered).better_base([]) is None
 
 
-def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
-    biased, vehicle = having(prototype(), gyro_bias={"x": 0.03}), wrong(prototype())
-    evidence = gather([driven(biased, "sweep"), driven(biased, "slalom", seed=1)], vehicle)
+def biased(*manoeuvres: str) -> Search:
+    """The search for a bias of 0.03 rad/s about x that is hidden in these, with wrong mass and tyres."""
+    car, vehicle = having(prototype(), gyro_bias={"x": 0.03}), wrong(prototype())
+    evidence = gather([driven(car, name, seed=seed) for seed, name in enumerate(manoeuvres)], vehicle)
     residuals = Residuals(Predictor(vehicle, evidence))
     base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
     offered = [c for c in candidates() if c.name == "gyro_bias x"]
-    (alone,) = Search(residuals, residuals.predictor.start, base, offered).singles()
-    settled = Search(residuals, residuals.predictor.start, base, offered).settled(alone)
+    return Search(residuals, residuals.predictor.start, base, offered)
+
+
+def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
+    search = biased("sweep", "slalom")
+    (alone,) = search.singles()
+    settled = search.settled(alone)
     size = "effects.gyro_bias.x"
     assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
     assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
     assert settled.gain == pytest.approx(alone.gain, abs=0.01)
+
+
+def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
+    search = biased("sweep")
+    (found,) = search.singles()
+    size = "effects.gyro_bias.x"
+    assert 0 < found.deviations[size] < 0.1 * found.sizes[size]
+    assert abs(search.settled(found).sizes[size] - 0.03) < 3 * found.deviations[size]

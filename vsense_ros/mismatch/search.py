@@ -32,6 +32,7 @@ ENOUGH = 0.1  # gain of an effect from where on its shape can be seen
 POLISHED = 2  # explanations that are fitted again with secants of their own
 STUCK = 0.05  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
+STRETCHES = 4  # of a window that is the only one, whose spread says how sure a size is
 FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
 
 
@@ -287,7 +288,8 @@ class Search:
             return explanation
         at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes)
         return replace(
-            self._explanation(explanation.candidates, at_same_costs, explanation.keep), deviations=_deviations(fitted)
+            self._explanation(explanation.candidates, at_same_costs, explanation.keep),
+            deviations=_deviations(fitted, self.residuals.layout),
         )
 
     def _fit(self, joint: Fit) -> Fit:
@@ -300,7 +302,7 @@ class Search:
         improved = [_value(fitted, [i]) < _value(self.base, [i]) for i in windows]
         return Explanation(
             candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
-            self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted),
+            self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
 
@@ -388,21 +390,30 @@ def _keep(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> float:
     return float(np.sqrt(left / whole)) if whole > 0 else 0.0
 
 
-def _deviations(fitted: Fit) -> dict[str, float]:
+def _deviations(fitted: Fit, layout: Sequence[Sequence[str]]) -> dict[str, float]:
     """Standard deviations of the knobs by name. Residuals of neighbouring instants err together: the spread between
-    windows says how much they tell, by a jackknife over windows."""
-    every = range(len(fitted.residuals))
+    windows says how much they tell, by a jackknife over windows, or over stretches of the only one. `layout` names the
+    signals of each window."""
+    slopes, rest = fitted.slopes, fitted.residuals
+    if len(rest) == 1:
+        (names,) = layout
+        slopes = [part.reshape(-1, len(fitted.knobs)) for part in _split(slopes[0], len(names))]
+        rest = [part.reshape(-1) for part in _split(rest[0], len(names))]
+    n = len(rest)
+    every = range(n)
     changes = np.array(
         [
             solve(
-                [fitted.slopes[i] for i in every if i != out], [fitted.residuals[i] for i in every if i != out],
-                fitted.prior, fitted.weight,
+                [slopes[i] for i in every if i != out], [rest[i] for i in every if i != out], fitted.prior,
+                fitted.weight,
             )
             for out in every
         ]
     )  # fmt: skip
-    n = len(changes)
-    spread = np.ones(len(fitted.knobs))
-    if n > 1:
-        spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
+    spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
     return {knob.name: float(s * knob.deviation) for knob, s in zip(fitted.knobs, spread, strict=True)}
+
+
+def _split(rows: Array, signals: int) -> list[Array]:
+    """Stretches of a window whose rows are signals × instants."""
+    return np.array_split(rows.reshape(signals, -1, *rows.shape[1:]), STRETCHES, axis=1)
