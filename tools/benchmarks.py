@@ -182,6 +182,7 @@ def examination(found: dict[str, Any]) -> list[str]:
     """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
     without a part of the method and with the labels of other cases."""
     sets = [name for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores]
+    sets.sort(key=lambda name: name != "rich")
     names = [name.replace("_", " ") for name in sets]
     rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
