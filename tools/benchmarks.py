@@ -73,6 +73,7 @@ SCORES = {
     "recovery_median": ("recovery, median", "≥ 0.95"),
     "recovery_p10": ("recovery, tenth percentile", "≥ 0.6"),
     "parameter_error_median": ("error of the parameter, median", "≤ 0.07"),
+    "intervals_hold": ("hidden size in the 90 % interval", ""),
     "where_right": ("right wheel, axle, axis or sensor", ""),
     "doubles_both": ("both of two named", "≥ 0.75"),
     "detectable": ("share that can be detected", ""),

@@ -11,6 +11,7 @@ from multiprocessing import Manager
 from pathlib import Path
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -224,13 +225,21 @@ def _check_seal(options: dict) -> None:
 @main.command()
 @click.pass_obj
 def calibrate(options: dict) -> None:
-    """Fit the confidence of the tool to its answers: log odds of a right name over the lead of its gain."""
+    """Fit the confidence of the tool to its answers: log odds of a right name over the lead of its gain; and tell how
+    far off its sizes are."""
     _check_seal(options)
-    leads, right = score.leads(_results(options, None))
+    results = _results(options, None)
+    leads, right = score.leads(results)
     certain, by_lead = score.logistic(leads, right)
     CONSOLE.print(
         f"log odds {certain:.1f} + {by_lead:.1f} · ln(lead), from {len(leads)} names of which {sum(right)} are right"
     )
+    errors = score.relative_errors(results)
+    if len(errors):
+        half, most = np.quantile(errors, [0.5, 0.9])
+        held = [one for r in results if r.kind == "effect" and r.detectable for one in score.intervals_hold(r)]
+        CONSOLE.print(f"of {len(errors)} sizes half are within {half:.1%}, nine in ten within {most:.1%}")
+        CONSOLE.print(f"of {len(held)} intervals of 90 % {np.mean(held):.0%} hold")
 
 
 @main.command()

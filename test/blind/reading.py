@@ -1,8 +1,8 @@
 """What is read of the tool's `explain.json`: the one place that knows its keys.
 
-`verdict`; `effects`: ranked, each with `id`, `parameters` (`name`, `value`), `gain_training`, `gain_held_out`, and
-`accepted` where several are there at once; `answer_set`: ids within reach of the best; `fit`: for each signal
-`held_out` with the error `before` and `after`; `driven_s`.
+`verdict`; `effects`: ranked, each with `id`, `parameters` (`name`, `value`, `interval_90`), `gain_training`,
+`gain_held_out`, and `accepted` where several are there at once; `answer_set`: ids within reach of the best; `fit`: for
+each signal `held_out` with the error `before` and `after`; `driven_s`.
 """
 
 from __future__ import annotations
@@ -37,9 +37,18 @@ def answer_set(explain: Mapping) -> list[str]:
 
 def parameters(effect: Mapping) -> dict[str, float]:
     """Values by name; a single one of an effect that says its wheel, axle or sensor goes by that."""
-    values = {entry["name"]: entry["value"] for entry in effect.get("parameters", [])}
-    place = next((effect[key] for key in PLACES if effect.get(key)), None)
-    return {place: next(iter(values.values()))} if place and len(values) == 1 else values
+    return _of_parameters(effect, "value")
+
+
+def intervals(effect: Mapping) -> dict[str, tuple[float, float]]:
+    """90 % intervals by the same names."""
+    return {name: tuple(limits) for name, limits in _of_parameters(effect, "interval_90").items()}
+
+
+def _of_parameters(effect: Mapping, key: str) -> dict:
+    found = {entry["name"]: entry[key] for entry in effect.get("parameters", [])}
+    place = next((effect[kind] for kind in PLACES if effect.get(kind)), None)
+    return {place: next(iter(found.values()))} if place and len(found) == 1 else found
 
 
 def driven(explain: Mapping) -> float:

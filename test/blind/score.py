@@ -101,6 +101,15 @@ def parameter_error(result: Result) -> float | None:
     return sqrt(wrong / sum(value**2 for value in expected.values()))
 
 
+def intervals_hold(result: Result) -> list[bool]:
+    """Of the comparable parameters of a rightly named effect, whether each lies in the 90 % interval that is told."""
+    hidden = result.label["hidden"][0]
+    if result.ranked[:1] != [hidden["id"]]:
+        return []
+    told = reading.intervals(result.answer.explain["effects"][0])
+    return [told[name][0] <= value <= told[name][1] for name, value in hidden["parameters"].items() if name in told]
+
+
 def recovery(result: Result) -> float | None:
     """(before − after) / (before − best) on held-out recordings, errors of each signal over what they were before:
     each fit is compared where its car is not lost.
@@ -147,6 +156,7 @@ def of_set(results: list[Result]) -> dict:
         "recovery_median": number(recoveries),
         "recovery_p10": number(recoveries, lambda values: np.quantile(values, 0.1)),
         "parameter_error_median": number(parameter_error(r) for r in single),
+        "intervals_hold": share(held for r in single for held in intervals_hold(r)),
         "where_right": share(where),
         "doubles_both": share(r.truth <= set(r.accepted) for r in doubles),
         "detectable": share(r.detectable for r in results if r.kind == "effect"),
@@ -191,6 +201,17 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray]:
             found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))
             right.append(name in r.truth)
     return np.array(found), np.array(right)
+
+
+def relative_errors(results: list[Result]) -> np.ndarray:
+    """Of every comparable parameter of a rightly named effect: how far off it is, over its estimate."""
+    found = []
+    for r in results:
+        if r.kind == "effect" and r.detectable and r.ranked[:1] == [r.label["hidden"][0]["id"]]:
+            told = reading.parameters(r.answer.explain["effects"][0])
+            expected = r.label["hidden"][0]["parameters"]
+            found += [abs(1 - value / told[name]) for name, value in expected.items() if value and told.get(name)]
+    return np.array(found)
 
 
 def logistic(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:

@@ -31,9 +31,10 @@ def _result(
         "acceptable": list(acceptable),
         "hidden": [{"id": name, "where": "", "parameters": {"area": 0.3}} for name in hidden],
     }
+    area = {"name": "area", "value": 0.33, "interval_90": [0.29, 0.37]}
     explain = {
         "verdict": verdict,
-        "effects": [{"id": name, "parameters": [{"name": "area", "value": 0.33}]} for name in ranked],
+        "effects": [{"id": name, "parameters": [dict(area)]} for name in ranked],
         "answer_set": list(ranked if answer_set is None else answer_set),
         "fit": {"yaw_rate": {"held_out": {"before": 1.0, "after": after}}},
     }
@@ -120,6 +121,17 @@ def test_both_of_a_double_must_be_accepted():
     for effect in both.answer.explain["effects"]:
         effect["accepted"] = True
     assert score.of_set([one, both])["doubles_both"]["value"] == 0.5
+
+
+def test_intervals_hold_where_the_hidden_size_lies_in_them():
+    result = _result(["brake_drag"], "named", ["brake_drag"])
+    result.label["hidden"][0]["parameters"] = {"rl": 60.0}
+    (effect,) = result.answer.explain["effects"]
+    effect |= {"wheel": "rl", "parameters": [{"name": "torque", "value": 50.0, "interval_90": [41.0, 59.0]}]}
+    assert score.intervals_hold(result) == [False]
+    effect["parameters"][0]["interval_90"] = [40.0, 61.0]
+    assert score.intervals_hold(result) == [True]
+    assert score.relative_errors([result]) == pytest.approx([0.2])
 
 
 def test_recovery_is_what_was_gained_of_what_could_be_gained():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit
-from vsense_ros.mismatch.judge import THRESHOLD, confidence, judge
+from vsense_ros.mismatch.judge import THRESHOLD, confidence, interval, judge
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -159,3 +159,10 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
         deviations={"torque": deviation},
     )
     assert judge((found,), (), Made()).verdict == verdict
+
+
+@given(st.floats(-10.0, 10.0), st.floats(0.0, 5.0))
+def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(value, spread):
+    low, high = interval(value, spread)
+    assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
+    assert (high - low) / 2 >= 1.64 * max(spread, 0.12 * abs(value))

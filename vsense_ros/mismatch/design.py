@@ -29,6 +29,7 @@ from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, solve, strength, turned
+from vsense_ros.mismatch.judge import NORMAL_90
 from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates
 from vsense_ros.mismatch.picture import label
 from vsense_ros.mismatch.prediction import Predictor, Setting, with_all_effects
@@ -133,7 +134,7 @@ def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], 
             parameters = {f"effects.{entry['id']}.{p['name']}": p for p in entry["parameters"]}
             sizes = {dotted: float(p["value"]) for dotted, p in parameters.items()}
             widths = {dotted: p["interval_90"][1] - p["interval_90"][0] for dotted, p in parameters.items()}
-            rivals.append(Rival(name, sizes, {dotted: width / (2 * 1.645) for dotted, width in widths.items()}))
+            rivals.append(Rival(name, sizes, {dotted: width / (2 * NORMAL_90) for dotted, width in widths.items()}))
     if len(rivals) < 2:
         raise InputError(f"the answer set has {len(rivals)} effects, two are needed to be told apart")
     return rivals, {name: float(entry["value"]) for name, entry in found["base"].items()}

@@ -23,7 +23,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
+from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, interval, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor, Setting
@@ -248,8 +248,8 @@ def _effects(judged: Judged, evidence: Evidence) -> list[dict[str, Any]]:
 def _entry(judged: Judged, explanation: Explanation, candidate: Candidate, evidence: Evidence) -> dict[str, Any]:
     parameters, along = [], []
     for knob in candidate.knobs:
-        value, half = explanation.sizes[knob.name], 1.645 * explanation.deviations[knob.name]
-        size = {"value": value, "interval_90": [value - half, value + half]}
+        value = explanation.sizes[knob.name]
+        size = {"value": value, "interval_90": list(interval(value, explanation.deviations[knob.name]))}
         if knob.place:
             along.append(_place(evidence, knob.place[1]) | size)
         else:

@@ -44,6 +44,11 @@ SUSPICIOUS = 1.0  # the same, from where on terms without known physics are trie
 # Log odds that an effect is there, over the logarithm of its gain over that of the best other or the threshold: from
 # the public split of the examination by `python -m blind calibrate`.
 CERTAIN, CERTAIN_BY_LEAD = -0.8, 3.7
+# Standard deviation of a size, relative, by what tyres and sensors of other cars have and the model has not: windows
+# agree in it, so that their spread does not show it. With it the 90 % intervals hold 82 % of the sizes of the public
+# split; the same command tells how many.
+SIZE_OFF = 0.12
+NORMAL_90 = 1.645  # standard deviations to either side that hold 90 % of a normal distribution
 
 
 def confidence(gain: float, other: float) -> float:
@@ -51,6 +56,12 @@ def confidence(gain: float, other: float) -> float:
     `other`."""
     lead = np.log(max(gain, 1e-3) / max(other, THRESHOLD))
     return float(1 / (1 + np.exp(-CERTAIN - CERTAIN_BY_LEAD * lead)))
+
+
+def interval(value: float, spread: float) -> tuple[float, float]:
+    """The 90 % interval of a size that windows agree in to a standard deviation of `spread`."""
+    half = NORMAL_90 * float(np.hypot(spread, SIZE_OFF * value))
+    return value - half, value + half
 
 
 class Proof:
