@@ -90,24 +90,29 @@ def number(values: Iterable[float], what=median) -> dict:
     return {"value": float(what(values)) if values else None, "n": len(values)}
 
 
+def rightly_told(result: Result) -> tuple[dict, dict[str, float]]:
+    """The effect that is told first and what its parameters should be; nothing where it is not the hidden one."""
+    hidden = result.label["hidden"][0]
+    if result.ranked[:1] != [hidden["id"]]:
+        return {}, {}
+    return result.answer.explain["effects"][0], hidden["parameters"]
+
+
 def parameter_error(result: Result) -> float | None:
     """Relative error of the estimated parameters of a rightly named effect, over the comparable ones."""
-    hidden = result.label["hidden"][0]
-    expected = hidden["parameters"]
-    if not expected or result.ranked[:1] != [hidden["id"]]:
+    effect, expected = rightly_told(result)
+    if not expected:
         return None
-    found = reading.parameters(result.answer.explain["effects"][0])
+    found = reading.parameters(effect)
     wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
     return sqrt(wrong / sum(value**2 for value in expected.values()))
 
 
 def intervals_hold(result: Result) -> list[bool]:
     """Of the comparable parameters of a rightly named effect, whether each lies in the 90 % interval that is told."""
-    hidden = result.label["hidden"][0]
-    if result.ranked[:1] != [hidden["id"]]:
-        return []
-    told = reading.intervals(result.answer.explain["effects"][0])
-    return [told[name][0] <= value <= told[name][1] for name, value in hidden["parameters"].items() if name in told]
+    effect, expected = rightly_told(result)
+    told = reading.intervals(effect)
+    return [told[name][0] <= value <= told[name][1] for name, value in expected.items() if name in told]
 
 
 def recovery(result: Result) -> float | None:
@@ -207,10 +212,10 @@ def relative_errors(results: list[Result]) -> np.ndarray:
     """Of every comparable parameter of a rightly named effect: how far off it is, over its estimate."""
     found = []
     for r in results:
-        if r.kind == "effect" and r.detectable and r.ranked[:1] == [r.label["hidden"][0]["id"]]:
-            told = reading.parameters(r.answer.explain["effects"][0])
-            expected = r.label["hidden"][0]["parameters"]
-            found += [abs(1 - value / told[name]) for name, value in expected.items() if value and told.get(name)]
+        if r.kind == "effect" and r.detectable:
+            effect, expected = rightly_told(r)
+            told = reading.parameters(effect)
+            found += [abs(1 - value / told[name]) for name, value in expected.items() if told.get(name)]
     return np.array(found)
 
 

@@ -45,8 +45,7 @@ SUSPICIOUS = 1.0  # the same, from where on terms without known physics are trie
 # the public split of the examination by `python -m blind calibrate`.
 CERTAIN, CERTAIN_BY_LEAD = -0.8, 3.7
 # Standard deviation of a size, relative, by what tyres and sensors of other cars have and the model has not: windows
-# agree in it, so that their spread does not show it. With it the 90 % intervals hold 82 % of the sizes of the public
-# split; the same command tells how many.
+# agree in it, so that their spread does not show it. How many intervals hold with it, the same command tells.
 SIZE_OFF = 0.12
 NORMAL_90 = 1.645  # standard deviations to either side that hold 90 % of a normal distribution
 
