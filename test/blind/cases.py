@@ -18,6 +18,7 @@ from blind.cars import Car, drawn
 from blind.effects import EFFECTS, SIZES, Hidden
 from blind.knobs import Values
 from blind.outside import OUTSIDE
+from blind.sensors import GRADES, Biases, Mounting
 
 SEEDS = {"public": 20_100, "release": 77_003}
 # Cases whose answers were looked at before the tool last changed: they are no examination any more.
@@ -34,7 +35,6 @@ SPENT = {"public": frozenset[str](), "release": frozenset(_SEEN.split())}
 PLANTS = ("newton_euler", "mujoco_tree")
 TYRES = ("magic_formula_1989", "brush", "dugoff", "burckhardt")
 MODELS = ("tmeasy", "tmeasy", "magic_formula")  # of the vehicle file; the first twice as often
-GRADES = ("automotive", "simple")
 SETS = ("rich", "everyday", "cruise")
 BLIND_TO_VELOCITY = "rich_without_gnss"  # the rich set, its GNSS left out of the recordings
 
@@ -84,6 +84,10 @@ class Case:
     def car(self) -> Car:
         return drawn(self.rng("car"))
 
+    def sensors(self) -> tuple[Mounting, Biases]:
+        rng = self.rng("sensors")
+        return Mounting.drawn(rng), Biases.drawn(GRADES[self.grade], rng)
+
     def effects(self) -> list[tuple[str, float, Hidden]]:
         """Id, size and what is turned, of all that is hidden."""
         found = []
@@ -113,13 +117,14 @@ class Case:
 
     def label(self) -> dict:
         known = asdict(self)
+        _, biases = self.sensors()
         known["hidden"] = [
             {
                 "id": name,
                 "size": size,
                 "where": hidden.where,
                 "value": None if np.isnan(hidden.value) else float(f"{hidden.value:.9g}"),
-                "parameters": library.expected(name, hidden, self.car),
+                "parameters": library.expected(name, hidden, self.car, biases),
             }
             for name, size, hidden in self.effects()
         ]
@@ -136,7 +141,8 @@ class _Draw:
     cases: list[Case] = field(default_factory=list)
 
     def add(self, kind: str, manoeuvres: str, *hidden: tuple[str, float], acceptable: tuple[str, ...] = ()) -> None:
-        plant, tyre, model, grade = (str(self.rng.choice(names)) for names in (PLANTS, TYRES, MODELS, GRADES))
+        names = PLANTS, TYRES, MODELS, tuple(GRADES)
+        plant, tyre, model, grade = (str(self.rng.choice(each)) for each in names)
         seed = int(self.rng.integers(2**31))
         self.cases.append(Case("", kind, manoeuvres, plant, tyre, model, grade, seed, hidden, acceptable))
 

@@ -14,7 +14,7 @@ import numpy as np
 from blind import cars, courses, knobs, vehicle_file
 from blind.cases import BLIND_TO_VELOCITY, Case
 from blind.courses import Course
-from blind.sensors import Bench, Mounting
+from blind.sensors import Bench
 from blind.tyres import mixed
 from vsense_ros.bag import write_bag
 
@@ -100,12 +100,8 @@ def write_case(case: Case, lanes: list[Lane], motions: list[dict], folder: Path)
     """Bags `train/<recording>` and `held_out/<recording>`, `vehicle.yaml`, and `case.json` when all is there."""
     target = folder / case.number
     shutil.rmtree(target, ignore_errors=True)
-    rng = case.rng("sensors")
-    mounting = Mounting(
-        (round(rng.uniform(-0.2, 0.4), 2), 0.0, round(rng.uniform(-0.25, 0.1), 2)),
-        (round(rng.uniform(-0.9, 0.3), 2), 0.0, round(rng.uniform(0.8, 1.0), 2)),
-    )
-    bench = Bench(case.grade, mounting, case.knobs(), rng)
+    mounting, biases = case.sensors()
+    bench = Bench(case.grade, mounting, biases, case.knobs())
     written: dict[str, list[str]] = {"train": [], "held_out": []}
     for lane, motion in zip(lanes, motions, strict=True):
         gnss = case.manoeuvres != BLIND_TO_VELOCITY

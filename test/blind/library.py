@@ -1,6 +1,7 @@
 """How the tool's library names what the plants hide: expected parameters by their names and units there.
 
-The plants' equations are others, so a value is only given where both mean the same quantity.
+The plants' equations are others, so a value is only given where both mean the same quantity. What zeroing has left of a
+sensor's bias is no other quantity than a hidden bias: both together are what can be found.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from collections.abc import Callable, Mapping
 
 from blind.cars import Car
 from blind.effects import AXLES, Hidden
+from blind.sensors import Biases
 
 MECHANICAL_TRAIL = 0.018  # [m] of the plants' kingpins
 SPEED_OF_ROLLING = 20.0  # [m/s] at which the plants' rolling resistance, which grows with speed, is compared
@@ -73,8 +75,22 @@ _EXPECTED: Mapping[str, Callable[[Hidden, Car], dict[str, float]]] = {
 }
 
 
-def expected(name: str, hidden: Hidden, car: Car) -> dict[str, float]:
-    """Parameters of the library's effect that describe what is hidden; empty where they are not comparable."""
+def expected(name: str, hidden: Hidden, car: Car, biases: Biases | None = None) -> dict[str, float]:
+    """Parameters of the library's effect that describe what is hidden, beside what the sensors have; empty where they
+    are not comparable."""
     if name not in _EXPECTED:
         return {}
-    return {key: float(f"{value:.6g}") for key, value in _EXPECTED[name](hidden, car).items()}
+    found = _EXPECTED[name](hidden, car)
+    left = {} if biases is None else _left_of_biases(name, biases, car)
+    return {key: float(f"{value + left.get(key, 0.0):.6g}") for key, value in found.items()}
+
+
+def _left_of_biases(name: str, biases: Biases, car: Car) -> dict[str, float]:
+    """What zeroing has left of biases, as parameters of a library's effect."""
+    if name == "gyro_bias":
+        return dict(zip("xyz", biases.gyro, strict=True))
+    if name == "accelerometer_bias":
+        return dict(zip("xyz", biases.accelerometer, strict=True))
+    if name == "steering_offset":
+        return {"angle": -biases.handwheel / car.ratio}
+    return {}

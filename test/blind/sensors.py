@@ -53,6 +53,13 @@ class Mounting:
     imu: tuple[float, float, float]
     gnss: tuple[float, float, float]
 
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Mounting:
+        return cls(
+            (round(rng.uniform(-0.2, 0.4), 2), 0.0, round(rng.uniform(-0.25, 0.1), 2)),
+            (round(rng.uniform(-0.9, 0.3), 2), 0.0, round(rng.uniform(0.8, 1.0), 2)),
+        )
+
 
 @dataclass(frozen=True)
 class Biases:
@@ -74,9 +81,8 @@ class Biases:
 class Bench:
     """The sensors of one case."""
 
-    def __init__(self, grade: str, mounting: Mounting, values, rng: np.random.Generator) -> None:
-        self.grade, self.mounting = GRADES[grade], mounting
-        self.biases = Biases.drawn(self.grade, rng)
+    def __init__(self, grade: str, mounting: Mounting, biases: Biases, values) -> None:
+        self.grade, self.mounting, self.biases = GRADES[grade], mounting, biases
         self.knobs = {name: np.array(values.get(name, np.zeros(n) if n > 1 else 0.0)) for name, (n, _) in KNOBS.items()}
 
     def record(self, lane, name: str, start: int, rng: np.random.Generator, *, gnss: bool = True) -> Recording:

@@ -14,7 +14,7 @@ from blind.cars import CARS
 from blind.effects import EFFECTS
 from blind.outside import OUTSIDE
 from blind.plants import mujoco_tree
-from blind.sensors import GRADES, Bench, Mounting
+from blind.sensors import GRADES, Bench, Biases, Mounting
 from blind.tyres import FORMULAS
 
 pytestmark = pytest.mark.timeout(1200)  # all drives are simulated for the first test
@@ -52,7 +52,7 @@ def _change(drives, name: str, course: str) -> float:
     grade, noise = GRADES["automotive"], np.random.default_rng
     found = []
     for hidden in (None, name):
-        bench = Bench("automotive", MOUNTING, _hidden(hidden) if hidden else {}, noise(1))
+        bench = Bench("automotive", MOUNTING, Biases.drawn(grade, noise(1)), _hidden(hidden) if hidden else {})
         recording = bench.record(drives[hidden, course], course, 0, noise(2))
         imu = recording["imu/data"].columns
         found.append(

@@ -9,12 +9,12 @@ import pytest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
-from blind import cars, courses, knobs, library, vehicle_file
+from blind import cars, cases, courses, knobs, library, vehicle_file
 from blind.cars import CARS, GRAVITY
 from blind.effects import EFFECTS
 from blind.plants import mujoco_tree
 from blind.plants.log import PERIOD
-from blind.sensors import Mounting
+from blind.sensors import Bench, Mounting
 from blind.tyres import FORMULAS
 from vsense_ros.model.effects import BY_ID, Effects
 from vsense_ros.model.simulate import rolling_straight, simulate
@@ -45,6 +45,24 @@ def test_expected_parameters_are_those_of_the_library():
         for seed in range(6):
             expected = library.expected(name, EFFECTS[name].hide(1.0, np.random.default_rng(seed), CAR), CAR)
             assert set(expected) <= set(BY_ID[name].model_fields), name
+
+
+@pytest.mark.parametrize("name", ["gyro_bias", "accelerometer_bias", "steering_offset"])
+def test_a_bias_is_expected_to_be_what_sensors_at_rest_show(name):
+    case = next(c for c in cases.all_cases("public") if c.kind == "effect" and c.hidden[0][0] == name)
+    mounting, biases = case.sensors()
+    columns = dict(rates=3, turning=3, force=3, angles=3, spin=4, handwheel=1, torque=4)
+    at_rest = {key: np.zeros((20_000, n)) for key, n in columns.items()} | {"position": np.zeros((20_000, 3))}
+    bench = Bench(case.grade, mounting, biases, case.knobs())
+    recorded = bench.record(at_rest, "rest", 0, np.random.default_rng(1), gnss=False)
+    imu, steering = recorded["imu/data"].columns, recorded["vehicle/steering"].columns["position"]
+    shown = {
+        "gyro_bias": dict(zip("xyz", imu["angular_velocity"].mean(axis=0), strict=True)),
+        "accelerometer_bias": dict(zip("xyz", imu["linear_acceleration"].mean(axis=0), strict=True)),
+        "steering_offset": {"angle": (case.knobs().get("steering_offset", 0.0) - steering.mean()) / case.car.ratio},
+    }[name]
+    for key, value in case.label()["hidden"][0]["parameters"].items():
+        assert value == pytest.approx(shown[key], rel=0.03)
 
 
 def _course(name: str) -> str:
