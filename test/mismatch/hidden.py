@@ -25,6 +25,7 @@ MANOEUVRES = {
     "slalom": (16.0, lambda t: 0.05 * np.sin(2 * np.pi * 0.4 * t), lambda t: 0.3 * np.sin(0.6 * t)),
     "straight": (20.0, lambda t: 0.0 * t, lambda t: 0.0 * t + 0.33),
     "brake": (22.0, lambda t: 0.02 * np.sin(2 * np.pi * 0.15 * t), lambda t: 2.0 * np.sin(0.6 * t)),
+    "brake again": (20.0, lambda t: 0.02 * np.sin(2 * np.pi * 0.15 * t), lambda t: np.where(t % 4 < 3, 1.5, -4.0)),
 }
 
 
@@ -59,13 +60,15 @@ def driven(
     duration: float = 13.0,
     seed: int = 0,
     bank: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+    front: float = 0.5,
 ) -> Recording:
-    """A recording that begins at one place, to the east; the road has a `bank` [rad] by the way to the east [m]."""
+    """A recording that begins at one place, to the east; the road has a `bank` [rad] by the way to the east [m], and
+    the front wheels have a share of the torques."""
     speed, angle, acceleration = MANOEUVRES[manoeuvre]
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
     inputs = np.zeros((len(t), 5))
     inputs[:, 0] = angle(t)
-    inputs[:, 1:] = (600.0 * 0.27 * acceleration(t) / 4)[:, None]
+    inputs[:, 1:] = np.outer(600.0 * 0.27 * acceleration(t) / 2, [front, front, 1 - front, 1 - front])
     loop, parameters = OpenLoop(car_of(vehicle), keep=1), vehicle.parameter_vector()
     around = np.zeros((len(t), 4))
     motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)

@@ -32,7 +32,7 @@ from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, 
 from vsense_ros.mismatch.judge import NORMAL_90
 from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates
 from vsense_ros.mismatch.picture import label
-from vsense_ros.mismatch.prediction import Predictor, Setting, with_all_effects
+from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.model.car import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulate import Trajectory, rolling_straight
@@ -208,7 +208,7 @@ def _separation(
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    fitted = turned(Setting(with_all_effects(vehicle).values()), common, amounts)
+    fitted = turned(Setting.of(vehicle), common, amounts)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
     evidence = gather([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)

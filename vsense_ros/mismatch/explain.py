@@ -114,11 +114,12 @@ def answer(
 
     if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
         return nothing_said(reason)
-    beyond = out_of_reach({evidence.sensors[name].kind for w in evidence.windows for name in w.readings})
+    kinds = {evidence.sensors[name].kind for w in evidence.windows for name in w.readings}
+    beyond = out_of_reach(kinds)
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
         return nothing_said("; ".join(lacking))
     try:
-        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond)
+        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond, torques="wheel_torques" in kinds)
         evidence, residuals, base = _refitted(vehicle, evidence, knobs, progress)
     except DivergedError:
         return nothing_said(

@@ -50,6 +50,10 @@ def _shifted(values: Values, amount: float) -> dict[str, float]:
     return {"chassis.cog_to_front_axle": front - by, "chassis.cog_to_rear_axle": rear + by}
 
 
+def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
+    return lambda values, amount: {name: values.get(name, 0.0) + amount}
+
+
 # What a vehicle file is never sure of. Deviations are what catalogues, scales and tyre tests leave open.
 BASE = (
     _relative("mass", 0.1, "chassis.mass"),
@@ -69,10 +73,18 @@ BASE = (
     _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
 )
 
+# Share of the front wheels in the torque that drives and in the torque that brakes, where no torques are measured, and
+# what is expected of a car of which nobody knows: driven anywhere, and braked at the front for the most part.
+TORQUE_SHARES = {"torque.driving_front": 0.5, "torque.braking_front": 0.65}
+UNKNOWN_TORQUES = tuple(
+    Knob(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, _added(name))
+    for (name, start), what, deviation in zip(TORQUE_SHARES.items(), ("driving", "braking"), (0.5, 0.1), strict=True)
+)
 
-def base_knobs(vehicle: Vehicle, beyond: Collection[str] = ()) -> tuple[Knob, ...]:
-    """What is fitted before anything is said to be missing: `BASE`, and what every car has a little of, except for
-    effects out of reach."""
+
+def base_knobs(vehicle: Vehicle, beyond: Collection[str] = (), torques: bool = True) -> tuple[Knob, ...]:
+    """What is fitted before anything is said to be missing: `BASE`, how torques act if they are not measured, and what
+    every car has a little of, except for effects out of reach."""
     usual = [
         replace(_knob(effect, field), deviation=deviation)
         for effect, kind in BY_ID.items()
@@ -80,7 +92,7 @@ def base_knobs(vehicle: Vehicle, beyond: Collection[str] = ()) -> tuple[Knob, ..
         for field, deviation in kind.usual(vehicle).items()
         if deviation > 0
     ]
-    return (*BASE, *usual)
+    return (*BASE, *(() if torques else UNKNOWN_TORQUES), *usual)
 
 
 @dataclass(frozen=True)
@@ -172,10 +184,6 @@ def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
             knob, name=name, low=-knob.high, turn=_added(name), place=(knob.name, abscissa), deviation=deviation,
             step=knob.deviation,
         )  # fmt: skip
-
-
-def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
-    return lambda values, amount: {name: values.get(name, 0.0) + amount}
 
 
 def candidates(abscissae: Sequence[float] = ()) -> tuple[Candidate, ...]:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, SLOWEST, Evidence, Readings, Window
-from vsense_ros.mismatch.knobs import size_of
+from vsense_ros.mismatch.knobs import TORQUE_SHARES, size_of
 from vsense_ros.mismatch.road import place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.model import codegen
 from vsense_ros.model.car import SPIN, SURROUNDINGS, YAW, Car, X, Y, car_of
 from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
 from vsense_ros.model.sensors import SensorBase
@@ -29,6 +31,9 @@ Array = NDArray[np.float64]
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
 SPUN = 0.5  # [rad] of side slip from which cars do not come back
+SLIP_STIFFNESS = 20.0  # [-] longitudinal force over load per slip, as of most tyres
+BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
+SMOOTH = 0.3  # [s] of the mean that tells driving from braking
 SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
 LOST = "the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
@@ -49,6 +54,11 @@ class Setting:
     is beyond that at places along the road."""
 
     values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Setting:
+        """As the file has it, effects that it does not have with size zero."""
+        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES})
 
     def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
         """An effect with its present parameters, some of which may be `varying`."""
@@ -82,10 +92,10 @@ class Predictor:
 
     def __init__(self, vehicle: Vehicle, evidence: Evidence) -> None:
         self.vehicle = with_all_effects(vehicle)
+        self.start = Setting.of(vehicle)
         self.evidence = evidence
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
-        self.start = Setting(self.vehicle.values())
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in evidence.windows]
@@ -220,15 +230,15 @@ class Predictor:
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         changing = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
         road = (around.tobytes(), *((name, values.tobytes()) for name, values in changing.items()))
-        key = hash((*mechanical, steering, torques, *road))
+        shares = [setting.values[name] for name in TORQUE_SHARES]
+        key = hash((*mechanical, *shares, steering, torques, *road))
         known = self._motions[index]
         if key in known:
             known[key] = known.pop(key)  # the last to be forgotten
         else:
             if len(known) > 3:
                 known.pop(next(iter(known)))
-            window = self.evidence.windows[index]
-            known[key] = self._run(window, parameters, steering, torques, around, changing), {}
+            known[key] = self._run(index, parameters, shares, steering, torques, around, changing), {}
         return known[key]
 
     @cached_property
@@ -242,13 +252,15 @@ class Predictor:
 
     def _run(
         self,
-        window: Window,
+        index: int,
         parameters: Array,
+        shares: Sequence[float],
         late: float,
         torques_late: float,
         around: Array,
         varying: Mapping[str, Array],
     ) -> Motion:
+        window = self.evidence.windows[index]
         middle = _middle(window)
         n = len(middle)
         kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
@@ -257,20 +269,31 @@ class Predictor:
         inputs[:, 0] = np.interp(middle + late, steering.t, steering.value[:, 0])
         speed = np.interp(middle, window.speed.t, window.speed.value[:, 0])
         mass = parameters[self.names.index("chassis.mass")]
-        # Weights of a torque that moves the whole car, per wheel; a quarter of the mass rolls on each.
-        inertia = mass * self.radius**2 / 4
-        gain = np.full(n, inertia / HOLDING_TIME)
+        # Of each wheel, if all of them move the whole car alike.
+        inertia = np.full((n, 4), mass * self.radius**2 / 4)
         if window.torques:
             torques = kinds["wheel_torques"]
             for wheel in range(4):
                 inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t, torques.value[:, wheel])
-            gain[middle > window.begin + RUN_IN - 0.5] = 0.0
+            inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
-            inputs[:, 1:] = (inertia / self.radius * np.gradient(speed, STEP))[:, None]
+            acceleration = self._acceleration[index]
+            inertia *= 2 * _of_each_wheel(acceleration, *shares)
+            inputs[:, 1:] = inertia / self.radius * acceleration[:, None]
         q, u = rolling_straight(self.vehicle, float(speed[0]))
         q[YAW] = window.heading
-        driving = Inputs(STEP, inputs, around, varying, target=speed / self.radius, gain=gain)
+        driving = Inputs(STEP, inputs, around, varying, target=speed / self.radius, gain=inertia / HOLDING_TIME)
         return self._loop.run(q, u, driving, parameters)
+
+    @cached_property
+    def _acceleration(self) -> list[Array]:
+        """Of the car [m/s²] in the middle of each step, as its speed has it, by window."""
+        found = []
+        for window in self.evidence.windows:
+            speed = np.interp(_middle(window), window.speed.t, window.speed.value[:, 0])
+            rolling = any(self.evidence.sensors[name].kind == "wheel_speeds" for name in window.readings)
+            found.append(_of_the_car(speed) if rolling else np.gradient(speed, STEP))
+        return found
 
     def _signals(
         self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], around: Array
@@ -293,6 +316,23 @@ class Predictor:
 def _middle(window: Window) -> Array:
     """Times in the middle of each step [s]."""
     return np.asarray(window.begin + (np.arange(np.ceil(window.duration / STEP)) + 0.5) * STEP, dtype=float)
+
+
+def _of_the_car(rolling: Array) -> Array:
+    """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
+    speed, found = rolling[0], np.zeros(len(rolling))
+    for i, wheels in enumerate(rolling):
+        found[i] = (wheels - speed) / (STEP + max(speed, SLOWEST) / (SLIP_STIFFNESS * GRAVITY))
+        speed += found[i] * STEP
+    return found
+
+
+def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:
+    """Shares (n, 4) of the wheels of an axle in the torque that gives the car an acceleration (n,) [m/s²], from the
+    shares of the front wheels where it drives and where it brakes."""
+    smooth = uniform_filter1d(acceleration, round(SMOOTH / STEP))
+    front = driving + (braking - driving) * np.clip(-smooth / BRAKED, 0.0, 1.0)
+    return np.column_stack([front, front, 1 - front, 1 - front])
 
 
 def _in_bounds(motion: Motion) -> bool:

@@ -7,6 +7,7 @@
 #define COORDINATES 14
 #define DYNAMIC 7
 #define INPUTS 5
+#define WHEELS 4
 #define SURROUNDINGS 4
 
 /* a becomes its inverse, by Gauss-Jordan elimination with row pivots; 0 if it has none. The order of rows or columns in
@@ -72,10 +73,8 @@ long long open_loop(struct run *r) {
         memcpy(inputs, r->inputs + INPUTS * i, sizeof inputs);
         argument[3] = r->surroundings + SURROUNDINGS * i;
         for (long long k = 0; k < r->varied; k++) r->parameters[r->places[k]] = r->varying[r->varied * i + k];
-        if (r->gain[i] > 0) {
-            const double spin = (r->u[10] + r->u[11] + r->u[12] + r->u[13]) / 4;
-            for (int k = 1; k < INPUTS; k++) inputs[k] += r->gain[i] * (r->target[i] - spin);
-        }
+        const double behind = r->target[i] - (r->u[10] + r->u[11] + r->u[12] + r->u[13]) / 4;
+        for (int k = 0; k < WHEELS; k++) inputs[1 + k] += r->gain[WHEELS * i + k] * behind;
         if (MEMORY > 0) { /* which belongs to the beginning of the step, inputs to its middle */
             if (i > 0)
                 for (int k = 0; k < INPUTS; k++) between[k] = (before[k] + inputs[k]) / 2;

@@ -32,8 +32,8 @@ class Inputs:
     inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
     surroundings: Array  # (n, 4) as model.car.SURROUNDINGS
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
-    target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on all four holds …
-    gain: Array | None = None  # (n,) … by this much per wheel [N m s/rad], zero for torques as they are
+    target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
+    gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
 
     def __len__(self) -> int:
         return len(self.inputs)
@@ -81,7 +81,7 @@ class OpenLoop:
                 inputs.inputs,
                 inputs.surroundings,
                 np.zeros(n) if inputs.target is None else inputs.target,
-                np.zeros(n) if inputs.gain is None else inputs.gain,
+                np.zeros((n, 4)) if inputs.gain is None else inputs.gain,
                 np.column_stack(list(inputs.varying.values())) if inputs.varying else np.zeros(0),
             )
         ]
