@@ -51,7 +51,7 @@ def test_expected_parameters_are_those_of_the_library():
 def test_a_bias_is_expected_to_be_what_sensors_at_rest_show(name):
     case = next(c for c in cases.all_cases("public") if c.kind == "effect" and c.hidden[0][0] == name)
     mounting, biases = case.sensors()
-    columns = dict(rates=3, turning=3, force=3, angles=3, spin=4, handwheel=1, torque=4)
+    columns = {"rates": 3, "turning": 3, "force": 3, "angles": 3, "spin": 4, "handwheel": 1, "torque": 4}
     at_rest = {key: np.zeros((20_000, n)) for key, n in columns.items()} | {"position": np.zeros((20_000, 3))}
     bench = Bench(case.grade, mounting, biases, case.knobs())
     recorded = bench.record(at_rest, "rest", 0, np.random.default_rng(1), gnss=False)

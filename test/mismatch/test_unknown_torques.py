@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from hidden import driven, prototype
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import Residuals, fit
+from vsense_ros.mismatch.judge import UNFINISHED
 from vsense_ros.mismatch.knobs import TORQUE_SHARES, UNKNOWN_TORQUES, base_knobs
 from vsense_ros.mismatch.prediction import Predictor
 
+VELOCITY = "gnss_velocity"
 
-def untold(front: float, manoeuvre: str = "brake") -> Residuals:
+
+def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Residuals:
     """Of a car without a word of its torques, of which the front wheels have this share."""
     car = prototype()
-    known = {name: sensor for name, sensor in car.sensors.items() if sensor.kind != "wheel_torques"}
+    silent = {"wheel_torques"} if wheels else {"wheel_torques", "wheel_speeds"}
+    known = {name: sensor for name, sensor in car.sensors.items() if sensor.kind not in silent}
     vehicle = car.model_copy(update={"sensors": known})
     return Residuals(Predictor(vehicle, gather([driven(car, manoeuvre, front=front)], vehicle)))
 
@@ -33,6 +38,16 @@ def test_a_car_accelerates_as_its_wheels_do_less_their_slip():
     off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
     assert off["longitudinal_acceleration"] < 1.0
     assert off["pitch_rate"] < 1.0
+
+
+def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes():
+    residuals = untold(0.5, "brake again", wheels=False)
+    (window,) = residuals.predictor.evidence.windows
+    gnss = next(r for name, r in window.readings.items() if residuals.predictor.evidence.sensors[name].kind == VELOCITY)
+    assert np.median(np.diff(gnss.t)) > 0.05
+    off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
+    assert off["longitudinal_acceleration"] < UNFINISHED
+    assert off["ground_speed"] < UNFINISHED
 
 
 def test_shares_are_fitted_only_where_torques_are_unknown():

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
+from scipy.signal import butter, sosfiltfilt
 
 from vsense_ros.mismatch.road import ALONG, Road
 from vsense_ros.model.sensors import SensorBase
@@ -27,6 +28,9 @@ LONGEST = 25.0  # [s] of a window
 SHORTEST = 6.0  # [s] of a window, run-in included
 RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
 HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
+SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
+LASTING = 0.5  # [Hz] … above this
+GRID = 0.01  # [s] of such a speed
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
 
@@ -157,8 +161,26 @@ def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: 
         velocity = readings[kinds["gnss_velocity"]]
         present = np.isfinite(velocity.value).all(axis=1)
         if present.sum() >= 2:
-            return Readings(velocity.t[present], np.hypot(*velocity.value[present, :2].T)[:, None])
+            speed = Readings(velocity.t[present], np.hypot(*velocity.value[present, :2].T)[:, None])
+            slow = float(np.median(np.diff(speed.t))) > SLOW
+            return _between(speed, readings[kinds["imu"]]) if slow and "imu" in kinds else speed
     return None
+
+
+def _between(speed: Readings, imu: Readings) -> Readings:
+    """A speed that is measured now and then, and between that as the accelerometer has it: what changes within a second
+    is from the one, what lasts from the other."""
+    present = np.isfinite(imu.value[:, 3])
+    if present.sum() < 2:
+        return speed
+    at, force = imu.t[present], imu.value[present, 3]
+    t = np.arange(max(speed.t[0], at[0]), min(speed.t[-1], at[-1]), GRID)
+    if len(t) < SHORTEST / GRID:
+        return speed
+    felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
+    lasting = butter(1, LASTING, fs=1 / GRID, output="sos")
+    rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
+    return Readings(t, (felt + rest)[:, None])
 
 
 def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:

@@ -69,7 +69,7 @@ class Proof:
     def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
         self.residuals: Residuals | None = None
         self.base, self.fitted = base, residuals
-        self._compared: dict[int, tuple[list[Array], list[Array]]] = {}
+        self._compared: dict[int, tuple[Fit, list[Array], list[Array]]] = {}  # by id of the fit, which stays its own
         if evidence.windows:
             evidence = evidence.without(Predictor(vehicle, evidence).lost(base.setting), LOST)
         self.remarks = evidence.remarks
@@ -90,8 +90,8 @@ class Proof:
             after = self.residuals.compared(fitted.setting, until)
             if sum(map(len, before)) < COMPARED * sum(map(len, self.before)):
                 before, after = self.before, self.residuals(fitted.setting, self.before)
-            self._compared[id(fitted)] = before, after
-        return self._compared[id(fitted)]
+            self._compared[id(fitted)] = fitted, before, after
+        return self._compared[id(fitted)][1:]
 
     def lost(self, fitted: Fit) -> list[str]:
         """Remarks on windows that say nothing of a setting, or not to their end."""
@@ -109,6 +109,10 @@ class Proof:
         before, after = self.compared(explanation.fit)
         value, left = self._value(self.base, before), self._value(explanation.fit, after)
         return (value - left) / max(value, float(sum(len(r) for r in after)))
+
+    def proven(self, explanation: Explanation) -> float:
+        """The smaller of what it gains where it was fitted and where it was not."""
+        return _proven(explanation, {id(explanation): self.gain(explanation)})
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
         share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)

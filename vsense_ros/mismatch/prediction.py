@@ -267,7 +267,7 @@ class Predictor:
         inputs = np.zeros((n, 5))
         steering = kinds["steering"]
         inputs[:, 0] = np.interp(middle + late, steering.t, steering.value[:, 0])
-        speed = np.interp(middle, window.speed.t, window.speed.value[:, 0])
+        speed, acceleration = self._rolling[index]
         mass = parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
         inertia = np.full((n, 4), mass * self.radius**2 / 4)
@@ -277,7 +277,6 @@ class Predictor:
                 inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t, torques.value[:, wheel])
             inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
-            acceleration = self._acceleration[index]
             inertia *= 2 * _of_each_wheel(acceleration, *shares)
             inputs[:, 1:] = inertia / self.radius * acceleration[:, None]
         q, u = rolling_straight(self.vehicle, float(speed[0]))
@@ -286,13 +285,17 @@ class Predictor:
         return self._loop.run(q, u, driving, parameters)
 
     @cached_property
-    def _acceleration(self) -> list[Array]:
-        """Of the car [m/s²] in the middle of each step, as its speed has it, by window."""
+    def _rolling(self) -> list[tuple[Array, Array]]:
+        """At what speed [m/s] the wheels roll in the middle of each step, and with what acceleration [m/s²] a car
+        whose tyres slip then moves, by window."""
         found = []
         for window in self.evidence.windows:
             speed = np.interp(_middle(window), window.speed.t, window.speed.value[:, 0])
-            rolling = any(self.evidence.sensors[name].kind == "wheel_speeds" for name in window.readings)
-            found.append(_of_the_car(speed) if rolling else np.gradient(speed, STEP))
+            if any(self.evidence.sensors[name].kind == "wheel_speeds" for name in window.readings):
+                found.append((speed, _of_the_car(speed)))
+            else:
+                acceleration = np.gradient(speed, STEP)
+                found.append((speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration))
         return found
 
     def _signals(

@@ -168,16 +168,23 @@ class Search:
             return None
         return fit(self.residuals, self.start, self.base.knobs, begin=begin, progress=self._progress)
 
-    def further(self, explanations: Sequence[Explanation], least: float) -> list[Explanation]:
-        """The best explanations with one more effect each, where that promises `least` of what they leave."""
-        found: dict[frozenset[str], Signature] = {}
-        for explanation in explanations[:BEAM]:
-            enough = explanation.score + least * max(1 - explanation.score, self.least_whole)
-            if len(explanation.candidates) < MOST and explanation.score > least:
-                for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
-                    if signature.score > enough:
-                        found.setdefault(frozenset(c.effect for c in signature.candidates), signature)
-        return self._fitted(sorted(found.values(), key=lambda s: s.score, reverse=True)[:BEAM])
+    def further(
+        self, explanations: Sequence[Explanation], least: float, proven: Callable[[Explanation], float]
+    ) -> list[Explanation]:
+        """The best explanations by what is `proven` of them with one more effect each, where that promises `least` of
+        what they leave."""
+        found: dict[frozenset[str], tuple[float, Signature]] = {}
+        for explanation in sorted(explanations, key=proven, reverse=True)[:BEAM]:
+            known = proven(explanation)
+            if len(explanation.candidates) == MOST or known <= least:
+                continue
+            for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
+                adds = min(signature.gain - explanation.gain, signature.left_out - explanation.left_out)
+                if adds > least * max(1 - known, self.least_whole):
+                    effects = frozenset(c.effect for c in signature.candidates)
+                    found[effects] = max(found.get(effects, (0.0, signature)), (known + adds, signature), key=_first_of)
+        likeliest = sorted(found.values(), key=_first_of, reverse=True)[:BEAM]
+        return self._fitted([signature for _, signature in likeliest])
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
@@ -304,6 +311,10 @@ class Search:
             candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
             self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
+
+
+def _first_of(pair: tuple[float, Signature]) -> float:
+    return pair[0]
 
 
 def _first(signature: Signature) -> tuple[str, str]:
