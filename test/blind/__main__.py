@@ -6,6 +6,7 @@ Needs the folder `test` on PYTHONPATH; `make blind` does all steps of the public
 from __future__ import annotations
 
 import json
+import shutil
 from concurrent.futures import ProcessPoolExecutor, as_completed, wait
 from multiprocessing import Manager
 from pathlib import Path
@@ -16,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, oracle, score, tool
+from blind import cases, oracle, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
 
@@ -76,6 +77,30 @@ def make(options: dict) -> None:
                 progress.advance(bar, steps.get())
     CONSOLE.print(f"{len(options['chosen'])} cases in {folder}")
     _tell_lost(options)
+
+
+@main.command()
+@click.argument("kinds", nargs=-1, required=True)
+@click.option("--to", "target", type=click.Path(path_type=Path), required=True, help="The --out of these cases.")
+@click.pass_obj
+def untold(options: dict, kinds: tuple[str, ...], target: Path) -> None:
+    """The same cases for a tool that does not hear sensors of these KINDS, such as wheel_torques: the vehicle file does
+    not have them."""
+    source, target = options["out"], target / options["split"]
+    shutil.copytree(source / "labels", target / "labels", ignore=shutil.ignore_patterns("oracle"), dirs_exist_ok=True)
+    there = [case.number for case in options["chosen"] if (source / "cases" / case.number / FINISHED).exists()]
+    for number in there:
+        case, quiet = source / "cases" / number, target / "cases" / number
+        quiet.mkdir(parents=True, exist_ok=True)
+        try:
+            vehicle_file.without_sensors(case / "vehicle.yaml", quiet / "vehicle.yaml", kinds)
+        except ValueError as error:
+            raise click.ClickException(str(error)) from error
+        for name in ("train", "held_out"):
+            (quiet / name).unlink(missing_ok=True)
+            (quiet / name).symlink_to((case / name).resolve())
+        shutil.copy(case / FINISHED, quiet / FINISHED)
+    CONSOLE.print(f"{len(there)} cases without {', '.join(kinds)} in {target / 'cases'}")
 
 
 def _lost_file(out: Path) -> Path:

@@ -256,3 +256,26 @@ def test_changed_labels_are_not_scored(tmp_path):
     result = CliRunner().invoke(main, ["--out", str(tmp_path), "score"])
     assert result.exit_code == 1
     assert "missing or changed" in result.output
+
+
+def test_untold_cases_have_the_recordings_and_labels_of_those_they_come_from(tmp_path):
+    source, quiet = tmp_path / "told" / "public", tmp_path / "quiet" / "public"
+    every = cases.all_cases("public")
+    case = source / "cases" / every[0].number
+    for name in ("train", "held_out"):
+        (case / name / "drive").mkdir(parents=True)
+    (case / "case.json").write_text("{}", encoding="utf-8")
+    (case / "vehicle.yaml").write_text(
+        "sensors: {imu: {kind: imu}, torques: {kind: wheel_torques}}\n", encoding="utf-8"
+    )
+    (source / "labels" / "oracle").mkdir(parents=True)
+    (source / "labels" / "labels.json").write_text(cases.labels_text(every), encoding="utf-8")
+    words = ["--out", str(tmp_path / "told"), "untold", "wheel_torques", "--to", str(tmp_path / "quiet")]
+    result = CliRunner().invoke(main, words, catch_exceptions=False)
+    assert "1 cases without wheel_torques" in result.output
+    view = quiet / "cases" / every[0].number
+    assert (view / "train" / "drive").is_dir()
+    assert "wheel_torques" not in (view / "vehicle.yaml").read_text(encoding="utf-8")
+    assert (quiet / "labels" / "labels.json").exists()
+    assert not (quiet / "labels" / "oracle").exists()
+    assert CliRunner().invoke(main, [*words[:-4], "untold", "sonar", "--to", str(tmp_path)]).exit_code == 1

@@ -68,3 +68,16 @@ def test_a_file_without_errors_lets_the_tools_model_drive_as_the_plant(drives, f
         ):
             wrong = np.sqrt(np.mean((theirs - ours) ** 2)) / max(np.std(theirs), floor)
             assert wrong < 0.12, (course.name, name, wrong)
+
+
+def test_a_file_can_be_silent_of_sensors_and_is_the_same_otherwise(tmp_path):
+    known, silent = tmp_path / "car.yaml", tmp_path / "silent.yaml"
+    vehicle_file.write(known, CARS[0], "brush", "tmeasy", MOUNTING, "simple", NO_ERRORS)
+    vehicle_file.without_sensors(known, silent, ["wheel_torques", "gnss_position"])
+    had, has = load_vehicle(known), load_vehicle(silent)
+    assert had.physics == has.physics
+    silenced = {name for name, sensor in had.sensors.items() if sensor.kind in ("wheel_torques", "gnss_position")}
+    assert len(silenced) == 2
+    assert has.sensors == {name: sensor for name, sensor in had.sensors.items() if name not in silenced}
+    with pytest.raises(ValueError, match="no sensor sonar; there are gnss_position"):
+        vehicle_file.without_sensors(known, silent, ["sonar"])

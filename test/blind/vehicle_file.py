@@ -8,6 +8,7 @@ gravity (±3 %) are drawn off, so that a re-fit is needed, and can hide what is 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -79,11 +80,27 @@ def write(path: Path, car: Car, formula: str, model: str, mounting: Mounting, gr
         },
         "observer": {"surroundings": {"steering_offset": g.handwheel_bias / car.ratio}},
     }
+    with path.open("w", encoding="utf-8") as file:
+        _yaml().dump(_rounded(document), file)
+
+
+def without_sensors(known: Path, path: Path, kinds: Collection[str]) -> None:
+    """A vehicle file that does not have the sensors of some kinds. Raises `ValueError` where it never had them."""
+    document = _yaml().load(known.read_text(encoding="utf-8"))
+    sensors = {name: sensor for name, sensor in document["sensors"].items() if sensor["kind"] not in kinds}
+    had = sorted({sensor["kind"] for sensor in document["sensors"].values()})
+    if not set(kinds) <= set(had):
+        raise ValueError(f"no sensor {', '.join(sorted(set(kinds) - set(had)))}; there are {', '.join(had)}")
+    document["sensors"] = sensors
+    with path.open("w", encoding="utf-8") as file:
+        _yaml().dump(document, file)
+
+
+def _yaml() -> YAML:
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 120
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(_rounded(document), file)
+    return yaml
 
 
 def _axle(axle: Axle) -> dict[str, float]:
