@@ -53,13 +53,14 @@ processor is another; its times are here for context.
 | | median | smallest | at most | thesis |
 |---|---|---|---|---|"""
 
-EXAMINATION = Path("docs/benchmarks/examination.json")
+EXAMINATIONS = Path("docs/benchmarks")  # examination.json, and examination.<of what>.json that were answered later
 EXAMINATION_HEAD = """## Examination of `vsense explain`
 
 The release split: cars that are not our model, with one effect hidden, two, none, or something outside the library, and
 wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
-the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and
-`score --json docs/benchmarks/examination.json`) for the cases that are there; seconds are of one processor.
+the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
+`docs/benchmarks`) for the cases that are there, none of which had been looked at; columns with a comma were answered by a
+later version than the others. Seconds are of one processor.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),
@@ -179,11 +180,26 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
     return [*lines, ""]
 
 
+def all_scores(folder: Path) -> dict[str, Any]:
+    """Those of examination.json, and the sets of examination.<of what>.json besides, by names that say so."""
+    found: dict[str, Any] = {}
+    for path in sorted(folder.glob("examination*.json"), key=lambda path: len(path.suffixes)):
+        scores, (*of_what, _) = json.loads(path.read_text(encoding="utf-8")), path.suffixes
+        if of_what:
+            words = of_what[0].removeprefix(".").replace("_", " ")
+            scores = {f"{name}, {words}": each for name, each in _sets(scores).items()}
+        found |= scores
+    return found
+
+
+def _sets(found: dict[str, Any]) -> dict[str, Any]:
+    return {name: scores for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores}
+
+
 def examination(found: dict[str, Any]) -> list[str]:
     """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
     without a part of the method and with the labels of other cases."""
-    sets = [name for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores]
-    sets.sort(key=lambda name: name != "rich")
+    sets = sorted(_sets(found), key=lambda name: name.partition(",")[0] != "rich")
     names = [name.replace("_", " ") for name in sets]
     rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
@@ -227,6 +243,6 @@ def render(results: dict[str, Any], picture: Path, scores: dict[str, Any] | None
 
 if __name__ == "__main__":
     source, target = (Path(argument) for argument in sys.argv[1:3])
-    scores = json.loads(EXAMINATION.read_text(encoding="utf-8")) if EXAMINATION.is_file() else None
-    target.write_text(render(json.loads(source.read_text(encoding="utf-8")), PICTURE, scores), encoding="utf-8")
+    results = json.loads(source.read_text(encoding="utf-8"))
+    target.write_text(render(results, PICTURE, all_scores(EXAMINATIONS)), encoding="utf-8")
     print(f"wrote {target}")
