@@ -59,8 +59,8 @@ EXAMINATION_HEAD = """## Examination of `vsense explain`
 The release split: cars that are not our model, with one effect hidden, two, none, or something outside the library, and
 wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
 the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
-`docs/benchmarks`) for the cases that are there, none of which had been looked at; columns with a comma were answered by a
-later version than the others. Seconds are of one processor.
+`docs/benchmarks`) for the cases that are there, none of which had been looked at; columns with a comma were answered by
+a later version than the others. Seconds are of one processor.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),

@@ -50,7 +50,10 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
     assert off["ground_speed"] < UNFINISHED
 
 
-def test_shares_are_fitted_only_where_torques_are_unknown():
-    names = {knob.name for knob in UNKNOWN_TORQUES}
-    assert names <= {knob.name for knob in base_knobs(prototype(), torques=False)}
-    assert not names & {knob.name for knob in base_knobs(prototype(), torques=True)}
+@pytest.mark.parametrize(
+    ("kinds", "fitted"),
+    [({"wheel_speeds"}, True), ({"wheel_speeds", "wheel_torques"}, False), ({"gnss_velocity"}, False)],
+)
+def test_which_wheels_drive_is_fitted_where_their_speeds_tell_it_and_nothing_else_does(kinds, fitted):
+    names = {knob.name for knob in base_knobs(prototype(), kinds=kinds)}
+    assert {knob.name in names for knob in UNKNOWN_TORQUES} == {fitted}

@@ -119,7 +119,7 @@ def answer(
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
         return nothing_said("; ".join(lacking))
     try:
-        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond, torques="wheel_torques" in kinds)
+        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond, kinds)
         evidence, residuals, base = _refitted(vehicle, evidence, knobs, progress)
     except DivergedError:
         return nothing_said(

@@ -82,9 +82,12 @@ UNKNOWN_TORQUES = tuple(
 )
 
 
-def base_knobs(vehicle: Vehicle, beyond: Collection[str] = (), torques: bool = True) -> tuple[Knob, ...]:
-    """What is fitted before anything is said to be missing: `BASE`, how torques act if they are not measured, and what
-    every car has a little of, except for effects out of reach."""
+def base_knobs(
+    vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",)
+) -> tuple[Knob, ...]:
+    """What is fitted before anything is said to be missing: `BASE`, which wheels drive and brake if the `kinds` of
+    sensors tell their speeds but not their torques, and what every car has a little of, except for effects out of
+    reach."""
     usual = [
         replace(_knob(effect, field), deviation=deviation)
         for effect, kind in BY_ID.items()
@@ -92,7 +95,8 @@ def base_knobs(vehicle: Vehicle, beyond: Collection[str] = (), torques: bool = T
         for field, deviation in kind.usual(vehicle).items()
         if deviation > 0
     ]
-    return (*BASE, *(() if torques else UNKNOWN_TORQUES), *usual)
+    shared = UNKNOWN_TORQUES if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
+    return (*BASE, *shared, *usual)
 
 
 @dataclass(frozen=True)
