@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,6 +175,7 @@ class Search:
         """The best explanations by what is `proven` of them with one more effect each, where that promises `least` of
         what they leave."""
         found: dict[frozenset[str], tuple[float, Signature]] = {}
+        promise = itemgetter(0)
         for explanation in sorted(explanations, key=proven, reverse=True)[:BEAM]:
             known = proven(explanation)
             if len(explanation.candidates) == MOST or known <= least:
@@ -182,8 +184,9 @@ class Search:
                 adds = min(signature.gain - explanation.gain, signature.left_out - explanation.left_out)
                 if adds > least * max(1 - known, self.least_whole):
                     effects = frozenset(c.effect for c in signature.candidates)
-                    found[effects] = max(found.get(effects, (0.0, signature)), (known + adds, signature), key=_first_of)
-        likeliest = sorted(found.values(), key=_first_of, reverse=True)[:BEAM]
+                    promised = known + adds, signature
+                    found[effects] = max(found.get(effects, promised), promised, key=promise)
+        likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
         return self._fitted([signature for _, signature in likeliest])
 
     def described(self) -> list[Explanation]:
@@ -311,10 +314,6 @@ class Search:
             candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
             self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
-
-
-def _first_of(pair: tuple[float, Signature]) -> float:
-    return pair[0]
 
 
 def _first(signature: Signature) -> tuple[str, str]:
