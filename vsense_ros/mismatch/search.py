@@ -181,7 +181,7 @@ class Search:
             if len(explanation.candidates) == MOST or known <= least:
                 continue
             for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
-                adds = min(signature.gain - explanation.gain, signature.left_out - explanation.left_out)
+                adds = signature.score - explanation.score
                 if adds > least * max(1 - known, self.least_whole):
                     effects = frozenset(c.effect for c in signature.candidates)
                     promised = known + adds, signature
