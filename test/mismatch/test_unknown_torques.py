@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,22 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
     off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
     assert off["longitudinal_acceleration"] < UNFINISHED
     assert off["ground_speed"] < UNFINISHED
+
+
+def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
+    car = prototype()
+    sensors = {
+        name: sensor for name, sensor in car.sensors.items() if sensor.kind not in ("wheel_torques", "wheel_speeds")
+    }
+    vehicle = car.model_copy(update={"sensors": sensors})
+    recording = driven(car, "brake", 20.0)
+    velocity = recording[next(sensor.topic for sensor in sensors.values() if sensor.kind == VELOCITY)]
+    since = (velocity.stamp - velocity.stamp[0]) * 1e-9
+    rows = (since < 9.0) | (since > 11.0)
+    columns = {name: value[rows] for name, value in velocity.columns.items()}
+    cut = replace(velocity, stamp=velocity.stamp[rows], received=velocity.received[rows], columns=columns)
+    evidence = gather([replace(recording, channels={**recording.channels, cut.topic: cut})], vehicle)
+    assert [(w.end < 9.6 or w.begin > 10.4) for w in evidence.windows] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ SHORTEST = 6.0  # [s] of a window, run-in included
 RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
 HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
-LASTING = 0.5  # [Hz] … above this
-GRID = 0.01  # [s] of such a speed
+CROSSOVER = 0.5  # [Hz] … above this
+GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
 
@@ -168,8 +168,8 @@ def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: 
 
 
 def _between(speed: Readings, imu: Readings) -> Readings:
-    """A speed that is measured now and then, and between that as the accelerometer has it: what changes within a second
-    is from the one, what lasts from the other."""
+    """A speed that is measured now and then, (n, 1) [m/s], and between that as the accelerometer has it: what lasts is
+    from the one, what changes within a second from the other (a complementary filter without delay). Gaps stay gaps."""
     present = np.isfinite(imu.value[:, 3])
     if present.sum() < 2:
         return speed
@@ -178,9 +178,13 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     if len(t) < SHORTEST / GRID:
         return speed
     felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
-    lasting = butter(1, LASTING, fs=1 / GRID, output="sos")
+    lasting = butter(1, CROSSOVER, fs=1 / GRID, output="sos")
     rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
-    return Readings(t, (felt + rest)[:, None])
+    known = np.ones(len(t), dtype=bool)
+    for times in (speed.t, at):
+        for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
+            known &= (t <= times[gap]) | (t >= times[gap + 1])
+    return Readings(t[known], (felt + rest)[known, None])
 
 
 def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:

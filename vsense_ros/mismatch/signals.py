@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from vsense_ros.mismatch.evidence import RUN_IN, Readings, Window
+from vsense_ros.mismatch.evidence import GRID, RUN_IN, Readings, Window
 from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]
 
-GRID = 0.01  # [s] on which signals are filtered
 KEPT_EVERY = 4  # of the grid: what is left below the cut-off needs no more
 CUT_OFF = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling knows
 EDGE = 0.4  # [s] at the end of a window, where the filter has not settled
