@@ -86,6 +86,7 @@ def make(options: dict) -> None:
 def untold(options: dict, kinds: tuple[str, ...], target: Path) -> None:
     """The same cases for a tool that does not hear sensors of these KINDS, such as wheel_torques: the vehicle file does
     not have them."""
+    _check_seal(options)
     source, target = options["out"], target / options["split"]
     shutil.copytree(source / "labels", target / "labels", ignore=shutil.ignore_patterns("oracle"), dirs_exist_ok=True)
     there = [case.number for case in options["chosen"] if (source / "cases" / case.number / FINISHED).exists()]
