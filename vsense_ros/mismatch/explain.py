@@ -155,7 +155,7 @@ def answer(
     described: list[Explanation] = []
     if not assume:
         found_last = explanations
-        while found_last := search.further(found_last, THRESHOLD, proof.proven):
+        while found_last := search.further(found_last, THRESHOLD, proof.proven, bool(proof.recordings)):
             explanations = [*explanations, *found_last]
         if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:
             described = search.described()

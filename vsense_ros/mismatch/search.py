@@ -170,10 +170,10 @@ class Search:
         return fit(self.residuals, self.start, self.base.knobs, begin=begin, progress=self._progress)
 
     def further(
-        self, explanations: Sequence[Explanation], least: float, proven: Callable[[Explanation], float]
+        self, explanations: Sequence[Explanation], least: float, proven: Callable[[Explanation], float], unseen: bool
     ) -> list[Explanation]:
         """The best explanations by what is `proven` of them with one more effect each, where that promises `least` of
-        what they leave."""
+        what they leave: where it is left out, unless there are `unseen` recordings to prove it on."""
         found: dict[frozenset[str], tuple[float, Signature]] = {}
         promise = itemgetter(0)
         for explanation in sorted(explanations, key=proven, reverse=True)[:BEAM]:
@@ -181,7 +181,7 @@ class Search:
             if len(explanation.candidates) == MOST or known <= least:
                 continue
             for signature in self._screened(explanation.fit, explanation.candidates, BEAM):
-                adds = signature.score - explanation.score
+                adds = signature.gain - explanation.gain if unseen else signature.score - explanation.score
                 if adds > least * max(1 - known, self.least_whole):
                     effects = frozenset(c.effect for c in signature.candidates)
                     promised = known + adds, signature
@@ -231,10 +231,10 @@ class Search:
         columns = [self._column(knob) for knob in knobs]
         slopes = [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
         joint = _joined(at, knobs, slopes)
-        change = solve(joint.slopes, joint.residuals, joint.prior, joint.weight)
-        fall = self.base.value - _value(joint, range(len(joint.residuals)), change)
+        free, change = _within_bounds(joint, knobs)
+        fall = self.base.value - _value(free, range(len(free.residuals)), change)
         return Signature(
-            (*present, *new), joint, _keep(at, knobs, slopes), fall / self.whole, self._gain_left_out(joint)
+            (*present, *new), joint, _keep(at, knobs, slopes), fall / self.whole, self._gain_left_out(free)
         )
 
     def _column(self, knob: Knob) -> list[Array]:
@@ -368,6 +368,22 @@ def _joined(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> Fit:
         amounts=np.append(rest.amounts, [known.get(knob.name, 0.0) for knob in knobs]),
         slopes=[np.column_stack(pair) for pair in zip(rest.slopes, slopes, strict=True)],
     )
+
+
+def _within_bounds(joint: Fit, knobs: Sequence[Knob]) -> tuple[Fit, Array]:
+    """The fit without those of the knobs that are at a bound and would have to go beyond it, and the linear change of
+    the others [deviations]."""
+    while True:
+        change = solve(joint.slopes, joint.residuals, joint.prior, joint.weight)
+        names = [knob.name for knob in joint.knobs]
+        rows = [(knob, names.index(knob.name)) for knob in knobs if knob.name in names]
+        beyond = [
+            knob for knob, i in rows
+            if (joint.amounts[i] <= knob.low and change[i] < 0) or (joint.amounts[i] >= knob.high and change[i] > 0)
+        ]  # fmt: skip
+        if not beyond:
+            return joint, change
+        joint = _without(joint, beyond)
 
 
 def _value(fitted: Fit, windows: Sequence[int], change: Array | None = None) -> float:
