@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import shutil
 from concurrent.futures import ProcessPoolExecutor, as_completed, wait
+from dataclasses import replace
 from multiprocessing import Manager
 from pathlib import Path
 
@@ -61,13 +62,15 @@ def make(options: dict) -> None:
     folder, labels = options["out"] / "cases", options["out"] / "labels"
     labels.mkdir(parents=True, exist_ok=True)
     (labels / "labels.json").write_text(cases.labels_text(options["every"]), encoding="utf-8")
-    missing = [case for case in options["chosen"] if not (folder / case.number / FINISHED).exists()]
-    work = list(batches(missing))
+    work = [(batch, folder) for batch in batches(_missing(options["chosen"], folder))]
+    twins = _twins(options["out"])
+    without = [replace(case, hidden=()) for case in options["chosen"] if case.kind == "outside"]
+    work += [(batch, twins) for batch in batches(_missing(without, twins))]
     lost = set(_lost(options["out"]))
     with _progress() as progress, Manager() as manager, ProcessPoolExecutor(options["processes"]) as pool:
-        bar = progress.add_task("simulated seconds", total=round(sum(seconds(batch) for batch in work)))
+        bar = progress.add_task("simulated seconds", total=round(sum(seconds(batch) for batch, _ in work)))
         steps = manager.Queue()
-        running = {pool.submit(_make, batch, folder, steps) for batch in work}
+        running = {pool.submit(_make, batch, target, steps) for batch, target in work}
         while running:
             done, running = wait(running, timeout=0.3)
             for future in done:
@@ -79,6 +82,16 @@ def make(options: dict) -> None:
     _tell_lost(options)
 
 
+def _missing(wanted: list[cases.Case], folder: Path) -> list[cases.Case]:
+    return [case for case in wanted if not (folder / case.number / FINISHED).exists()]
+
+
+def _twins(out: Path) -> Path:
+    """Folder of the cases with something outside the library, simulated once more without it. They tell that it is
+    there, so they lie with the labels."""
+    return out / "labels" / "twins"
+
+
 @main.command()
 @click.argument("kinds", nargs=-1, required=True)
 @click.option("--to", "target", type=click.Path(path_type=Path), required=True, help="The --out of these cases.")
@@ -88,20 +101,26 @@ def untold(options: dict, kinds: tuple[str, ...], target: Path) -> None:
     not have them."""
     _check_seal(options)
     source, target = options["out"], target / options["split"]
-    shutil.copytree(source / "labels", target / "labels", ignore=shutil.ignore_patterns("oracle"), dirs_exist_ok=True)
+    left = shutil.ignore_patterns("oracle", "twins")
+    shutil.copytree(source / "labels", target / "labels", ignore=left, dirs_exist_ok=True)
     there = [case.number for case in options["chosen"] if (source / "cases" / case.number / FINISHED).exists()]
     for number in there:
-        case, quiet = source / "cases" / number, target / "cases" / number
-        quiet.mkdir(parents=True, exist_ok=True)
-        try:
-            vehicle_file.without_sensors(case / "vehicle.yaml", quiet / "vehicle.yaml", kinds)
-        except ValueError as error:
-            raise click.ClickException(str(error)) from error
-        for name in ("train", "held_out"):
-            (quiet / name).unlink(missing_ok=True)
-            (quiet / name).symlink_to((case / name).resolve())
-        shutil.copy(case / FINISHED, quiet / FINISHED)
+        _without_sensors(source / "cases" / number, target / "cases" / number, kinds)
+        if (twin := _twins(source) / number).exists():
+            _without_sensors(twin, _twins(target) / number, kinds)
     CONSOLE.print(f"{len(there)} cases without {', '.join(kinds)} in {target / 'cases'}")
+
+
+def _without_sensors(case: Path, quiet: Path, kinds: tuple[str, ...]) -> None:
+    quiet.mkdir(parents=True, exist_ok=True)
+    try:
+        vehicle_file.without_sensors(case / "vehicle.yaml", quiet / "vehicle.yaml", kinds)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from error
+    for name in ("train", "held_out"):
+        (quiet / name).unlink(missing_ok=True)
+        (quiet / name).symlink_to((case / name).resolve())
+    shutil.copy(case / FINISHED, quiet / FINISHED)
 
 
 def _lost_file(out: Path) -> Path:
@@ -150,6 +169,9 @@ def run(options: dict, ablation: str | None, ask: bool) -> None:
     told = [(case.number, options["out"], _truth(case)) for case in chosen if _truth(case)]
     if ask and not ablation:
         _all(options, "true effects", _ask_oracle, told)
+        twins = _twins(options["out"])
+        there = [case.number for case in chosen if (twins / case.number / FINISHED).exists()]
+        _all(options, "nothing instead", _ask_without, [(number, options["out"]) for number in there])
 
 
 def _all(options: dict, title: str, job, arguments: list[tuple]) -> None:
@@ -167,7 +189,15 @@ def _answer(number: str, out: Path, ablation: str | None) -> None:
 
 def _ask_oracle(number: str, out: Path, truth: list[str]) -> None:
     """Its reports tell what is hidden, so they lie with the labels."""
-    oracle.ask(out / "cases" / number, out / "labels" / "oracle" / number, truth)
+    oracle.ask(out / "cases" / number, _oracle(out, number), truth)
+
+
+def _ask_without(number: str, out: Path) -> None:
+    oracle.ask_without(_twins(out) / number, _oracle(out, number))
+
+
+def _oracle(out: Path, number: str) -> Path:
+    return out / "labels" / "oracle" / number
 
 
 def _truth(case: cases.Case) -> list[str]:
@@ -213,7 +243,9 @@ def _results(options: dict, ablation: str | None) -> list[score.Result]:
             continue
         answer = tool.earlier(options["out"] / _answers(ablation) / case.number)
         if answer:
-            best = oracle.best(options["out"] / "labels" / "oracle" / case.number, _truth(case))
+            report = _oracle(options["out"], case.number)
+            truth = _truth(case)
+            best = oracle.best(report, truth) if truth else oracle.best_without(answer, report)
             results.append(score.Result(labels[case.number], answer, best))
     return results
 

@@ -1,4 +1,5 @@
-"""What could be known at best: the true effect fitted, by the tool's own machinery. The one place where it is asked."""
+"""What could be known at best: the true effect fitted, by the tool's own machinery; of what the tool has no effect for,
+the same drive without it. The one place where that is asked."""
 
 from __future__ import annotations
 
@@ -40,6 +41,22 @@ def best(report: Path, effects: list[str]) -> Best | None:
     errors = reading.errors(answer.explain)
     left = {signal: after / before for signal, (before, after) in errors.items() if before > 0}
     return Best(gain - max([0.0, *without]), left)
+
+
+def ask_without(twin: Path, report: Path) -> None:
+    """`vsense explain` of the same car, driver and sensors with nothing hidden."""
+    tool.explain(twin, report, hidden=None)
+
+
+def best_without(answer: tool.Answer, report: Path) -> Best | None:
+    """What one gains who knows what is outside the library to its last detail: how much less the refitted model leaves
+    over, in training, where it is not there. None where the twin or the tool's `answer` has no fit."""
+    twin = tool.earlier(report)
+    left = [reading.misfit(each.explain) for each in (answer, twin) if each]
+    with_it, without = left if len(left) == 2 else (None, None)
+    if with_it is None or without is None:
+        return None
+    return Best((with_it**2 - without**2) / max(with_it**2, 1.0), {})
 
 
 def _reports(report: Path, effects: list[str]) -> dict[Path, list[str]]:

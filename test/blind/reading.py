@@ -2,7 +2,7 @@
 
 `verdict`; `effects`: ranked, each with `id`, `parameters` (`name`, `value`, `interval_90`), `gain_training`,
 `gain_held_out`, and `accepted` where several are there at once; `answer_set`: ids within reach of the best; `fit`: for
-each signal `held_out` with the error `before` and `after`; `driven_s`.
+each signal `held_out` with the error `before` and `after`; `driven_s`; `misfit`.
 """
 
 from __future__ import annotations
@@ -54,6 +54,11 @@ def _of_parameters(effect: Mapping, key: str) -> dict:
 def driven(explain: Mapping) -> float:
     """Of all recordings, held out or not, what is looked at [s]."""
     return explain.get("driven_s", 0.0)
+
+
+def misfit(explain: Mapping) -> float | None:
+    """Root mean square of what the refitted model leaves over in training, in standard deviations of a good model."""
+    return explain.get("misfit")
 
 
 def gain(effect: Mapping) -> float:

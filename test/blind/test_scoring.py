@@ -92,6 +92,16 @@ def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alon
     assert oracle.best(tmp_path, ["aero_drag", "gyro_bias"]).detectable == detectable
 
 
+@pytest.mark.parametrize(("left", "detectable"), [(1.0, True), (1.45, True), (1.49, False), (1.6, False)])
+def test_what_is_outside_the_library_can_be_detected_where_the_same_drive_without_it_fits_better(
+    tmp_path, left, detectable
+):
+    (tmp_path / tool.KEPT).write_text(json.dumps({"explain": {"misfit": left}, "cpu": 1.0}), encoding="utf-8")
+    found = oracle.best_without(Answer({"misfit": 1.5}, 1.0), tmp_path)
+    assert found.detectable == detectable
+    assert oracle.best_without(Answer({"verdict": "not_assessable"}, 1.0), tmp_path) is None
+
+
 def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_cover_them():
     twins = ("imu_roll_misalignment", "accelerometer_bias")
     found = score.of_set(
