@@ -109,6 +109,13 @@ def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_woul
     assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
 
 
+def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
+    one, *pairs = (explaining(name, g, g) for name, g in (("drag", 0.5), ("drag + bank", 0.6), ("drag + wind", 0.59)))
+    assert said(one, *pairs, explaining("drag + bank + wind", 0.61, 0.61)) == ("named", ("drag",))
+    all_three = explaining("drag + bank + wind", 0.8, 0.8)
+    assert said(one, *pairs, all_three) == ("named", (all_three.name,))
+
+
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
     one = explaining("drag", 0.5, 0.5)
     much, other = explaining("drag + bank", 0.9, 0.9), explaining("drag + wind", 0.8, 0.8)

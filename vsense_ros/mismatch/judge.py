@@ -219,7 +219,7 @@ def judge(
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
         if not several:
             break
-        explained = max(map(proven, (*leaders, *ranked.values())), default=0.0)
+        explained = max((proven(e) for e in explanations if len(e.candidates) < count), default=0.0)
         gain = proven(several[0]) - explained
         unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > UNFINISHED
         much = unfinished and gain > FURTHER * max(1 - explained, least_whole)
