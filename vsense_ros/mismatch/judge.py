@@ -230,8 +230,9 @@ def judge(
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
     term = next((e for e in terms if proven(e) > DESCRIBED), None)
     explained = max(map(proven, leaders), default=0.0)
+    nothing_known = said("unknown" if term is not None or proof.astray() else "no_mismatch", term)
     if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
-        return said("unknown" if term is not None or proof.astray() else "no_mismatch", term)
+        return nothing_known
 
     def within_reach(leader: Explanation) -> tuple[Explanation, ...]:
         """A leader and its rivals. What excludes another explanation is what it gains beyond what the two share: that
@@ -260,5 +261,5 @@ def judge(
             rivals = within_reach(leader)
             names = {frozenset(e.effects) for e in rivals}
     if len(names) > 1 and proven(leader) < ALIKE * threshold:
-        return said("no_mismatch", None)
+        return nothing_known
     return replace(said("named" if len(names) == 1 else "ambiguous", leader, *rivals), besides=tuple(sorted(besides)))
