@@ -48,9 +48,7 @@ def main(
     chosen = [
         case
         for case in every
-        if (not manoeuvres or case.manoeuvres in manoeuvres)
-        and (not kinds or case.kind in kinds)
-        and case.number not in cases.SPENT[split]
+        if (not manoeuvres or case.manoeuvres in manoeuvres) and (not kinds or case.kind in kinds)
     ][:count]
     context.obj = {"out": out / split, "split": split, "every": every, "chosen": chosen, "processes": processes}
 

@@ -20,18 +20,8 @@ from blind.knobs import Values
 from blind.outside import OUTSIDE
 from blind.sensors import GRADES, Biases, Mounting
 
-SEEDS = {"public": 20_100, "release": 77_003}
-# Cases whose answers were looked at before the tool last changed: they are no examination any more.
-_SEEN = """
-0000 0001 0002 0003 0004 0005 0006 0007 0009 0010 0011 0013 0014 0015 0016 0017 0018 0020 0021 0022 0023 0025 0027 0028
-0029 0030 0034 0036 0040 0041 0043 0046 0047 0049 0057 0058 0061 0064 0066 0067 0069 0078 0079 0082 0084 0086 0090 0091
-0092 0093 0095 0098 0099 0104 0105 0106 0109 0110 0113 0114 0115 0117 0119 0122 0123 0125 0126 0127 0131 0134 0141 0142
-0144 0146 0147 0148 0149 0150 0158 0162 0164 0165 0166 0170 0173 0174 0180 0181 0183 0186 0187 0189 0190 0191 0192 0193
-0194 0199 0200 0205 0207 0208 0209 0214 0215 0217 0220 0226 0230 0232 0234 0236 0239 0240 0242 0243 0247 0248 0251 0252
-0254 0256 0260 0261 0263 0272 0273 0274 0276 0280 0283 0290 0291 0294 0298 0299 0300 0302 0304 0305 0315 0323 0326 0337
-0361 0364 0373 0396 0401 0406 0409 0414 0423 0424 0439 0440 0443 0444 0453 0471 0475 0482
-"""
-SPENT = {"public": frozenset[str](), "release": frozenset(_SEEN.split())}
+# A release seed is used up when the tool changes after its answers were looked at: the next release has another.
+SEEDS = {"public": 20_100, "release": 91_402}
 PLANTS = ("newton_euler", "mujoco_tree")
 TYRES = ("magic_formula_1989", "brush", "dugoff", "burckhardt")
 MODELS = ("tmeasy", "tmeasy", "magic_formula")  # of the vehicle file; the first twice as often

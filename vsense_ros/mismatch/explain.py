@@ -152,23 +152,23 @@ def answer(
     proof = Proof(unseen, vehicle, residuals, base)
     found["remarks"] = [*evidence.remarks, *proof.remarks]
     found["held_out"] = proof.recordings
-    described: list[Explanation] = []
     if not assume:
         found_last = explanations
         while found_last := search.further(found_last, THRESHOLD, proof.proven, bool(proof.recordings)):
             explanations = [*explanations, *found_last]
-        if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:
-            described = search.described()
     threshold = THRESHOLD
     if ablation == "chi2_thresholds":
         threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
-    judged = judge(explanations, described, proof, threshold)
+    judged = judge(explanations, (), proof, threshold)
+    least = min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations)))
+    if not assume and (judged.leader is None or least > SUSPICIOUS):
+        judged = judge(explanations, search.described(), proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     if judged.leader is not None:
         judged = judged.led_by(search.settled(judged.leader), proof)
     leader, verdict = judged.leader, judged.verdict
-    if strange and (leader is None or verdict != "named" or misfit(leader.fit, residuals)):
+    if strange and (leader is None or misfit(leader.fit, residuals)):
         return nothing_said(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += proof.lost(shown)
