@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 
 from vsense_ros.model.car import car_of
 from vsense_ros.model.effects import BY_ID, Effects
-from vsense_ros.model.effects.base import AXLES
-from vsense_ros.model.effects.unmodelled import OF_TRAVEL, Unmodelled
+from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.simulate import rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -175,18 +174,3 @@ def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
     found = np.array(force(q, u, np.zeros(5), bare.parameter_vector()))[:, 0]
     assert_allclose(found, [20.0, 0, 0, 300.0, 500.0, 0], atol=1e-9)
-
-
-def test_terms_of_suspensions_are_springs_and_dampers_beside_the_car_s_own(bare):
-    full, car = having(bare, Effects(unmodelled={})), bare.physics
-    fields = ("suspension_stiffness", "suspension_damping")
-    softer = {f"{axle}.{field}": 0.9 * getattr(getattr(car, axle), field) for axle in AXLES for field in fields}
-    axles = {"fl": car.front, "fr": car.front, "rl": car.rear, "rr": car.rear}
-    rest = {
-        f"effects.unmodelled.suspension_force_{wheel}_{feature}": 0.1 * getattr(axle, field)
-        for wheel, axle in axles.items()
-        for feature, field in zip(OF_TRAVEL, fields, strict=True)
-    }
-    own, added, neither = driven(full), driven(full, softer | rest), driven(full, softer)
-    assert np.abs(own.u[:, 3] - neither.u[:, 3]).max() > 1e-3
-    assert_allclose(added.u[:, 3], own.u[:, 3], atol=1e-6)

@@ -152,17 +152,17 @@ def answer(
     proof = Proof(unseen, vehicle, residuals, base)
     found["remarks"] = [*evidence.remarks, *proof.remarks]
     found["held_out"] = proof.recordings
+    described: list[Explanation] = []
     if not assume:
         found_last = explanations
         while found_last := search.further(found_last, THRESHOLD, proof.proven, bool(proof.recordings)):
             explanations = [*explanations, *found_last]
+        if min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations))) > SUSPICIOUS:
+            described = search.described()
     threshold = THRESHOLD
     if ablation == "chi2_thresholds":
         threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
-    judged = judge(explanations, (), proof, threshold)
-    least = min(residuals.level(f.residuals) for f in (base, *(e.fit for e in explanations)))
-    if not assume and (judged.leader is None or least > SUSPICIOUS):
-        judged = judge(explanations, search.described(), proof, threshold)
+    judged = judge(explanations, described, proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     if judged.leader is not None:

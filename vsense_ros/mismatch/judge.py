@@ -38,9 +38,7 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # hidden good models leave 1.2, on rough roads 1.5 (public split).
 ASTRAY, UNFINISHED = 1.8, 1.5
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
-# Root mean square of all residuals, in deviations, from where on terms without known physics are tried although an effect
-# is proven.
-SUSPICIOUS = 1.0
+SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
 
 # Log odds that an effect is there, over the logarithm of its gain over that of the best other or the threshold: from

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import WHEELS, Effect, size
+from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car import Car
 
 SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Where a term acts: a component of the force on the chassis about `cog`, in body axes, or a suspension."""
+    """Where a term acts: a component of the force on the chassis about `cog`, in body axes."""
 
     words: str
     unit: str
-    row: int  # of moments and forces, or of the wheels
+    row: int  # of moments and forces
     typical: float  # size where its feature has its usual size
 
 
@@ -52,10 +52,6 @@ CHANNELS = {
     "lateral_force": Channel("a lateral force", "N", 4, 300.0),
     "yaw_moment": Channel("a yaw moment", "N m", 2, 300.0),
     "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
-}
-SUSPENSIONS = {
-    f"suspension_force_{wheel}": Channel(f"a force in the suspension of the wheel {wheel}", "N", i, 300.0)
-    for i, wheel in enumerate(WHEELS)
 }
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
@@ -101,14 +97,6 @@ TERMS = {
     "yaw_moment": ASYMMETRIC | TURNING,
     "roll_moment": {"constant": CONSTANT} | TURNING,
 }
-OF_TRAVEL = {
-    "compression": Feature("that grows with its compression", "m", 0.03, lambda car: car.q[6:10]),
-    "compression_rate": Feature("that grows with the speed of its compression", "m/s", 0.1, lambda car: car.u[6:10]),
-}
-_ALL = (
-    *((name, CHANNELS[name], features) for name, features in TERMS.items()),
-    *((name, channel, OF_TRAVEL) for name, channel in SUSPENSIONS.items()),
-)
 
 
 def _field(channel: Channel, feature: Feature) -> Any:
@@ -118,7 +106,7 @@ def _field(channel: Channel, feature: Feature) -> Any:
 
 
 class _Unmodelled(Effect):
-    """A sum of terms, each a force or moment in proportion to something that the car does."""
+    """A sum of terms, each a force or moment on the chassis in proportion to something that the car does."""
 
     id: ClassVar[str] = "unmodelled"
     sentence: ClassVar[str] = "a force for which no physics is known"
@@ -131,16 +119,9 @@ class _Unmodelled(Effect):
                 added[CHANNELS[channel].row] += getattr(self, f"{channel}_{feature}") * content.value(car)
         return force + added
 
-    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        name = f"suspension_force_{WHEELS[corner.index]}"
-        return force + sum(
-            getattr(self, f"{name}_{feature}") * content.value(car)[corner.index]
-            for feature, content in OF_TRAVEL.items()
-        )
-
 
 Unmodelled: type[Effect] = create_model(
     "Unmodelled",
     __base__=_Unmodelled,
-    **{f"{c}_{f}": _field(channel, content) for c, channel, features in _ALL for f, content in features.items()},
+    **{f"{c}_{f}": _field(CHANNELS[c], content) for c, features in TERMS.items() for f, content in features.items()},
 )
