@@ -61,6 +61,16 @@ def test_two_effects_at_once_are_both_named():
     assert set(found["answer_set"]) == set(named)
 
 
+@pytest.mark.slow
+def test_what_is_off_only_where_nothing_was_fitted_is_unknown_and_said_to_be_there():
+    worn = prototype().with_parameters({"front.cornering_scale": 0.6})
+    train = [driven(prototype(), m) for m in ("sweep", "brake")]
+    found = answer(train, prototype(), [driven(worn, "slalom")]).found
+    assert found["verdict"] == "unknown"
+    assert "on what was held out" in found["sentence"]
+    assert found["located"]["region"]["description"] in found["sentence"]
+
+
 def test_an_unknown_part_of_the_method_cannot_be_left_out():
     with pytest.raises(InputError, match="no ablation luck; there are no_refit, no_projection, chi2_thresholds"):
         answer([], prototype(), ablation="luck")

@@ -23,7 +23,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, interval, judge
+from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, UNFINISHED, Judged, Proof, interval, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor, Setting
@@ -179,7 +179,7 @@ def answer(
         )
     found |= {
         "verdict": verdict,
-        "located": _located(residuals, base) | {"force": _force(judged)},
+        "located": _located(residuals, base, proof) | {"force": _force(judged)},
         "effects": _effects(judged, evidence),
         "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
         "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
@@ -292,7 +292,7 @@ def _separating(residuals: Residuals, rivals: Sequence[Explanation]) -> dict[str
     return {"manoeuvre": ways[0], "signal": max(apart, key=lambda name: apart[name])}
 
 
-def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
+def _located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     by_signal = residuals.by_signal(base.residuals)
     units = {signal.name: signal.unit for signal in SIGNALS}
     worst = sorted(by_signal, key=lambda name: by_signal[name] / residuals.deviation[name], reverse=True)
@@ -308,7 +308,7 @@ def _located(residuals: Residuals, base: Fit) -> dict[str, Any]:
         ],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
         "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
-        "region": _region(residuals, base, worst[0]) if worst else None,
+        "region": _region(*_furthest(residuals, base, proof)),
     }
 
 
@@ -324,11 +324,21 @@ def _force(judged: Judged) -> dict[str, Any] | None:
     return {"description": _in_words(judged.leader, term), "sizes": sizes, "gain": judged.leader.gain}
 
 
-def _region(residuals: Residuals, base: Fit, signal: str) -> dict[str, Any] | None:
-    """Where the residual of a signal is large: what it goes along with, of what is measured itself."""
+def _furthest(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
+    """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
+    what was held out, where they are far from those of a good model there alone."""
+    unseen = proof.residuals
+    if unseen is not None and residuals.worst(base.residuals) < UNFINISHED < unseen.worst(proof.before):
+        return unseen, proof.before, " on what was held out"
+    return residuals, base.residuals, ""
+
+
+def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] | None:
+    """Where the residual of the worst signal is large: what it goes along with, of what is measured itself."""
+    signal, _ = residuals.furthest(off)
     size: list[Array] = []
     features: dict[str, list[Array]] = {"speed": [], "lateral_acceleration": [], "longitudinal_acceleration": []}
-    for measured, rows, names in zip(residuals.predictor.measured, base.residuals, residuals.layout, strict=True):
+    for measured, rows, names in zip(residuals.predictor.measured, off, residuals.layout, strict=True):
         if signal in names and all(f in measured for f in features):
             size.append(np.abs(np.split(rows, len(names))[names.index(signal)]))
             for feature, parts in features.items():
@@ -346,9 +356,9 @@ def _region(residuals: Residuals, base: Fit, signal: str) -> dict[str, Any] | No
     strongest = max(found, key=lambda f: abs(found[f]))
     way = "grows" if found[strongest] > 0 else "falls"
     word = strongest.replace("_", " ")
-    text = f"the error of the {signal.replace('_', ' ')} {way} with the {word}"
+    text = f"the error of the {signal.replace('_', ' ')}{of} {way} with the {word}"
     if abs(found[strongest]) < 0.3:
-        text = f"the error of the {signal.replace('_', ' ')} is about the same everywhere"
+        text = f"the error of the {signal.replace('_', ' ')}{of} is about the same everywhere"
     return {"description": text, "correlation": found}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,9 +101,14 @@ class Residuals:
     def worst(self, residuals: Sequence[Array]) -> float:
         """Root mean square of the worst signal's residuals, in standard deviations; of signals that a road shakes in
         multiples of what that does."""
+        return self.furthest(residuals)[1]
+
+    def furthest(self, residuals: Sequence[Array]) -> tuple[str, float]:
+        """The worst signal by name, empty if there is none, and how bad it is."""
         errors = self.deviations(residuals)
         road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
-        return max((error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()), default=0.0)
+        off = {name: error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()}
+        return max(off.items(), key=itemgetter(1), default=("", 0.0))
 
     def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual, in standard deviations."""
