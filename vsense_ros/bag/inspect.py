@@ -22,6 +22,7 @@ _CLOCK_JUMP = 600.0  # [s] between two messages: no gap in the data but a clock 
 _GAP = 3.0  # periods
 _FROZEN = 1.0  # [s] of exactly the same values from an inertial sensor, which always has noise
 _GRAVITY = 9.81  # [m/s²]
+_AS_KNOWN = 0.1  # relative difference of a rolling radius and that of the vehicle file which asks no question
 
 
 @dataclass(frozen=True)
@@ -188,11 +189,11 @@ def _inertial(channel: Channel, live: dict[str, Array]) -> Iterator[str]:
             yield f"{name} is frozen for {length[longest]:.1f} s from {seconds[first[longest]]:.1f} s on"
 
 
-def doubts(recording: Recording) -> dict[str, list[str]]:
-    """Doubts about units and signs, by topic."""
+def doubts(recording: Recording, radius: float | None = None) -> dict[str, list[str]]:
+    """Doubts about units and signs, by topic; the rolling `radius` [m] is that of the car, if it is known."""
     found = {
         "imu/data": [*_gravity(recording), *_turning(recording)],
-        "vehicle/wheel_speeds": list(_rolling(recording)),
+        "vehicle/wheel_speeds": list(_rolling(recording, radius)),
         "vehicle/steering": [*_steering_range(recording), *_steering_sign(recording)],
         "gps/fix": list(_fixes(recording)),
         "vehicle/brake_pressure": list(_pressure(recording)),
@@ -230,7 +231,7 @@ def _at(stamp: NDArray[np.int64], channel: Channel, values: Array) -> Array:
     )
 
 
-def _rolling(recording: Recording) -> Iterator[str]:
+def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
     wheels, motion = _channel(recording, "vehicle/wheel_speeds"), _gnss_motion(recording)
     if wheels is None or motion is None or wheels.columns["velocity"].shape[1] == 0:
         return
@@ -242,6 +243,8 @@ def _rolling(recording: Recording) -> Iterator[str]:
     radius = float(np.median(speed[moving] / turning[moving]))
     if radius < 0:
         yield "turn backwards while GNSS moves: is the sign wrong?"
+    if known is not None and abs(abs(radius) / known - 1.0) < _AS_KNOWN:
+        return
     guesses = {"m/s": 1.0, "km/h": 1 / 3.6, "rpm": 2 * np.pi / 60 * 0.32, "deg/s": np.pi / 180 * 0.32}
     for unit, ratio in guesses.items():
         tolerance = 0.03 if unit in ("m/s", "km/h") else 0.4

@@ -184,7 +184,7 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     for times in (speed.t, at):
         for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
             known &= (t <= times[gap]) | (t >= times[gap + 1])
-    return Readings(t[known], (felt + rest)[known, None])
+    return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
 def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:
@@ -217,8 +217,16 @@ def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
             east, north = position.value[known][apart].T
             distance, abscissa = road.follow(at[apart], east, north)
             if len(distance) >= 2:
+                distance, abscissa = _to_both_ends(distance, abscissa, travelled)
                 return _without_jumps(np.interp(distance, travelled, t), distance, abscissa)
     return Readings(t, (road.begin() + travelled)[:, None])
+
+
+def _to_both_ends(distance: Array, abscissa: Array, travelled: Array) -> tuple[Array, Array]:
+    """The same from the begin of what was travelled to its end, whenever positions were told."""
+    before, after = travelled[travelled < distance[0]], travelled[travelled > distance[-1]]
+    on = abscissa[0] + before - distance[0], abscissa, abscissa[-1] + after - distance[-1]
+    return np.concatenate([before, distance, after]), np.concatenate(on)
 
 
 def _without_jumps(t: Array, distance: Array, abscissa: Array) -> Readings:
@@ -250,8 +258,8 @@ def _windows(
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
-                _course(inside, kinds, first), torques, _cut(turned, first - 1.0, last + 1.0),
-                _cut(place, first - 1.0, last + 1.0),
+                _course(inside, kinds, first), torques, _spanning(turned, first - 1.0, last + 1.0),
+                _spanning(place, first - 1.0, last + 1.0),
             )  # fmt: skip
 
 
@@ -276,6 +284,13 @@ def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[floa
 def _cut(readings: Readings, first: float, last: float) -> Readings:
     rows = (readings.t >= first) & (readings.t <= last)
     return Readings(readings.t[rows], readings.value[rows])
+
+
+def _spanning(readings: Readings, first: float, last: float) -> Readings:
+    """With the nearest before and after besides, so that there is always one, however long nothing was told."""
+    begin = max(int(np.searchsorted(readings.t, first, "right")) - 1, 0)
+    end = int(np.searchsorted(readings.t, last, "left")) + 1
+    return Readings(readings.t[begin:end], readings.value[begin:end])
 
 
 def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float) -> float:

@@ -20,15 +20,16 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
+from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
 from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, UNFINISHED, Judged, Proof, interval, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.prediction import LOST, Predictor, Setting
+from vsense_ros.mismatch.prediction import LOST, Predictor, Setting, abscissae
 from vsense_ros.mismatch.report import shown_value, write_report
-from vsense_ros.mismatch.road import STRETCH, place_of, points
+from vsense_ros.mismatch.road import STRETCH, place_of, points, profile
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.model.effects import BY_ID, EVERY
@@ -41,7 +42,11 @@ Array = NDArray[np.float64]
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
-
+ALONE = (
+    "all of it is one stretch of driving: nothing can be left out of the fit, and gains are those of the fit itself; "
+    "add another recording, or hold one out"
+)
+EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
 
 # Of a profile: a number for what hangs together, metres along it, degrees, radians counter-clockwise from east.
 PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
@@ -59,11 +64,13 @@ class Answer:
         """explain.json, report.html, where something is named vehicle.extended.yaml, and road.csv where that changes
         along the road."""
         folder.mkdir(parents=True, exist_ok=True)
+        for earlier in (EXTENDED, ROAD, NEXT):
+            (folder / earlier).unlink(missing_ok=True)
         (folder / "explain.json").write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         write_report(self.found, self.traces, folder / "report.html")
         if self.extended is not None:
-            save_vehicle(folder / "vehicle.extended.yaml", self.extended)
-            self._write_road(folder / "road.csv")
+            save_vehicle(folder / EXTENDED, self.extended)
+            self._write_road(folder / ROAD)
 
     def _write_road(self, path: Path) -> None:
         """A row for each place and effect of the road that was named."""
@@ -95,7 +102,7 @@ def answer(
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
-    begun = time.process_time()
+    begun, assume = time.process_time(), tuple(dict.fromkeys(assume))
     evidence = gather(recordings, vehicle)
     unseen = gather(held_out, vehicle, evidence)
     found: dict[str, Any] = {
@@ -127,8 +134,9 @@ def answer(
             "of this car?"
         )
     places = points([w.place.value[:, 0] for w in evidence.windows])
-    offered = tuple(c for c in candidates(places) if c.effect not in beyond and (not assume or c.effect in assume))
     start = residuals.predictor.start
+    library = candidates(places, start.values)
+    offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
     if ablation == "no_projection":
         base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
         start = base.setting
@@ -136,7 +144,7 @@ def answer(
 
     def fitted() -> list[Explanation]:
         if assume:
-            return [search.polished(e) for e in search.together([_all_of(id) for id in assume])]
+            return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
         return search.singles()
 
     explanations = fitted()
@@ -151,6 +159,8 @@ def answer(
         return nothing_said("no effect of the library would leave a trace in these recordings")
     proof = Proof(unseen, vehicle, residuals, base)
     found["remarks"] = [*evidence.remarks, *proof.remarks]
+    if proof.residuals is None and len(search.groups) == 1:
+        found["remarks"].append(ALONE)
     found["held_out"] = proof.recordings
     described: list[Explanation] = []
     if not assume:
@@ -161,7 +171,7 @@ def answer(
             described = search.described()
     threshold = THRESHOLD
     if ablation == "chi2_thresholds":
-        threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
+        found["threshold"] = threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
     judged = judge(explanations, described, proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
@@ -216,9 +226,10 @@ def _refitted(
     return rest, residuals_of_rest, fitted
 
 
-def _all_of(id: str) -> Candidate:
+def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:
     """An effect with all its sizes free."""
-    knobs = {knob.name: knob for c in candidates() if c.effect == id for knob in c.knobs if not knob.form}
+    single = (c for c in library if c.effect == id and not c.along_road)
+    knobs = {knob.name: knob for c in single for knob in c.knobs if not knob.form}
     return Candidate(id, "", tuple(knobs.values()), BY_ID[id].sentence)
 
 
@@ -237,7 +248,7 @@ def _effects(judged: Judged, evidence: Evidence) -> list[dict[str, Any]]:
     """Entries of all effects that were fitted, those of the leader first."""
     entries: list[dict[str, Any]] = []
     told: set[str] = set()
-    for explanation in (*filter(None, [judged.leader]), *judged.ranked):
+    for explanation in (*filter(None, [judged.leader]), *judged.rivals, *judged.ranked):
         for candidate in explanation.candidates:
             if candidate.effect not in told:
                 told.add(candidate.effect)
@@ -408,13 +419,15 @@ def _sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
         return ", ".join([*words, *(["changing along the road"] if "profile" in effect else [])])
 
     named = " and ".join(f"{effect['sentence']} ({sizes(effect)})" for effect in accepted)
+    said = (
+        f"The model leaves out {named}; with it the squared error falls by {100 * accepted[0]['gain_training']:.0f} %"
+    )
+    if ALONE in found["remarks"]:
+        return f"{said}; nothing was left out of the fit to prove it on."
     proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
     if proven is None:
         proven, on = accepted[0]["gain_left_out"], "where it was left out of the fit"
-    return (
-        f"The model leaves out {named}; with it the squared error falls by "
-        f"{100 * accepted[0]['gain_training']:.0f} %, and by {100 * proven:.0f} % {on}."
-    )
+    return f"{said}, and by {100 * proven:.0f} % {on}."
 
 
 def _traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[Trace]:
@@ -455,10 +468,24 @@ def _extended(vehicle: Vehicle, evidence: Evidence, setting: Setting) -> Vehicle
 
 
 def _profile(vehicle: Vehicle, evidence: Evidence, setting: Setting, id: str) -> tuple[tuple[float, ...], ...]:
-    """Rows of `RoadEffect.profile`: what the file has, or what was fitted."""
-    rows = []
+    """Rows of `RoadEffect.profile`: what the file has, and what was fitted beyond it."""
+    fitted = {}
     for name, value in setting.values.items():
         size, abscissa = place_of(name) or ("", 0.0)
-        if size.startswith(f"effects.{id}.") and (at := evidence.road.place(abscissa)) is not None:
-            rows.append((*evidence.on_map.latitude_longitude(*at[:2]), at[2], value))
-    return tuple(rows) or getattr(getattr(vehicle.physics.effects, id), "profile", ())
+        if size.startswith(f"effects.{id}."):
+            fitted[abscissa] = value
+    rows = getattr(getattr(vehicle.physics.effects, id), "profile", ())
+    if not fitted:
+        return rows
+    known = list(zip(rows, abscissae(rows, evidence), strict=True))
+    surveyed = {at: row[-1] for row, at in known if at is not None}
+    found = [(*row[:3], row[3] + (_at(fitted, at) if at is not None else 0.0)) for row, at in known]
+    for abscissa, value in fitted.items():
+        if (at := evidence.road.place(abscissa)) is not None:
+            place = *evidence.on_map.latitude_longitude(*at[:2]), at[2]
+            found.append((*place, value + _at(surveyed, abscissa)))
+    return tuple(found)
+
+
+def _at(points: Mapping[float, float], abscissa: float) -> float:
+    return float(profile(points, np.array([abscissa]))[0]) if points else 0.0

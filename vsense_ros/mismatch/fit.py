@@ -70,6 +70,8 @@ class Residuals:
         found = self._until(setting, self.predictor.lost_from(setting))
         return [
             np.column_stack([rows, known.reshape(len(rows), -1)[:, rows.shape[1] :]]).reshape(-1)
+            if len(rows)
+            else known
             for rows, known in zip(found, instead, strict=True)
         ]
 
@@ -83,7 +85,7 @@ class Residuals:
         simulations = zip(self.predictor.measured, self.predictor.simulated(setting), strict=True)
         for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):
             kept = len(t) if np.isinf(end) else int(np.searchsorted(t, end - ASTRAY_BEFORE))
-            if kept < min(LEAST_KEPT, len(t)):
+            if kept < min(LEAST_KEPT, len(t)) or not names:
                 result.append(np.zeros((len(names), 0)))
                 continue
             if not simulated:

@@ -72,7 +72,7 @@ def _hindrances(recordings: Sequence[Recording], fitted: Evidence, unseen: Evide
         yield from _standing_still(windows, sensors)
         yield from _saturated(windows, sensors)
         yield from _spinning(windows, sensors)
-    yield from _units(recordings, sensors)
+    yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
     means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
     yield from _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]])
     for name, drive in means:
@@ -90,12 +90,12 @@ def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     if level > 1 and not base.converged:
         yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
     amounts = dict(zip((knob.name for knob in base.knobs), base.amounts, strict=True))
-    outside = [knob for knob in BASE if not knob.low < amounts[knob.name] < knob.high]
+    outside = [k for k in BASE if k.name in amounts and not k.low < amounts[k.name] < k.high]
     # One stiffness may stand in for the physics that is missing.
     if len(outside) > 1 or any(knob.name in LASTING for knob in outside):
         names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
         yield f"{names} of the vehicle file's fits; is it the file of this car?"
-    if level > STRANGE:
+    if level > STRANGE and amounts.keys() >= set(LASTING):
         yield from _of_several_fits(base, residuals)
 
 
@@ -164,10 +164,10 @@ def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
             )
 
 
-def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[str]:
     """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
     for recording in recordings:
-        for topic, found in doubts(_as_mounted(recording, sensors)).items():
+        for topic, found in doubts(_as_mounted(recording, sensors), radius).items():
             if found and topic in {sensor.topic for sensor in sensors.values() if sensor.kind in _ONE_OF_EACH}:
                 yield f"in {recording.name}, {topic}: {found[0]}"
 
@@ -270,7 +270,8 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
         heading = cumulative_trapezoid(rate, t, initial=0)
         slip = np.unwrap(np.arctan2(north, east)) - np.interp(at, t, heading)
         earlier = np.interp(at - SLIDE_TIME, at, slip)
-        if float(np.max(np.abs(slip - earlier))) > SLIDE:
+        known = (at <= t[-1]) & (np.maximum(at - SLIDE_TIME, at[0]) >= t[0])  # how the car has turned
+        if float(np.max(np.abs(slip - earlier)[known], initial=0.0)) > SLIDE:
             yield f"the car spins or slides sideways in {window.name}: its course and its yaw rate part"
 
 
@@ -366,9 +367,10 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
         steady = np.isfinite(drive.over_ground) & np.isfinite(drive.rolling) & (np.abs(drive.speed_rate) < 1.0)
         if steady.sum() >= LEAST / SMOOTH:
             radii.append((float(np.median(drive.over_ground[steady] / drive.rolling[steady])), name))
-        tilt = np.array([np.mean(drive.longitudinal - drive.speed_rate), np.mean(drive.lateral - drive.turning)])
-        if np.isfinite(tilt).all():
-            tilts.append((tilt, name))
+        felt = np.array([drive.longitudinal - drive.speed_rate, drive.lateral - drive.turning])
+        present = np.isfinite(felt).all(axis=0)
+        if present.sum() >= LEAST / SMOOTH:
+            tilts.append((felt[:, present].mean(axis=1), name))
     if radii:
         (small, of_small), (large, of_large) = min(radii), max(radii)
         if large > (1 + RADIUS_APART) * small:

@@ -136,9 +136,8 @@ class Proof:
         after = explanation.fit.residuals
         if self.residuals is not None:
             residuals, (before, after) = self.residuals, self.compared(explanation.fit)
-        errors, left = residuals.deviations(before), residuals.deviations(after)
-        worst = max(errors, key=lambda name: errors[name])
-        return left[worst] < errors[worst]
+        worst, _ = residuals.furthest(before)
+        return residuals.deviations(after)[worst] < residuals.deviations(before)[worst]
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ def judge(
     for count in (2, 3):
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
         if not several:
-            break
+            continue
         explained = max((proven(e) for e in explanations if len(e.candidates) < count), default=0.0)
         gain = proven(several[0]) - explained
         unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > UNFINISHED

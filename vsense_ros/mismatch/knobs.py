@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from pydantic.fields import FieldInfo
 
@@ -88,8 +89,9 @@ def base_knobs(
     """What is fitted before anything is said to be missing: `BASE`, which wheels drive and brake if the `kinds` of
     sensors tell their speeds but not their torques, and what every car has a little of, except for effects out of
     reach."""
+    values = vehicle.values()
     usual = [
-        replace(_knob(effect, field), deviation=deviation)
+        replace(_knob(effect, field, values), deviation=deviation)
         for effect, kind in BY_ID.items()
         if effect not in beyond
         for field, deviation in kind.usual(vehicle).items()
@@ -118,24 +120,26 @@ class Candidate:
         return any(knob.place for knob in self.knobs)
 
 
-def _knob(effect: str, field: str, form: str = "") -> Knob:
+def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
+    """What is added to the value that a car has already."""
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
     assert isinstance(extra, dict)
     limits = {type(m).__name__: m for m in info.metadata}
-    dotted, default = f"effects.{effect}.{field}", float(info.default)
+    dotted = f"effects.{effect}.{field}"
+    present = values.get(dotted, float(info.default))
     values_of_form = {f"effects.{effect}.{n}": value for n, value in EVERY[effect].variants.get(form, {}).items()}
     return Knob(
         dotted, str(extra["unit"]), float(str(extra["typical"])),
-        float(limits["Ge"].ge) - default, float(limits["Le"].le) - default,
+        float(limits["Ge"].ge) - present, float(limits["Le"].le) - present,
         lambda values, amount: {dotted: values[dotted] + amount, **values_of_form}, form,
     )  # fmt: skip
 
 
-def shapes(effect: str) -> tuple[Knob, ...]:
-    """What else of an effect may be another, once it has a size: turned from its default."""
+def shapes(effect: str, values: Values) -> tuple[Knob, ...]:
+    """What else of an effect may be another, once it has a size: turned from what it is."""
     fields = EVERY[effect].model_fields
-    return tuple(_knob(effect, name) for name, field in fields.items() if _role(field) == "shape")
+    return tuple(_knob(effect, name, values) for name, field in fields.items() if _role(field) == "shape")
 
 
 def _role(field: FieldInfo) -> str:
@@ -160,11 +164,12 @@ def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
     }
 
 
-def terms() -> tuple[Candidate, ...]:
-    """Forces for which no physics is known: each alone, and lateral forces with a lever arm."""
+def terms(values: Values) -> tuple[Candidate, ...]:
+    """Forces for which no physics is known, beyond what a car has of them: each alone, and lateral forces with a lever
+    arm."""
     found = []
     for effect in EVERY.keys() - BY_ID.keys():
-        knobs = {field: _knob(effect, field) for field in EVERY[effect].model_fields}
+        knobs = {field: _knob(effect, field, values) for field in EVERY[effect].model_fields}
         words = {field: str(info.description) for field, info in EVERY[effect].model_fields.items()}
         found += [Candidate(effect, field, (knob,), words[field]) for field, knob in knobs.items()]
         for field, knob in knobs.items():
@@ -190,19 +195,19 @@ def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
         )  # fmt: skip
 
 
-def candidates(abscissae: Sequence[float] = ()) -> tuple[Candidate, ...]:
+def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyType({})) -> tuple[Candidate, ...]:
     """Each size of each known effect by itself, the sizes of an effect that has no more than two together, and what
-    belongs to the road at places with these abscissae [m]."""
+    belongs to the road at places with these abscissae [m]; beyond the `values` that a car has already."""
     found = []
     for effect, kind in BY_ID.items():
         sizes = [name for name, field in kind.model_fields.items() if _role(field) == "size"]
         if len(sizes) > 1:
-            found += [Candidate(effect, name, (_knob(effect, name),), kind.sentence) for name in sizes]
+            found += [Candidate(effect, name, (_knob(effect, name, values),), kind.sentence) for name in sizes]
         if len(sizes) <= 2:
             where = "" if len(sizes) == 1 else " and ".join(sizes)
-            found.append(Candidate(effect, where, tuple(_knob(effect, name) for name in sizes), kind.sentence))
+            found.append(Candidate(effect, where, tuple(_knob(effect, name, values) for name in sizes), kind.sentence))
         for form in ("", *kind.variants):
-            knobs = tuple(_knob(effect, name, form) for name in sizes)
+            knobs = tuple(_knob(effect, name, values, form) for name in sizes)
             if form:
                 found.append(Candidate(effect, form, knobs, kind.sentence))
             if abscissae and issubclass(kind, RoadEffect):

@@ -199,14 +199,12 @@ class Predictor:
     @cached_property
     def _known(self) -> dict[str, dict[float, float]]:
         """The profiles of the vehicle file on the road of the evidence: values by abscissa, by the name of the size."""
-        road, on_map = self.evidence.road, self.evidence.on_map
         found: dict[str, dict[float, float]] = {}
-        for id, effect in ((id, getattr(self.vehicle.physics.effects, id)) for id in BY_ID):
-            for latitude, longitude, heading, value in getattr(effect, "profile", ()):
-                at = on_map.placed({k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)})
-                abscissa = road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading)
+        for id in BY_ID:
+            rows = getattr(getattr(self.vehicle.physics.effects, id), "profile", ())
+            for row, abscissa in zip(rows, abscissae(rows, self.evidence), strict=True):
                 if abscissa is not None:
-                    found.setdefault(size_of(id), {})[abscissa] = value
+                    found.setdefault(size_of(id), {})[abscissa] = row[-1]
         return found
 
     def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
@@ -266,15 +264,17 @@ class Predictor:
         kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
         inputs = np.zeros((n, 5))
         steering = kinds["steering"]
-        inputs[:, 0] = np.interp(middle + late, steering.t, steering.value[:, 0])
+        told = np.isfinite(steering.value[:, 0])
+        inputs[:, 0] = np.interp(middle + late, steering.t[told], steering.value[told, 0])
         speed, acceleration = self._rolling[index]
         mass = parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
         inertia = np.full((n, 4), mass * self.radius**2 / 4)
         if window.torques:
             torques = kinds["wheel_torques"]
+            known = np.isfinite(torques.value).all(axis=1)
             for wheel in range(4):
-                inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t, torques.value[:, wheel])
+                inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t[known], torques.value[known, wheel])
             inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
             inertia *= 2 * _of_each_wheel(acceleration, *shares)
@@ -314,6 +314,16 @@ class Predictor:
             gaps = ~np.isfinite(window.readings[name].value)
             readings[name].value[gaps] = np.nan
         return signals(window, readings, self.evidence.sensors, self.radius)
+
+
+def abscissae(rows: Sequence[tuple[float, float, float, float]], evidence: Evidence) -> list[float | None]:
+    """Where on the road of the evidence the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
+    found = []
+    for latitude, longitude, heading, _ in rows:
+        fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
+        at = evidence.on_map.placed(fix)
+        found.append(evidence.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
+    return found
 
 
 def _middle(window: Window) -> Array:

@@ -46,13 +46,15 @@ class Road:
         """Distance (m,) and abscissa (m,) [m] of points along a path that is given by the distance `travelled` (n,)
         and positions; where nobody has been yet, the path joins the road."""
         at = np.arange(travelled[0], travelled[-1], POINT)
+        if len(at) < 2:
+            return at[:0], at[:0]
         x, y = (_smooth(np.interp(at, travelled, values)) for values in (east, north))
         course = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
         known = len(self.abscissa)
         own: list[int] = []  # points of `at` that were added, by the index in the road less `known`
         abscissa = np.zeros(len(at))
         shifts: deque[float] = deque(maxlen=STEADY)
-        shift = self.begin() - travelled[0] if len(at) else 0.0
+        shift = self.begin() - travelled[0]
         passing, in_a_row = False, 0
         candidates: deque[float] = deque(maxlen=SURE)
         for i in range(len(at)):

@@ -136,7 +136,7 @@ class Search:
         """The explanations, the best of them with their shapes fitted besides."""
         found = list(explanations)
         for i, explanation in enumerate(explanations[:BEAM]):
-            at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect)
+            at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect, self.start.values)
             if not knobs or explanation.gain < ENOUGH:
                 continue
             columns = [slope(self.residuals, at, knob, at.setting) for knob in knobs]
@@ -167,7 +167,10 @@ class Search:
                 least, begin = tried.value, amounts
         if begin is None:
             return None
-        return fit(self.residuals, self.start, self.base.knobs, begin=begin, progress=self._progress)
+        try:
+            return fit(self.residuals, self.start, self.base.knobs, begin=begin, progress=self._progress)
+        except DivergedError:
+            return None
 
     def further(
         self, explanations: Sequence[Explanation], least: float, proven: Callable[[Explanation], float], unseen: bool
@@ -191,7 +194,7 @@ class Search:
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
-        found = [self._signature(self.base, (), (term,)) for term in terms()]
+        found = [self._signature(self.base, (), (term,)) for term in terms(self.start.values)]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
     def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:

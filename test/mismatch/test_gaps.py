@@ -1,0 +1,94 @@
+"""Recordings of which parts are missing: what is there is used, and a gap is no physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hidden import driven, prototype
+from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.gate import hindrance
+from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.road import Road
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
+
+LONG = 60.0  # [s] more than one window
+
+
+def seconds(recording: Recording, topic: str) -> np.ndarray:
+    first = min(int(channel.stamp.min()) for channel in recording.channels.values())
+    return (recording[topic].stamp - first) * 1e-9
+
+
+def silent(recording: Recording, begin: float, end: float, *topics: str) -> Recording:
+    """Without the messages of some topics between two times [s]."""
+    channels = dict(recording.channels)
+    for topic in topics:
+        t, channel = seconds(recording, topic), recording[topic]
+        rows = (t < begin) | (t > end)
+        columns = {name: value[rows] for name, value in channel.columns.items()}
+        channels[topic] = replace(channel, stamp=channel.stamp[rows], received=channel.received[rows], columns=columns)
+    return replace(recording, channels=channels)
+
+
+def without(vehicle: Vehicle, *kinds: str) -> Vehicle:
+    sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind not in kinds}
+    return vehicle.model_copy(update={"sensors": sensors})
+
+
+@pytest.fixture(scope="module")
+def long_drive() -> Recording:
+    return driven(prototype(), "slalom", LONG)
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 40.0), (15.0, 50.0), (25.0, LONG)], ids=["late", "tunnel", "early"])
+def test_windows_without_gnss_are_simulated_like_others_and_their_car_drives_on(long_drive, begin, end):
+    evidence = gather([silent(long_drive, begin, end, "gps/fix", "gps/velocity")], prototype())
+    assert len(evidence.windows) > 1
+    predictor = Predictor(prototype(), evidence)
+    assert all(predictor.simulated(predictor.start))
+    for window, (_, place) in zip(evidence.windows, predictor._way, strict=True):
+        driven_on = np.trapezoid(np.interp(t := np.linspace(window.begin, window.end, 500), window.speed.t,
+                                           window.speed.value[:, 0]), t)  # fmt: skip
+        assert place[-1] - place[0] == pytest.approx(driven_on, rel=0.05)
+
+
+def test_a_torque_that_one_message_lacks_is_what_its_neighbours_say():
+    recording = driven(prototype(), "sweep")
+    torques = recording["vehicle/wheel_torques"]
+    columns = {name: value.copy() for name, value in torques.columns.items()}
+    columns["effort"][len(torques) // 2, -1] = np.nan
+    spoilt = replace(recording, channels={**recording.channels, torques.topic: replace(torques, columns=columns)})
+    whole, lacking = (Predictor(prototype(), gather([r], prototype())) for r in (recording, spoilt))
+    (expected,), (found,) = whole.simulated(whole.start), lacking.simulated(lacking.start)
+    assert found["yaw_rate"] == pytest.approx(expected["yaw_rate"], abs=1e-4)
+
+
+def test_a_car_that_turns_after_its_gyro_has_fallen_silent_does_not_spin():
+    quiet = silent(driven(prototype(), "bend", 20.0), 12.0, 20.0, "imu/data")
+    evidence = gather([quiet], prototype())
+    assert "spins" not in hindrance([quiet], evidence, gather([], prototype()), prototype())
+
+
+def test_a_gnss_so_slow_that_all_between_is_a_gap_leaves_the_recording_out_with_the_reason():
+    car = without(prototype(), "wheel_speeds", "wheel_torques")
+    recording = driven(prototype(), "sweep", 20.0)
+    velocity = recording["gps/velocity"]
+    rows = np.arange(0, len(velocity), round(1.0 / np.median(np.diff(seconds(recording, "gps/velocity")))))
+    columns = {name: value[rows] for name, value in velocity.columns.items()}
+    slow = replace(velocity, stamp=velocity.stamp[rows] + 5_000_000, received=velocity.received[rows], columns=columns)
+    seldom = replace(recording, channels={**recording.channels, velocity.topic: slow})
+    evidence = gather([silent(seldom, 0.0, 0.53, "imu/data")], car)
+    assert not evidence.windows
+    assert "without a gap" in evidence.remarks[-1]
+
+
+@pytest.mark.parametrize("length", [0.0, 3.0, 5.0])
+def test_a_car_that_creeps_has_not_been_anywhere(length):
+    road = Road()
+    travelled = np.linspace(0.0, length, 20)
+    distance, abscissa = road.follow(travelled, travelled, 0.0 * travelled)
+    assert len(distance) == len(abscissa) == 0
