@@ -29,7 +29,6 @@ def effect(id: str, gain: float, **more: Any) -> dict[str, Any]:
         "gain_held_out": 0.8 * gain,
         "confidence": gain / (gain + 0.03),
         "keep": 0.62,
-        "physical": True,
     } | more
 
 
@@ -38,7 +37,6 @@ EFFECTS = [
     effect("accelerometer_bias", 0.61, axis="y"),
     effect("tyre_underinflation", 0.21, wheel="rl", gain_left_out=0.11, gain_held_out=0.001),
     effect("brake_drag", 0.013, wheel="fr"),
-    effect("steering_ratio", 0.5, physical=False),
 ]
 
 

@@ -12,7 +12,9 @@ import pytest
 
 from hidden import driven, having, prototype, wrong
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.design import NEXT
+from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
+from vsense_ros.mismatch.knobs import candidates
 from vsense_ros.vehicle_file import load_vehicle
 
 
@@ -69,6 +71,38 @@ def test_what_is_off_only_where_nothing_was_fitted_is_unknown_and_said_to_be_the
     assert found["verdict"] == "unknown"
     assert "on what was held out" in found["sentence"]
     assert found["located"]["region"]["description"] in found["sentence"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["no_refit", "no_projection"])
+def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
+    true = having(prototype(), brake_drag={"fl": 30.0})
+    found = answer([driven(true, "sweep")], wrong(prototype()), [driven(true, "brake")], ablation=part).found
+    assert found["effects"]
+    assert found["sentence"]
+
+
+@pytest.mark.slow
+def test_one_stretch_of_driving_alone_proves_nothing_and_the_answer_says_so():
+    found = answer([driven(having(prototype(), brake_drag={"fl": 30.0}), "sweep")], wrong(prototype())).found
+    assert found["verdict"] == "named"
+    assert "nothing was left out of the fit to prove it on" in found["sentence"]
+    assert "one stretch of driving" in found["remarks"][-1]
+
+
+def test_a_new_answer_takes_away_what_an_earlier_one_has_left(tmp_path):
+    for name in (EXTENDED, ROAD, NEXT):
+        (tmp_path / name).write_text("of another car", encoding="utf-8")
+    answer([], prototype()).write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["explain.json", "report.html"]
+
+
+def test_a_size_that_the_vehicle_file_has_may_shrink_to_nothing_and_grow_to_its_bound():
+    values = having(prototype(), brake_drag={"rl": 100.0}).values()
+    (drag,) = next(c for c in candidates((), values) if c.name == "brake_drag rl").knobs
+    (fresh,) = next(c for c in candidates() if c.name == "brake_drag rl").knobs
+    assert (drag.low, drag.high) == (-100.0, fresh.high - 100.0)
+    assert drag.turn(values, drag.low) == {drag.name: 0.0}
 
 
 def test_an_unknown_part_of_the_method_cannot_be_left_out():

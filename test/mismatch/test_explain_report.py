@@ -158,7 +158,6 @@ def test_each_alternative_has_a_reason_why_it_is_not_the_answer(tmp_path):
     text = read(finding("named"), [], tmp_path).text
     assert "explains less: 90 % of what the best explains" in text
     assert "excluded: explains where it was fitted, but no more than chance held out" in text
-    assert "excluded: the size that fits is not physical" in text
     assert "Tyre underinflation, rear left" in text
 
 

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from hidden import driven, prototype
+from vsense_ros.bag.inspect import doubts
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.gate import hindrance, misfit
 from vsense_ros.mismatch.knobs import BASE
 from vsense_ros.mismatch.prediction import Setting
+from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Channel, Recording
 
@@ -215,6 +217,22 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     found = answer([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).found
     assert found["verdict"] == "not_assessable"
     assert "are they recordings of one car?" in found["sentence"]
+
+
+def test_a_fit_of_no_parameters_is_none_of_another_car():
+    base = Fit(Setting({}), (), np.zeros(0), [np.full(10, 9.0)], [np.zeros((10, 0))], 0.0)
+    assert not misfit(base, SimpleNamespace(level=Residuals.level))
+
+
+@pytest.mark.parametrize("radius", [0.27, 0.2778, 0.285])
+def test_small_wheels_that_the_file_knows_of_are_not_taken_for_kilometres_per_hour(radius):
+    recording = driven(prototype(), "brake", 20.0)
+    wheels = recording["vehicle/wheel_speeds"]
+    by = float(np.mean(rolling_radii(prototype()))) / radius
+    turning = changed(wheels.topic, "velocity", lambda values: by * values)(recording)
+    assert "look like km/h" in doubts(turning)[wheels.topic][0]
+    assert wheels.topic not in doubts(turning, radius)
+    assert "look like km/h" in doubts(turning, 0.34)[wheels.topic][0]
 
 
 @pytest.mark.parametrize(

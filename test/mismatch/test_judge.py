@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.fit import Fit
-from vsense_ros.mismatch.judge import THRESHOLD, confidence, interval, judge
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.judge import THRESHOLD, Proof, confidence, interval, judge
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -114,6 +114,32 @@ def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
     assert said(one, *pairs, explaining("drag + bank + wind", 0.61, 0.61)) == ("named", ("drag",))
     all_three = explaining("drag + bank + wind", 0.8, 0.8)
     assert said(one, *pairs, all_three) == ("named", (all_three.name,))
+
+
+def test_three_effects_of_which_no_two_explain_a_car_are_named():
+    levels = {1: 3.5, 2: 2.4, 3: 1.0}
+    several = [
+        explaining(name, g, g) for name, g in (("drag", 0.4), ("drag + bank", 0.7), ("drag + bank + wind", 0.95))
+    ]
+    by_fit = {}
+    for e, count in zip(several, levels, strict=True):
+        object.__setattr__(e, "fit", replace(FITTED, residuals=[FITTED.residuals[0].copy()]))
+        by_fit[id(e.fit.residuals)] = levels[count]
+    proof = type("Several", (Made,), {"level": lambda self, residuals: by_fit[id(residuals)]})()
+    judged = judge(several, (), proof)
+    assert (judged.verdict, judged.leader) == ("named", several[-1])
+
+
+def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
+    """On a rough road the vertical acceleration is off for any model: what mends the yaw rate need not mend it."""
+    off = {"vertical_acceleration": 3.0, "yaw_rate": 2.0}, {"vertical_acceleration": 3.001, "yaw_rate": 0.5}
+    residuals = Residuals.__new__(Residuals)
+    residuals.deviations = lambda rows: off[int(rows[0][0])]
+    base, fitted = (replace(FITTED, residuals=[np.array([float(i)])]) for i in range(2))
+    proof = Proof.__new__(Proof)
+    proof.residuals, proof.fitted, proof.base = None, residuals, base
+    assert residuals.furthest(base.residuals)[0] == "yaw_rate"
+    assert proof.mends_the_worst(replace(explaining("wind", 0.5, 0.5), fit=fitted))
 
 
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():

@@ -10,7 +10,7 @@ import pytest
 
 from hidden import driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.explain import _extended, answer
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.vehicle_file import load_vehicle
@@ -102,3 +102,22 @@ def test_where_one_bank_is_enough_no_profile_is_told():
     assert "profile" not in best
     # The file allows for a bias of the accelerometer of 0.1 m/s², which is as much as 0.01 rad.
     assert best["parameters"][0]["value"] == pytest.approx(0.03, abs=0.01)
+
+
+def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(slalom):
+    vehicle, evidence = slalom
+    size, origin = "effects.road_bank.bank", STRETCH / 2
+
+    def row(way: float, bank: float) -> tuple[float, float, float, float]:
+        at = evidence.road.place(origin + way)
+        assert at is not None
+        return (*evidence.on_map.latitude_longitude(*at[:2]), at[2], bank)
+
+    surveyed = (row(0.0, 0.02), row(SPACING, 0.02), row(2 * SPACING, 0.02))
+    known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
+    fitted = Setting.of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
+    extended = _extended(known, evidence, fitted)
+    predictor = Predictor(extended, evidence)
+    place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
+    assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
+    assert _extended(known, evidence, Setting.of(known)).physics.effects.road_bank.profile == surveyed

@@ -332,8 +332,6 @@ def _standing(
     """Why an effect is not the answer, or not the only one."""
     decisive, threshold = min(gains.values()), found["threshold"]
     weakest = min(gains, key=lambda name: gains[name])
-    if not effect.get("physical", True):
-        return "excluded: the size that fits is not physical"
     if decisive < threshold or best <= 0.0:
         words = "chance" if decisive > 0.0 else "nothing"
         if gains["fitted"] > threshold:
