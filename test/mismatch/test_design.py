@@ -81,7 +81,8 @@ def parameter(name: str, unit: str, value: float) -> dict:
 def ambiguous(vehicle: Vehicle) -> dict:
     return finding("ambiguous") | {
         "vehicle": vehicle.name,
-        "answer_set": ["tyre_relaxation", "sensor_delay imu"],
+        "answer_set": ["tyre_relaxation", "sensor_delay"],
+        "rivals": [["tyre_relaxation"], ["sensor_delay"]],
         "effects": [
             {"id": "tyre_relaxation", "axle": "front", "parameters": [parameter("front", "m", 0.4)]},
             {"id": "sensor_delay", "sensor": "imu", "parameters": [parameter("imu", "s", 0.01)]},
@@ -99,13 +100,22 @@ def test_the_rivals_are_those_of_the_answer_set_with_their_fitted_sizes():
     assert base == {"mass": -0.05}
 
 
+def test_of_several_effects_each_the_rivals_are_those_that_stand_together():
+    found = ambiguous(prototype()) | {"rivals": [["aero_drag", "tyre_relaxation"], ["aero_drag", "sensor_delay"]]}
+    found["effects"][2]["form"] = "on a plane"
+    rivals, _ = left_open(found, prototype())
+    assert [r.name for r in rivals] == ["aero_drag + tyre_relaxation front", "aero_drag + sensor_delay imu"]
+    assert rivals[0].sizes == {"effects.aero_drag.area": 0.1, "effects.tyre_relaxation.front": 0.4}
+    assert rivals[0].forms == {"effects.aero_drag.area": "on a plane", "effects.tyre_relaxation.front": ""}
+
+
 def test_only_an_ambiguous_answer_about_this_vehicle_asks_for_another_test():
     with pytest.raises(InputError, match="the verdict is named"):
         left_open(finding("named"), prototype())
     with pytest.raises(InputError, match="the answer is about the vehicle 'another'"):
         left_open(ambiguous(prototype()) | {"vehicle": "another"}, prototype())
-    with pytest.raises(InputError, match="answer set has 1 effects"):
-        left_open(ambiguous(prototype()) | {"answer_set": ["sensor_delay imu"]}, prototype())
+    with pytest.raises(InputError, match="leaves 1 explanations"):
+        left_open(ambiguous(prototype()) | {"rivals": [["sensor_delay"]]}, prototype())
     with pytest.raises(InputError, match=r"no effect of the library has effects\.ghost\.size"):
         separations(prototype(), [rival("ghost", size=1.0)], {})
 

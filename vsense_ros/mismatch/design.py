@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -47,11 +47,12 @@ SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancel
 
 @dataclass(frozen=True)
 class Rival:
-    """An effect with its fitted sizes by dotted name, and their standard deviations."""
+    """One or several effects with their fitted sizes by dotted name, and their standard deviations."""
 
     name: str
     sizes: Mapping[str, float]
     deviations: Mapping[str, float]
+    forms: Mapping[str, str] = field(default_factory=dict)  # of effects, by the same names
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def answered(report: Path) -> dict[str, Any]:
 
 
 def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
-    """The answer set of explain.json with its sizes, and what was fitted besides, by name of the base parameter.
+    """The rivals of explain.json with their sizes, and what was fitted besides, by name of the base parameter.
 
     Raises `InputError` where there is nothing to tell apart.
     """
@@ -125,19 +126,24 @@ def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], 
         raise InputError(
             f"the answer is about the vehicle {found['vehicle']!r}, the vehicle file about {vehicle.name!r}"
         )
-    answer = set(found["answer_set"])
-    rivals = []
-    for entry in found["effects"]:
-        place = next((entry[key] for key in ("wheel", "axle", "sensor", "axis") if entry.get(key)), "")
-        name = f"{entry['id']} {place}".strip()
-        if {entry["id"], name} & answer:
-            parameters = {f"effects.{entry['id']}.{p['name']}": p for p in entry["parameters"]}
-            sizes = {dotted: float(p["value"]) for dotted, p in parameters.items()}
-            widths = {dotted: p["interval_90"][1] - p["interval_90"][0] for dotted, p in parameters.items()}
-            rivals.append(Rival(name, sizes, {dotted: width / (2 * NORMAL_90) for dotted, width in widths.items()}))
+    entries = {entry["id"]: entry for entry in reversed(found["effects"])}
+    rivals = [_of_entries([entries[id] for id in ids]) for ids in found["rivals"]]
     if len(rivals) < 2:
-        raise InputError(f"the answer set has {len(rivals)} effects, two are needed to be told apart")
+        raise InputError(f"the answer leaves {len(rivals)} explanations, two are needed to be told apart")
     return rivals, {name: float(entry["value"]) for name, entry in found["base"].items()}
+
+
+def _of_entries(entries: Sequence[Mapping[str, Any]]) -> Rival:
+    names, sizes, deviations, forms = [], {}, {}, {}
+    for entry in entries:
+        place = next((entry[key] for key in ("wheel", "axle", "sensor", "axis") if entry.get(key)), "")
+        names.append(f"{entry['id']} {place}".strip())
+        for parameter in entry["parameters"]:
+            dotted, (low, high) = f"effects.{entry['id']}.{parameter['name']}", parameter["interval_90"]
+            sizes[dotted] = float(parameter["value"])
+            deviations[dotted] = (high - low) / (2 * NORMAL_90)
+            forms[dotted] = entry.get("form", "")
+    return Rival(" + ".join(names), sizes, deviations, forms)
 
 
 def separations(
@@ -151,8 +157,9 @@ def separations(
 
     `base` are the fitted amounts of the base parameters by name. Raises `InputError` for a size that no effect has.
     """
-    knobs = {knob.name: knob for candidate in candidates() for knob in candidate.knobs if not knob.form}
-    if unknown := [name for rival in rivals for name in rival.sizes if name not in knobs]:
+    library = candidates((), Setting.of(vehicle).values)
+    knobs = {(knob.name, knob.form): knob for candidate in library for knob in candidate.knobs}
+    if unknown := [name for rival in rivals for name in rival.sizes if (name, "") not in knobs]:
         raise InputError(f"no effect of the library has {', '.join(unknown)}")
     own = {name for rival in rivals for name in rival.sizes}
     common = tuple(knob for knob in base_knobs(vehicle) if knob.name not in own)
@@ -203,7 +210,7 @@ def _separation(
     rivals: Sequence[Rival],
     common: tuple[Knob, ...],
     amounts: Array,
-    knobs: Mapping[str, Knob],
+    knobs: Mapping[tuple[str, str], Knob],
     test: Option,
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
@@ -241,9 +248,11 @@ def _separation(
     return Separation(test, float(np.sqrt(worst[0])), max(apart, key=lambda name: apart[name]), worst[2])
 
 
-def _rival(residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[str, Knob], test: Option) -> Fit:
+def _rival(
+    residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[tuple[str, str], Knob], test: Option
+) -> Fit:
     """The car with a rival, and what its sizes do."""
-    turning = tuple(knobs[name] for name in rival.sizes)
+    turning = tuple(knobs[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     setting = turned(fitted, turning, sizes)
     fit = Fit(setting, turning, sizes, residuals(setting), [], 0.0)

@@ -110,8 +110,8 @@ def answer(
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
         "remarks": list(evidence.remarks),
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None},
-        "effects": [], "out_of_reach": [], "answer_set": [], "would_separate": None, "fit": {}, "base": {},
-        "threshold": THRESHOLD, "driven_s": sum(w.duration for e in (evidence, unseen) for w in e.windows),
+        "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
+        "base": {}, "threshold": THRESHOLD, "driven_s": sum(w.duration for e in (evidence, unseen) for w in e.windows),
     }  # fmt: skip
 
     def nothing_said(reason: str) -> Answer:
@@ -192,6 +192,7 @@ def answer(
         "located": _located(residuals, base, proof) | {"force": _force(judged)},
         "effects": _effects(judged, evidence),
         "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
+        "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
         "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
         "fit": _errors(residuals, base, shown, proof),
         "base": {k.name: {"unit": k.unit, "value": float(a)} for k, a in zip(base.knobs, base.amounts, strict=True)},
