@@ -189,7 +189,8 @@ def examination(found: dict[str, Any]) -> list[str]:
     without a part of the method and with the labels of other cases."""
     sets = sorted(_sets(found), key=lambda name: name != "rich")
     names = [name.replace("_", " ") for name in sets]
-    rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
+    head = f"{EXAMINATION_HEAD.rstrip()} The tool answered as of commit {found['commit']}.\n"
+    rows = [head, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
         cells = [_cell(found[name].get(score, {})) for name in sets]
         rows.append(f"| {words} | {asked} | {' | '.join(cells)} |")

@@ -208,8 +208,9 @@ def _answers(ablation: str | None) -> str:
 
 @main.command(name="score")
 @click.option("--json", "target", type=click.Path(path_type=Path), default=Path("out/blind.json"), show_default=True)
+@click.option("--of", "commit", default="", help="Commit of the tool that answered, to stand beside the scores.")
 @click.pass_obj
-def score_command(options: dict, target: Path) -> None:
+def score_command(options: dict, target: Path, commit: str) -> None:
     """Compare the answers that are there with the labels; print the tables, write the figures."""
     _check_seal(options)
     results = _results(options, None)
@@ -218,6 +219,7 @@ def score_command(options: dict, target: Path) -> None:
     sets = score.all_sets(results)
     figures = sets | {
         "split": options["split"],
+        "commit": commit,
         "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
         "confusion": score.confusion(results),
     }

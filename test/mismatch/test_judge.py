@@ -86,6 +86,11 @@ def test_what_explains_less_is_excluded():
     assert said(explaining("drag", 0.9, 0.9), explaining("slope", 0.8, 0.8)) == ("named", ("drag",))
 
 
+def test_what_explains_most_of_it_cannot_be_excluded_and_half_of_it_can():
+    assert said(explaining("drag", 0.3, 0.3), explaining("slope", 0.22, 0.22)) == ("ambiguous", ("drag", "slope"))
+    assert said(explaining("drag", 0.3, 0.3), explaining("slope", 0.15, 0.15)) == ("named", ("drag",))
+
+
 def test_what_the_base_parameters_take_up_almost_whole_needs_more_gain():
     assert said(explaining("drag", 0.1, 0.1, keep=0.5))[0] == "named"
     assert said(explaining("drag", 0.1, 0.1, keep=0.05))[0] == "no_mismatch"
