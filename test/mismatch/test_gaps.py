@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from hidden import driven, prototype
 from vsense_ros.mismatch.evidence import gather
@@ -51,8 +52,8 @@ def test_windows_without_gnss_are_simulated_like_others_and_their_car_drives_on(
     predictor = Predictor(prototype(), evidence)
     assert all(predictor.simulated(predictor.start))
     for window, (_, place) in zip(evidence.windows, predictor._way, strict=True):
-        driven_on = np.trapezoid(np.interp(t := np.linspace(window.begin, window.end, 500), window.speed.t,
-                                           window.speed.value[:, 0]), t)  # fmt: skip
+        t = np.linspace(window.begin, window.end, 500)
+        driven_on = trapezoid(np.interp(t, window.speed.t, window.speed.value[:, 0]), t)
         assert place[-1] - place[0] == pytest.approx(driven_on, rel=0.05)
 
 
