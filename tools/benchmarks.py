@@ -53,13 +53,16 @@ processor is another; its times are here for context.
 | | median | smallest | at most | thesis |
 |---|---|---|---|---|"""
 
-EXAMINATION = Path("docs/benchmarks/examination.json")  # of the last release
+EXAMINATIONS = Path("docs/benchmarks")  # examination.json, and examination.<of what>.json that were answered later
 EXAMINATION_HEAD = """## Examination of `vsense explain`
 
 The release split: cars that are not our model, with one effect hidden, two, none, or something outside the library, and
 wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
 the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
-`docs/benchmarks`) for the first cases of each kind, none of which had been looked at. Seconds are of one processor.
+`docs/benchmarks`) for the cases that are there, none of which had been looked at. Columns with a comma were answered by
+later versions than the others: `doubles and unknown` by 2ebb131, `second release` by 5430727 (another seed, and harder:
+most of its cases are doubles or outside the library). Only the second release tells what is outside the library and can
+be detected from what cannot. Seconds are of one processor, which did other things as well.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),
@@ -69,8 +72,8 @@ SCORES = {
     "answer_set_coverage": ("truth in the answer set", "≥ 0.95"),
     "answer_set_size": ("mean size of the answer set", "≤ 1.6"),
     "inseparable_covered": ("all that cannot be told apart in the set", ""),
-    "unknown_recall": ("`unknown` where it is outside the library, of what can be detected", "≥ 0.8"),
-    "unknown_of_all": ("the same of all", ""),
+    "unknown_recall": ("`unknown` where it is outside the library", "≥ 0.8"),
+    "unknown_of_all": ("the same, also of what cannot be detected", ""),
     "recovery_median": ("recovery, median", "≥ 0.95"),
     "recovery_p10": ("recovery, tenth percentile", "≥ 0.6"),
     "parameter_error_median": ("error of the parameter, median", "≤ 0.07"),
@@ -81,7 +84,8 @@ SCORES = {
     "cpu_seconds_per_100_s": ("seconds of computing per 100 s", "≤ 60"),
 }
 ABLATIONS_HEAD = """Rich manoeuvres with a part of the method left out (`run --ablation`, on the first of the
-cases), and the answers held against the labels of other cases:
+cases; without the refit on three of the second release, by a later version), and the answers held against the labels of
+other cases:
 """
 ABLATIONS = {
     "no_refit": "without the refit",
@@ -180,6 +184,18 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
     return [*lines, ""]
 
 
+def all_scores(folder: Path) -> dict[str, Any]:
+    """Those of examination.json, and the sets of examination.<of what>.json besides, by names that say so."""
+    found: dict[str, Any] = {}
+    for path in sorted(folder.glob("examination*.json"), key=lambda path: len(path.suffixes)):
+        scores, (*of_what, _) = json.loads(path.read_text(encoding="utf-8")), path.suffixes
+        if of_what:
+            words = of_what[0].removeprefix(".").replace("_", " ")
+            scores = {f"{name}, {words}": each for name, each in _sets(scores).items()}
+        found |= scores
+    return found
+
+
 def _sets(found: dict[str, Any]) -> dict[str, Any]:
     return {name: scores for name, scores in found.items() if isinstance(scores, dict) and "top1" in scores}
 
@@ -187,10 +203,9 @@ def _sets(found: dict[str, Any]) -> dict[str, Any]:
 def examination(found: dict[str, Any]) -> list[str]:
     """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
     without a part of the method and with the labels of other cases."""
-    sets = sorted(_sets(found), key=lambda name: name != "rich")
+    sets = sorted(_sets(found), key=lambda name: name.partition(",")[0] != "rich")
     names = [name.replace("_", " ") for name in sets]
-    head = f"{EXAMINATION_HEAD.rstrip()} The tool answered as of commit {found['commit']}.\n"
-    rows = [head, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
+    rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
         cells = [_cell(found[name].get(score, {})) for name in sets]
         rows.append(f"| {words} | {asked} | {' | '.join(cells)} |")
@@ -233,6 +248,5 @@ def render(results: dict[str, Any], picture: Path, scores: dict[str, Any] | None
 if __name__ == "__main__":
     source, target = (Path(argument) for argument in sys.argv[1:3])
     results = json.loads(source.read_text(encoding="utf-8"))
-    scores = json.loads(EXAMINATION.read_text(encoding="utf-8"))
-    target.write_text(render(results, PICTURE, scores), encoding="utf-8")
+    target.write_text(render(results, PICTURE, all_scores(EXAMINATIONS)), encoding="utf-8")
     print(f"wrote {target}")
