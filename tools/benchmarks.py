@@ -73,7 +73,7 @@ SCORES = {
     "answer_set_size": ("mean size of the answer set", "≤ 1.6"),
     "inseparable_covered": ("all that cannot be told apart in the set", ""),
     "unknown_recall": ("`unknown` where it is outside the library", "≥ 0.8"),
-    "unknown_of_all": ("the same, also of what cannot be detected", ""),
+    "unknown_of_detectable": ("the same, of what can be detected", ""),
     "recovery_median": ("recovery, median", "≥ 0.95"),
     "recovery_p10": ("recovery, tenth percentile", "≥ 0.6"),
     "parameter_error_median": ("error of the parameter, median", "≤ 0.07"),

@@ -122,15 +122,11 @@ def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
 
 
 def test_three_effects_of_which_no_two_explain_a_car_are_named():
-    levels = {1: 3.5, 2: 2.4, 3: 1.0}
-    several = [
-        explaining(name, g, g) for name, g in (("drag", 0.4), ("drag + bank", 0.7), ("drag + bank + wind", 0.95))
-    ]
-    by_fit = {}
-    for e, count in zip(several, levels, strict=True):
-        object.__setattr__(e, "fit", replace(FITTED, residuals=[FITTED.residuals[0].copy()]))
-        by_fit[id(e.fit.residuals)] = levels[count]
-    proof = type("Several", (Made,), {"level": lambda self, residuals: by_fit[id(residuals)]})()
+    levels = (3.5, 2.4, 1.0)
+    gains = {"drag": 0.4, "drag + bank": 0.7, "drag + bank + wind": 0.95}
+    fits = [replace(FITTED, residuals=[np.full(100, level)]) for level in levels]
+    several = [replace(explaining(name, g, g), fit=fit) for (name, g), fit in zip(gains.items(), fits, strict=True)]
+    proof = type("Several", (Made,), {"level": lambda self, residuals: residuals[0][0]})()
     judged = judge(several, (), proof)
     assert (judged.verdict, judged.leader) == ("named", several[-1])
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch.design import NEXT
+from vsense_ros.mismatch.design import ANSWER, NEXT
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
@@ -66,7 +66,7 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
-        (folder / "explain.json").write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (folder / ANSWER).write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         write_report(self.found, self.traces, folder / "report.html")
         if self.extended is not None:
             save_vehicle(folder / EXTENDED, self.extended)

@@ -29,8 +29,7 @@ CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero i
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
-# the cost than this multiple of what the best one leaves. Of 61 single names in the examination six were wrong: two of
-# them had a rival of 0.7 and 0.78, no right one lost its first place by it.
+# the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.65, 1.5
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
