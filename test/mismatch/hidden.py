@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -78,3 +79,26 @@ def driven(
         motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
     trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs, around)
     return record(trajectory, vehicle, seed, name=manoeuvre, biased=False)
+
+
+def seconds(recording: Recording, topic: str) -> np.ndarray:
+    """Times of the messages of a topic since the recording begins [s]."""
+    first = min(int(channel.stamp.min()) for channel in recording.channels.values())
+    return (recording[topic].stamp - first) * 1e-9
+
+
+def silent(recording: Recording, begin: float, end: float, *topics: str) -> Recording:
+    """Without the messages of some topics between two times [s]."""
+    channels = dict(recording.channels)
+    for topic in topics:
+        t, channel = seconds(recording, topic), recording[topic]
+        rows = (t < begin) | (t > end)
+        columns = {name: value[rows] for name, value in channel.columns.items()}
+        channels[topic] = replace(channel, stamp=channel.stamp[rows], received=channel.received[rows], columns=columns)
+    return replace(recording, channels=channels)
+
+
+def without(vehicle: Vehicle, *kinds: str) -> Vehicle:
+    """The car without sensors of these kinds."""
+    sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind not in kinds}
+    return vehicle.model_copy(update={"sensors": sensors})

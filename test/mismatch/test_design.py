@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from hidden import prototype
+from hidden import prototype, without
 from synthetic_findings import finding
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
@@ -32,8 +32,7 @@ def rival(effect: str, known: float = 0.05, **sizes: float) -> Rival:
 
 
 def untold_torques() -> Vehicle:
-    car = prototype()
-    return car.model_copy(update={"sensors": {k: s for k, s in car.sensors.items() if s.kind != "wheel_torques"}})
+    return without(prototype(), "wheel_torques")
 
 
 @pytest.mark.slow

@@ -8,36 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from hidden import driven, prototype
+from hidden import driven, prototype, seconds, silent, without
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.gate import hindrance
 from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.road import Road
-from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
 
 LONG = 60.0  # [s] more than one window
-
-
-def seconds(recording: Recording, topic: str) -> np.ndarray:
-    first = min(int(channel.stamp.min()) for channel in recording.channels.values())
-    return (recording[topic].stamp - first) * 1e-9
-
-
-def silent(recording: Recording, begin: float, end: float, *topics: str) -> Recording:
-    """Without the messages of some topics between two times [s]."""
-    channels = dict(recording.channels)
-    for topic in topics:
-        t, channel = seconds(recording, topic), recording[topic]
-        rows = (t < begin) | (t > end)
-        columns = {name: value[rows] for name, value in channel.columns.items()}
-        channels[topic] = replace(channel, stamp=channel.stamp[rows], received=channel.received[rows], columns=columns)
-    return replace(recording, channels=channels)
-
-
-def without(vehicle: Vehicle, *kinds: str) -> Vehicle:
-    sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind not in kinds}
-    return vehicle.model_copy(update={"sensors": sensors})
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from hidden import driven, prototype
+from hidden import driven, prototype, silent, without
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import Residuals, fit
 from vsense_ros.mismatch.judge import UNFINISHED
@@ -20,9 +18,7 @@ VELOCITY = "gnss_velocity"
 def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Residuals:
     """Of a car without a word of its torques, of which the front wheels have this share."""
     car = prototype()
-    silent = {"wheel_torques"} if wheels else {"wheel_torques", "wheel_speeds"}
-    known = {name: sensor for name, sensor in car.sensors.items() if sensor.kind not in silent}
-    vehicle = car.model_copy(update={"sensors": known})
+    vehicle = without(car, "wheel_torques") if wheels else without(car, "wheel_torques", "wheel_speeds")
     return Residuals(Predictor(vehicle, gather([driven(car, manoeuvre, front=front)], vehicle)))
 
 
@@ -54,17 +50,8 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
 
 def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
     car = prototype()
-    sensors = {
-        name: sensor for name, sensor in car.sensors.items() if sensor.kind not in ("wheel_torques", "wheel_speeds")
-    }
-    vehicle = car.model_copy(update={"sensors": sensors})
-    recording = driven(car, "brake", 20.0)
-    velocity = recording[next(sensor.topic for sensor in sensors.values() if sensor.kind == VELOCITY)]
-    since = (velocity.stamp - velocity.stamp[0]) * 1e-9
-    rows = (since < 9.0) | (since > 11.0)
-    columns = {name: value[rows] for name, value in velocity.columns.items()}
-    cut = replace(velocity, stamp=velocity.stamp[rows], received=velocity.received[rows], columns=columns)
-    evidence = gather([replace(recording, channels={**recording.channels, cut.topic: cut})], vehicle)
+    gap = silent(driven(car, "brake", 20.0), 9.0, 11.0, "gps/velocity")
+    evidence = gather([gap], without(car, "wheel_torques", "wheel_speeds"))
     assert [(w.end < 9.6 or w.begin > 10.4) for w in evidence.windows] == [True, True]
 
 

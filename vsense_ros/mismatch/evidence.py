@@ -180,10 +180,7 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
     lasting = butter(1, CROSSOVER, fs=1 / GRID, output="sos")
     rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
-    known = np.ones(len(t), dtype=bool)
-    for times in (speed.t, at):
-        for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
-            known &= (t <= times[gap]) | (t >= times[gap + 1])
+    known = _told(t, speed.t) & _told(t, at)
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
@@ -271,14 +268,20 @@ def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[floa
         t = found.t[np.isfinite(found.value).all(axis=1)]
         if len(t) < 2:
             return
-        good &= (grid >= t[0]) & (grid <= t[-1])
-        for gap in np.flatnonzero(np.diff(t) > LARGEST_GAP):
-            good &= (grid < t[gap]) | (grid > t[gap + 1])
+        good &= (grid >= t[0]) & (grid <= t[-1]) & _told(grid, t)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         begin, end = float(grid[first]), float(grid[last - 1])
         if end - begin >= SHORTEST:
             yield begin, end
+
+
+def _told(t: Array, times: Array) -> NDArray[np.bool_]:
+    """Which of the times (n,) are not within a gap between messages at other `times` (m,) [s]."""
+    told = np.ones(len(t), dtype=bool)
+    for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
+        told &= (t <= times[gap]) | (t >= times[gap + 1])
+    return told
 
 
 def _cut(readings: Readings, first: float, last: float) -> Readings:
