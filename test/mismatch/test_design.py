@@ -145,7 +145,12 @@ def said(found: list[Separation]) -> str:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "no answer there yet"), ("{", "not what vsense explain writes"), ("[]", "it has no verdict")],
+    [
+        (None, "no answer there yet"),
+        ("{", "not what vsense explain writes"),
+        ("[]", "it has no verdict"),
+        ('{"verdict": "ambiguous"}', "of an earlier version"),
+    ],
 )
 def test_without_an_answer_the_user_is_told_what_to_run(tmp_path: Path, content, message):
     if content is not None:

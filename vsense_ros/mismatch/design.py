@@ -110,6 +110,8 @@ def answered(report: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not what vsense explain writes: {error}") from None
     if not isinstance(found, dict) or "verdict" not in found:
         raise InputError(f"{path}: not what vsense explain writes: it has no verdict")
+    if "rivals" not in found:
+        raise InputError(f"{path}: of an earlier version, which did not tell rivals; run vsense explain again")
     return found
 
 
