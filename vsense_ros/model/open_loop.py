@@ -182,7 +182,7 @@ def _compiled(car: Car) -> tuple[ctypes._FuncPointer, Array, NDArray[np.int64]] 
     # Not to be mistaken for functions of the same names elsewhere, such as the C library's own `advance`.
     private = "#define CASADI_SYMBOL_EXPORT static\n"
     constants = f"#define MEMORY {car.memory.numel()}\n#define GAMMA {GAMMA!r}\n"
-    built = codegen.library("open_loop", "\n".join((private, generator.dump(), generated, constants, loop)), "-O1")
+    built = codegen.library("open_loop", "\n".join((private, generator.dump(), generated, constants, loop)))
     if built is None:
         return None
     loop_function = ctypes.CDLL(str(built)).open_loop
