@@ -148,6 +148,14 @@ def test_a_sensor_of_unknown_kind_is_told_which_kinds_there_are(changed):
     assert "'gnss_velocity'" in message
 
 
+def test_a_sensor_name_with_a_dot_is_refused_because_dots_part_keys(changed):
+    path = changed("  imu:\n", "  imu.front:\n")
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line_of(path, 'imu.front')}: sensors.imu.front: ")
+    assert "expected a name without dots" in message
+    assert "write imu_front, found 'imu.front'" in message
+
+
 def test_noise_of_zero_is_refused_because_no_sensor_is_perfect(changed):
     message = complaint(changed("rate_noise: [0.03, 0.03, 0.015]", "rate_noise: [0.03, 0.0, 0.015]"))
     assert "sensors.imu.rate_noise.1: " in message

@@ -6,10 +6,11 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 from __future__ import annotations
 
 from difflib import get_close_matches
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import Effects
@@ -148,6 +149,18 @@ class Physics(Part):
         return self
 
 
+def _without_dots(name: str) -> str:
+    if "." in name:
+        raise ValueError(
+            "expected a name without dots, which part keys in paths like sensors.imu.topic; write "
+            f"{name.replace('.', '_')}"
+        )
+    return name
+
+
+SensorName = Annotated[str, AfterValidator(_without_dots)]
+
+
 class Reference(Part):
     """Where the reference system of a recording sits, if it does not measure at cog; only comparisons use it."""
 
@@ -165,7 +178,7 @@ class Vehicle(Part):
     suspension: SuspensionTables | None = Field(
         description="kinematics of the suspensions; without, wheels travel on straight guides", default=None
     )
-    sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
+    sensors: dict[SensorName, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()
 
