@@ -72,6 +72,24 @@ def test_changed_numbers_are_written_and_all_else_stays_as_its_author_wrote_it(p
     assert load_vehicle(copy) == car
 
 
+@pytest.mark.parametrize("rear", ["*imu", "{<<: *imu, topic: rear/data}"], ids=["alias", "merge"])
+@pytest.mark.parametrize("written", ["imu", "imu_rear"])
+def test_numbers_that_two_sensors_share_in_the_file_are_changed_for_one_of_them(changed, tmp_path, rear, written):
+    path = changed("  imu:\n", "  imu: &imu\n")
+    text = path.read_text(encoding="utf-8").replace(
+        "  steering: {kind", f"  imu_rear: {rear}  # back\n  steering: {{kind"
+    )
+    path.write_text(text, encoding="utf-8")
+    car, copy = load_vehicle(path), tmp_path / "changed.yaml"
+    noise = {"rate_noise": (0.1, 0.2, 0.015), "force_bias": 0.4}
+    sensors = {**car.sensors, written: car.sensors[written].model_copy(update=noise)}
+    wanted = car.model_copy(update={"sensors": sensors})
+    paths = [f"sensors.{written}.{name}" for name in ("rate_noise.0", "rate_noise.1", "force_bias")]
+    save_changes(path, copy, wanted, paths)
+    assert load_vehicle(copy) == wanted
+    assert "# back" in copy.read_text(encoding="utf-8")
+
+
 def test_a_negative_mass_is_refused_with_file_line_key_and_range(changed):
     path = changed("mass: 1700.0", "mass: -1700.0")
     message = complaint(path)
