@@ -242,6 +242,14 @@ def test_an_unknown_manoeuvre_lists_the_known_ones(tmp_path):
     refused(result, "handstand", "step_steer")
 
 
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_that_cannot_be_is_refused_before_the_car_drives(seed, tmp_path, monkeypatch):
+    monkeypatch.setattr("vsense_ros.manoeuvre.generate", lambda *_: pytest.fail("it drove"))
+    result = vsense("simulate", "step_steer", "--vehicle", "prototype_real", "--out", tmp_path / "bag", "--seed", seed)
+    assert result.exit_code == 2
+    assert f"{seed} is not in the range 0<=x<=4294967295" in result.stderr
+
+
 def test_suspension_tables_are_written_into_a_vehicle_file_whose_other_lines_stay(tmp_path):
     source = shared_folder("config") / "vehicles" / "prototype_real.yaml"
     target = tmp_path / "car.yaml"
