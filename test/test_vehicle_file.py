@@ -146,6 +146,26 @@ def test_values_in_a_wrong_unit_are_refused_at_their_line(changed, old, new, key
         assert f"{path}:{line_of(path, new.split(', ')[0])}: " in first
 
 
+@pytest.mark.parametrize(
+    ("effect", "size", "most"),
+    [
+        ("payload_offset", "moment", 1700 * 1.57 / 2),  # all of the weight is on the wheels of one side
+        ("payload_offset", "moment", -1700 * 1.57 / 2),
+        ("sloshing_load", "mass", 0.3 * 1700),
+    ],
+)
+def test_a_load_that_no_car_stands_up_with_is_refused_in_a_file_but_may_be_tried(changed, effect, size, most):
+    def laden(value: float) -> Path:
+        return changed("physics:\n", f"physics:\n  effects:\n    {effect}: {{{size}: {value:.0f}}}\n")
+
+    path = laden(1.01 * most)
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line_of(path, effect)}: physics.effects.{effect}.{size}: ")
+    assert f"is {1.01 * most:.0f}; expected less than {abs(most):.4g} kg" in message
+    tried = load_vehicle(laden(0.99 * most)).with_parameters({f"effects.{effect}.{size}": 2 * most})
+    assert tried.values()[f"effects.{effect}.{size}"] == 2 * most
+
+
 def test_an_unknown_key_is_named_with_those_that_are_known(changed):
     path = changed("mass: 1700.0", "weight: 1700.0")
     missing, unknown = complaint(path).splitlines()
