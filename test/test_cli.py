@@ -242,6 +242,24 @@ def test_an_unknown_manoeuvre_lists_the_known_ones(tmp_path):
     refused(result, "handstand", "step_steer")
 
 
+def test_a_car_that_the_model_cannot_follow_is_told_in_one_sentence(tmp_path, monkeypatch):
+    def overturned(*_, **__):
+        raise FloatingPointError("Prototype: the motion left the model's range at 2.5 s")
+
+    monkeypatch.setattr("vsense_ros.manoeuvre.simulate", overturned)
+    result = vsense("simulate", "step_steer", "--vehicle", "prototype_real", "--out", tmp_path / "bag")
+    refused(result, "Prototype: the motion left the model's range at 2.5 s of step_steer", "vehicle file")
+    assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_that_cannot_be_is_refused_before_the_car_drives(seed, tmp_path, monkeypatch):
+    monkeypatch.setattr("vsense_ros.manoeuvre.generate", lambda *_: pytest.fail("it drove"))
+    result = vsense("simulate", "step_steer", "--vehicle", "prototype_real", "--out", tmp_path / "bag", "--seed", seed)
+    assert result.exit_code == 2
+    assert f"{seed} is not in the range 0<=x<=4294967295" in result.stderr
+
+
 def test_suspension_tables_are_written_into_a_vehicle_file_whose_other_lines_stay(tmp_path):
     source = shared_folder("config") / "vehicles" / "prototype_real.yaml"
     target = tmp_path / "car.yaml"

@@ -72,6 +72,24 @@ def test_changed_numbers_are_written_and_all_else_stays_as_its_author_wrote_it(p
     assert load_vehicle(copy) == car
 
 
+@pytest.mark.parametrize("rear", ["*imu", "{<<: *imu, topic: rear/data}"], ids=["alias", "merge"])
+@pytest.mark.parametrize("written", ["imu", "imu_rear"])
+def test_numbers_that_two_sensors_share_in_the_file_are_changed_for_one_of_them(changed, tmp_path, rear, written):
+    path = changed("  imu:\n", "  imu: &imu\n")
+    text = path.read_text(encoding="utf-8").replace(
+        "  steering: {kind", f"  imu_rear: {rear}  # back\n  steering: {{kind"
+    )
+    path.write_text(text, encoding="utf-8")
+    car, copy = load_vehicle(path), tmp_path / "changed.yaml"
+    noise = {"rate_noise": (0.1, 0.2, 0.015), "force_bias": 0.4}
+    sensors = {**car.sensors, written: car.sensors[written].model_copy(update=noise)}
+    wanted = car.model_copy(update={"sensors": sensors})
+    paths = [f"sensors.{written}.{name}" for name in ("rate_noise.0", "rate_noise.1", "force_bias")]
+    save_changes(path, copy, wanted, paths)
+    assert load_vehicle(copy) == wanted
+    assert "# back" in copy.read_text(encoding="utf-8")
+
+
 def test_a_negative_mass_is_refused_with_file_line_key_and_range(changed):
     path = changed("mass: 1700.0", "mass: -1700.0")
     message = complaint(path)
@@ -128,6 +146,26 @@ def test_values_in_a_wrong_unit_are_refused_at_their_line(changed, old, new, key
         assert f"{path}:{line_of(path, new.split(', ')[0])}: " in first
 
 
+@pytest.mark.parametrize(
+    ("effect", "size", "most"),
+    [
+        ("payload_offset", "moment", 1700 * 1.57 / 2),  # all of the weight is on the wheels of one side
+        ("payload_offset", "moment", -1700 * 1.57 / 2),
+        ("sloshing_load", "mass", 0.3 * 1700),
+    ],
+)
+def test_a_load_that_no_car_stands_up_with_is_refused_in_a_file_but_may_be_tried(changed, effect, size, most):
+    def laden(value: float) -> Path:
+        return changed("physics:\n", f"physics:\n  effects:\n    {effect}: {{{size}: {value:.0f}}}\n")
+
+    path = laden(1.01 * most)
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line_of(path, effect)}: physics.effects.{effect}.{size}: ")
+    assert f"is {1.01 * most:.0f}; expected less than {abs(most):.4g} kg" in message
+    tried = load_vehicle(laden(0.99 * most)).with_parameters({f"effects.{effect}.{size}": 2 * most})
+    assert tried.values()[f"effects.{effect}.{size}"] == 2 * most
+
+
 def test_an_unknown_key_is_named_with_those_that_are_known(changed):
     path = changed("mass: 1700.0", "weight: 1700.0")
     missing, unknown = complaint(path).splitlines()
@@ -146,6 +184,14 @@ def test_a_sensor_of_unknown_kind_is_told_which_kinds_there_are(changed):
     assert ": sensors.wheel_speeds: " in message
     assert "lidar" in message
     assert "'gnss_velocity'" in message
+
+
+def test_a_sensor_name_with_a_dot_is_refused_because_dots_part_keys(changed):
+    path = changed("  imu:\n", "  imu.front:\n")
+    message = complaint(path)
+    assert message.startswith(f"{path}:{line_of(path, 'imu.front')}: sensors.imu.front: ")
+    assert "expected a name without dots" in message
+    assert "write imu_front, found 'imu.front'" in message
 
 
 def test_noise_of_zero_is_refused_because_no_sensor_is_perfect(changed):

@@ -413,7 +413,7 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 @click.argument("manoeuvre")
 @_vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")
-@click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the sensors' noise.")
 @click.option("--overwrite", is_flag=True, help="Replace a bag that stands at BAG.")
 def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool) -> None:
     """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.

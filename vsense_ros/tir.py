@@ -64,6 +64,11 @@ _GROUPS: dict[str, type[Part]] = {
     "scaling": Scaling,
 }
 _OTHER_NAMES = {"LGYR": "lres", "LKYG": "lkyc", "LKZG": "lkzc", "LKXK": "lkx", "LKYA": "lky", "IP": "INFLPRES"}
+# Keys that are read outside of the section UNITS.
+_KEYS = {
+    *("PROPERTY_FILE_FORMAT", "FITTYP", "TYRESIDE"), *_DIMENSIONAL, *_OTHER_NAMES,
+    *(name.upper() for group in _GROUPS.values() for name in group.model_fields),
+}  # fmt: skip
 _LEAST_LOAD = 0.02  # of the nominal load, where FZMIN is smaller or missing
 _MOST_LOAD = 2.5  # of the nominal load, where FZMAX is missing
 
@@ -92,7 +97,7 @@ def read_tir(path: str | Path, axes: Axes = "iso", changes: Mapping[str, Any] | 
 
 
 def _entries(path: Path) -> dict[str, _Entry]:
-    """Values of all keys, upper case, with their lines."""
+    """Values of the keys that the model uses, upper case, with their lines."""
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
@@ -114,8 +119,10 @@ def _entries(path: Path) -> dict[str, _Entry]:
                 raise InputError(f"{path}:{number}: expected KEY = value in section [{section}], found {text!r}")
             continue  # tables, like that of the section SHAPE
         key = key.upper()
+        if key not in (UNITS if section == "UNITS" else _KEYS):
+            continue
         entry = _Entry(value.strip("'\" "), number)
-        if key in found and found[key].text != entry.text and section != "MDI_HEADER":
+        if key in found and found[key].text != entry.text:
             raise InputError(
                 f"{path}:{number}: {key} = {entry.text} contradicts line {found[key].line}, where it is "
                 f"{found[key].text}; remove one of them"

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.comments import Comment, CommentedMap, CommentedSeq, Format
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from vsense_ros.errors import InputError
@@ -81,9 +81,12 @@ def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables
 
 def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths: Iterable[str]) -> None:
     """Write the vehicle file `source` to `target`, with what `vehicle` has at these dotted paths (lists by index);
-    everything else stays as it is written, comments included."""
+    everything else stays as it is written, comments included, but for anchors in the parts that have such paths: what
+    two places share, one place cannot change."""
     yaml, tree = _as_written(source)
-    content = vehicle.model_dump(mode="json")
+    content, paths = vehicle.model_dump(mode="json"), list(paths)
+    for part in tree.keys() & {path.split(".")[0] for path in paths}:
+        tree[part] = _spelt_out(tree[part])
     for path in paths:
         node, value = tree, content
         *parents, last = path.split(".")
@@ -106,6 +109,23 @@ def _as_written(source: str | Path) -> tuple[YAML, CommentedMap]:
     yaml.preserve_quotes = True
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml, yaml.load(Path(source).read_text(encoding="utf-8"))
+
+
+def _spelt_out(node: Any) -> Any:
+    """A copy with its own of everything that aliases and merges stand for; what is merged comes first, as comments
+    behind the last key stay there."""
+    if isinstance(node, CommentedMap):
+        own = dict(node.non_merged_items())
+        merged = {key: value for key, value in node.items() if key not in own}
+        copy: Any = CommentedMap({key: _spelt_out(value) for key, value in (merged | own).items()})
+    elif isinstance(node, CommentedSeq):
+        copy = CommentedSeq(map(_spelt_out, node))
+    else:
+        return node
+    for attribute in (Comment.attrib, Format.attrib):
+        if hasattr(node, attribute):
+            setattr(copy, attribute, getattr(node, attribute))
+    return copy
 
 
 def _in_one_line(values: list[float]) -> CommentedSeq:

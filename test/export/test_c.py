@@ -152,6 +152,25 @@ def test_the_header_is_for_c_plus_plus_as_well(sources: Path) -> None:
     assert subprocess.run(command, capture_output=True, text=True, check=False).stderr == ""
 
 
+@pytest.mark.parametrize("estimates", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_whatever_the_sensors_are_called_compilers_take_it(vehicle: Vehicle, tmp_path: Path, estimates: bool) -> None:
+    names = {
+        "2nd imu": "imu",
+        "(roof */ - /* front)": "imu",
+        "step": "wheel_speeds",
+        "parameters_learn": "wheel_speeds",
+    }
+    names |= {"double": "velocity", "v": "position", "main": "steering"}
+    called = vehicle.model_copy(update={"sensors": {name: vehicle.sensors[of] for name, of in names.items()}})
+    if estimates:
+        called = estimating(called, {"chassis.mass": EstimatedParameter(deviation=100.0)})
+    c.write(called, tmp_path)
+    for source in ("vsense.c", "example.c"):
+        command = ["cc", *STRICT[1:], "-fsyntax-only", source]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_the_example_rolls_on_at_its_speed_and_carries_the_cars_weight(
     sources: Path, vehicle: Vehicle, tmp_path: Path
 ) -> None:

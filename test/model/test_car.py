@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 
 from pinocchio_car import PIN_ORDER, VERTICAL, G, Twin
 from vsense_ros.model.car import Car
+from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.steps import dynamics_function
 from vsense_ros.model.tyres import TMeasy, tmeasy
@@ -147,6 +148,30 @@ def test_the_mass_matrix_of_the_car_agrees_with_pinocchio(seed, vehicle, car, dr
     expected = np.zeros(14)
     expected[PIN_ORDER] = mass @ demand[PIN_ORDER]
     assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("share", [-0.99, 0.05, 0.99], ids="of what tips it over {}".format)
+def test_a_load_to_one_side_takes_its_inertia_with_it_as_in_pinocchio(share, vehicle):
+    """Where the chassis of the twin is put to one side as it is; at every offset the mass matrix is one."""
+    physics = vehicle.physics
+    moment = share * physics.chassis.mass * physics.front.track / 2
+    laden = vehicle.model_copy(
+        update={"physics": physics.model_copy(update={"effects": Effects(payload_offset={"moment": moment})})}
+    )
+    car, demand = Car(laden), ca.SX.sym("a", 14)
+    force = ca.Function("force", [car.q, car.inputs, car.surroundings, car.p, demand], [car.inertia_times(demand)])
+    resting = np.zeros(14), np.zeros(5), np.zeros(4), laden.parameter_vector()
+    found = np.column_stack([np.asarray(force(*resting, unit))[:, 0] for unit in np.eye(14)])
+
+    twin = Twin.of(vehicle, 0.0)
+    chassis = twin.model.inertias[1]
+    beside = np.add(chassis.lever, [0.0, moment / chassis.mass, 0.0])
+    twin.model.inertias[1] = pin.Inertia(chassis.mass, beside, chassis.inertia)
+    mass = pin.crba(twin.model, twin.data, twin.coordinates(np.zeros(14)))
+    expected = np.zeros((14, 14))
+    expected[np.ix_(PIN_ORDER, PIN_ORDER)] = np.triu(mass) + np.triu(mass, 1).T
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert np.linalg.eigvalsh(found).min() > 0
 
 
 def test_the_parts_of_the_car_add_up_to_what_the_vehicle_file_says_of_the_whole(vehicle):

@@ -121,6 +121,19 @@ def test_an_imu_anywhere_on_the_body_measures_the_turning_and_the_acceleration_o
     assert_allclose(measured[3:], to_sensor @ (acceleration + np.array([0, 0, G])), atol=1e-5)
 
 
+@pytest.mark.parametrize("yaw", [0.0, np.pi / 2, np.pi])
+def test_an_imu_turned_on_its_mounting_leans_with_the_body(yaw, measure):
+    """One that stays level on a body that rolls feels gravity upwards alone; one that leans by twice the body's roll
+    feels the sine of that along the body's y."""
+    q = np.zeros(14)
+    q[3] = 0.1
+    rolled = (q, np.zeros(14), np.zeros(14))
+    levelled, twice = (measure(Imu(attitude=(0, 0, yaw), roll_gain=gain), rolled)[3:] for gain in (-1.0, 1.0))
+    assert_allclose(levelled, [0, 0, G], atol=1e-12)
+    lateral = G * np.sin(0.2)
+    assert_allclose(twice, [lateral * np.sin(yaw), lateral * np.cos(yaw), G * np.cos(0.2)], atol=1e-12)
+
+
 def test_a_bias_adds_to_what_an_imu_measures(measure):
     biases = np.arange(1.0, 7.0)
     state = Flight(1).state

@@ -54,6 +54,14 @@ def test_comments_case_quotes_tables_and_fortran_exponents_do_not_matter(written
     assert read_tir(path) == read_tir(BOOK)
 
 
+def test_keys_that_mean_something_else_in_another_section_do_not_matter(written):
+    path = written(
+        ("LENGTH   = 'meter'", "LENGTH = 'meter'\nMASS = 'kg'"),
+        extra="\n[INERTIA]\nMASS = 9.3\nLENGTH = 12\n[CONTACT_PATCH]\nQ = 1\n[SHAPE]\nQ = 2\n",
+    )
+    assert read_tir(path) == read_tir(BOOK)
+
+
 @pytest.mark.parametrize(("fittyp", "version"), [("6", 5.2), ("21", 5.2), ("52", 5.2), ("61", 6.1), ("62", 6.1)])
 def test_fittyp_says_which_magic_formula(written, fittyp, version):
     assert read_tir(written(("FITTYP   = 61", f"FITTYP = {fittyp}"))).version == version

@@ -153,8 +153,8 @@ def with_sensors(vehicle: Vehicle, names: Sequence[str]) -> Vehicle:
 
 
 def identifier(name: str) -> str:
-    """A name as C allows it."""
-    return re.sub(r"\W", "_", name.lower(), flags=re.ASCII)
+    """A name as C allows it behind a prefix; without two underscores in a row, which CasADi refuses."""
+    return re.sub(r"[\W_]+", "_", name.lower(), flags=re.ASCII).strip("_")
 
 
 def plain(text: str) -> str:
@@ -208,17 +208,17 @@ class _Contents:
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
         kind_of_filter = FILTERS[self.vehicle.observer.parameter_filter]
         self.filter: ParameterFilter | None = None
-        self.learning: dict[str, ca.Function] = {}
+        self.learning: list[ca.Function] = []
         if columns:
             self.filter = filter = kind_of_filter(self.car, columns, self.layout.size)
-            self.learning = {f.name(): f for f in (filter.effect(), filter.predict(), filter.learn())}
+            self.learning = [filter.effect(), filter.predict(), filter.learn()]
             for name, sensor in observer.correcting.items():
-                self.learning[name] = filter.seen(f"seen_{identifier(name)}", sensor, self._biases(name))
+                self.learning.append(filter.seen(f"seen_{identifier(name)}", sensor, self._biases(name)))
 
     def model(self) -> str:
         """Source of the functions made from expressions."""
         head = "/* The car and its sensors with exact Jacobians, column-major. Written by `vsense export c`. */\n"
-        functions = [*self.functions, *self.sensing.values(), *self.learning.values()]
+        functions = [*self.functions, *self.sensing.values(), *self.learning]
         sources = [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in functions]
         return "\n".join([head, "#include <math.h>\n", *sources])
 
@@ -259,7 +259,8 @@ class _Contents:
         entries = list(_STATE_ENTRIES)
         for name, sensor in self.observer.sensors.items():
             for bias in sensor.biases():
-                entries.append(Entry(identifier(f"{name}_{bias.name}").upper(), "SI", f"error of {name}"))
+                c_name = identifier(name)
+                entries.append(Entry(f"{c_name}_{bias.name}".upper(), "SI", f"error of {c_name}"))
         return entries
 
     def _biases(self, name: str) -> slice:
@@ -319,7 +320,7 @@ class _Contents:
         where = self._biases(name)
         mounting, deviations = sensor.mounting(), sensor.deviations()
         c_name = identifier(name)
-        constants = f"{c_name}_mounting" if mounting.size else "0"
+        constants = f"sensor_{c_name}_mounting" if mounting.size else "0"
         limit = sensor.gate**2 * len(deviations) ** 0.5
         biases = f"v->state + {where.start}"
         seen = f"seen_{c_name}({self._filter_arguments()}, v->by_estimates, {biases}, {constants}, "

@@ -54,11 +54,16 @@ def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
 def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
     """What the sensors of `vehicle` record in a manoeuvre, with the truth below `reference/`.
 
-    The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name.
+    The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name,
+    and where the motion leaves the model's range.
     """
     manoeuvre = _find(name)
     about = f"{manoeuvre.title}: {manoeuvre.source}"
-    return record(drive(name, vehicle), vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
+    try:
+        trajectory = drive(name, vehicle)
+    except FloatingPointError as error:
+        raise InputError(f"{error} of {name}; is there a value in the vehicle file that no car has?") from None
+    return record(trajectory, vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
 
 
 def _find(name: str) -> Manoeuvre:

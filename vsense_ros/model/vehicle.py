@@ -6,10 +6,11 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 from __future__ import annotations
 
 from difflib import get_close_matches
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import Effects
@@ -21,6 +22,8 @@ from vsense_ros.model.sensors import Steering as SteeringSensor
 from vsense_ros.model.sensors.base import Triple
 from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.tyres import Tyre
+
+SWINGING_SHARE = 0.3  # of the car's mass at most: beyond, what is left is no rigid body with a pendulum on it
 
 
 class Chassis(Part):
@@ -148,6 +151,18 @@ class Physics(Part):
         return self
 
 
+def _without_dots(name: str) -> str:
+    if "." in name:
+        raise ValueError(
+            "expected a name without dots, which part keys in paths like sensors.imu.topic; write "
+            f"{name.replace('.', '_')}"
+        )
+    return name
+
+
+SensorName = Annotated[str, AfterValidator(_without_dots)]
+
+
 class Reference(Part):
     """Where the reference system of a recording sits, if it does not measure at cog; only comparisons use it."""
 
@@ -165,7 +180,7 @@ class Vehicle(Part):
     suspension: SuspensionTables | None = Field(
         description="kinematics of the suspensions; without, wheels travel on straight guides", default=None
     )
-    sensors: dict[str, Sensor] = Field(description="sensors by name", default_factory=dict)
+    sensors: dict[SensorName, Sensor] = Field(description="sensors by name", default_factory=dict)
     observer: ObserverSettings = ObserverSettings()
     reference: Reference = Reference()
 
@@ -192,6 +207,27 @@ class Vehicle(Part):
                         f"observer.parameters bounds {name} by {bound:g}, which cannot be: {_reason(error)}; "
                         "give it other bounds, or a smaller deviation"
                     ) from None
+        return self
+
+    @model_validator(mode="after")
+    def _the_car_stands_up_with_its_loads(self) -> Vehicle:
+        """Of files alone: a search may pass through what no car can be."""
+        chassis, front, rear, values = self.physics.chassis, self.physics.front, self.physics.rear, self.values()
+        arms = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+        track = (front.track * arms[1] + rear.track * arms[0]) / sum(arms)  # beside cog
+        for name, most, expected in (
+            (
+                "effects.payload_offset.moment", chassis.mass * track / 2,
+                "kg m, at which this car tips over; is it mass times offset?",
+            ),
+            (
+                "effects.sloshing_load.mass", SWINGING_SHARE * chassis.mass,
+                f"kg, {SWINGING_SHARE:g} of the car's mass; is it only what swings?",
+            ),
+        ):  # fmt: skip
+            value = values.get(name, 0.0)
+            if abs(value) >= most:
+                raise ValueError(f"physics.{name} is {value:g}; expected less than {most:.4g} {expected}")
         return self
 
     def sensing(self) -> dict[str, SensorBase]:

@@ -7,10 +7,12 @@ from typing import ClassVar
 import casadi as ca
 
 from vsense_ros.model.effects.base import Effect, size
+from vsense_ros.model.spatial import skew
 
 
 class PayloadOffset(Effect):
-    """The centre of gravity to the left or right of the middle; the mass itself is that of the vehicle file."""
+    """The centre of gravity to the left or right of the middle; the mass itself and the inertia about that centre are
+    those of the vehicle file."""
 
     id: ClassVar[str] = "payload_offset"
     sentence: ClassVar[str] = "a load that sits to one side"
@@ -20,4 +22,6 @@ class PayloadOffset(Effect):
     moment: float = size("kg m", "mass times its offset to the left", typical=30.0, high=3000.0)
 
     def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        return mass, moment + ca.vertcat(0, self.moment, 0), inertia
+        beside = moment + ca.vertcat(0, self.moment, 0)
+        before, after = skew(moment), skew(beside)
+        return mass, beside, inertia + (before @ before - after @ after) / mass  # by Steiner's theorem

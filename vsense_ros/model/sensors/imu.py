@@ -93,12 +93,13 @@ _COVARIANCES = (
 
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-    """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts."""
+    """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts; what the
+    sensor leans beyond the body is about the body's x axis, whatever its own."""
     arm, scale, roll_gain = mounting[0:3], mounting[6:9], mounting[9]
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
     velocity, rates = motion.u[0:3], motion.u[3:6]
     acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
     acceleration = acceleration + ca.cross(motion.udot[3:6], arm) + ca.cross(rates, ca.cross(rates, arm))
     leaning = spatial.rotation_x(roll_gain * motion.roll).T
-    force = leaning @ to_sensor @ (acceleration - motion.gravity)
+    force = to_sensor @ leaning @ (acceleration - motion.gravity)
     return ca.vertcat((1 + scale) * (to_sensor @ rates), force) + biases
