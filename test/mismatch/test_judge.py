@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,6 +48,9 @@ class Made:
     def mends_the_worst(self, explanation: Explanation) -> bool:
         return explanation.name.strip() not in UNMENDED
 
+    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> tuple[float, float]:
+        return (1.5, 0.1) if explanation.name.strip() in ODD else (0.1, 0.1)
+
     def level(self, residuals: object) -> float:
         return self.left
 
@@ -58,6 +62,7 @@ class Made:
 
 
 FITTED = Fit(Setting({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
+ODD = ("effect of another size in each recording", "drag + effect of another size in each recording")
 UNMENDED = ("effect that mends another signal",)
 
 
@@ -98,6 +103,29 @@ def test_what_the_base_parameters_take_up_almost_whole_needs_more_gain():
 
 def test_where_much_is_left_over_nothing_is_named():
     assert said(explaining("drag", 0.5, 0.5), left=2.5) == ("no_mismatch", ())
+
+
+def test_an_effect_in_whose_size_recordings_disagree_is_not_it_but_something_is_there():
+    odd = explaining(ODD[0], 0.5, 0.5)
+    assert said(odd) == ("unknown", ())
+    assert said(odd, explaining("drag", 0.2, 0.2)) == ("unknown", ())
+    assert said(explaining("drag", 0.3, 0.3), explaining(ODD[1], 0.5, 0.5)) == ("named", ("drag",))
+
+
+def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like_it():
+    """A change that is right leaves what has nothing to do with it; one that is twice too small in one window and not
+    there in the other would gain as much again, each size by itself: in units of the change 0.5² twice over 0.5."""
+    change = np.random.default_rng(1).normal(size=200)
+    layout = [["yaw_rate"], ["yaw_rate"]]
+
+    def at_odds(*hidden: float) -> tuple[float, float]:
+        before = replace(FITTED, residuals=[-size * change for size in hidden])
+        after = replace(FITTED, residuals=[(0.5 - size) * change for size in hidden])
+        proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=layout), residuals=None)
+        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+
+    assert at_odds(0.5, 0.5) == (0.0, 0.0)
+    assert at_odds(1.0, 0.0) == pytest.approx((0.5 / 0.5, 1.0))
 
 
 def unfinished(left: float) -> Made:

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
-from vsense_ros.model.effects.base import Effect, of_axle, size
+from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car, Corner
 
 
 class LimitedSlipDifferential(Effect):
-    """A torque from the faster to the slower wheel of an axle, in proportion to the difference of their speeds."""
+    """A torque from the faster to the slower wheel of an axle, in proportion to the difference of their speeds until
+    the clutch between them slips."""
 
     id: ClassVar[str] = "limited_slip_differential"
     sentence: ClassVar[str] = "a differential that couples left and right wheel"
@@ -23,6 +24,15 @@ class LimitedSlipDifferential(Effect):
 
     front: float = size("N m s/rad", "torque per difference of speed, front", typical=40.0, low=0.0, high=5000.0)
     rear: float = size("N m s/rad", "torque per difference of speed, rear", typical=40.0, low=0.0, high=5000.0)
+    slipping: float = shape(
+        "rad/s",
+        "difference of speed from where on the torque hardly grows",
+        default=6.0,
+        typical=3.0,
+        low=0.5,
+        high=100.0,
+    )
 
     def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        return torque - of_axle(self, corner) * (car.u[10 + corner.index] - car.u[10 + corner.opposite])
+        difference = car.u[10 + corner.index] - car.u[10 + corner.opposite]
+        return torque - of_axle(self, corner) * self.slipping * ca.tanh(difference / self.slipping)
