@@ -111,6 +111,13 @@ def test_a_wrong_time_stamp_costs_only_its_own_sample(offset, reason):
     assert reason in checker.diagnostics(START + 30 * STEP)[0].message
 
 
+def test_a_time_stamp_that_no_message_can_carry_is_refused():
+    checker = ImuChecker()
+    assert [checker.check(reading(i, at=2**31 * SECOND + i * STEP)) for i in range(20)] == [None] * 20
+    (found,) = checker.diagnostics(2**31 * SECOND)
+    assert "time stamp out of range" in found.values
+
+
 # XBus
 
 

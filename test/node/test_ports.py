@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import socket
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import can
 import pytest
 import serial
 
+from vsense_ros.diagnostic import Level
 from vsense_ros.errors import InputError
 from vsense_ros.node.byte_log import read_byte_log, write_byte_log
 from vsense_ros.node.ports import PtyPort, SlcanAdapter, open_port
+from vsense_ros.node.serial_link import SerialLink
 
 
 def test_bytes_written_to_a_pty_arrive_unchanged(tmp_path: Path) -> None:
@@ -104,3 +108,30 @@ def test_descriptors_of_closed_ptys_are_given_back(tmp_path: Path) -> None:
     for _ in range(3):
         PtyPort(str(tmp_path / "x")).close()
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_what_cannot_be_used_is_told_and_the_port_is_read_on(tmp_path: Path) -> None:
+    port = PtyPort(str(tmp_path / "gnss"))
+    taken, warnings = [], []
+
+    def receive(data: bytes, wall: int) -> None:
+        taken.append(1 // (data[0] - ord("x")))
+
+    link = SerialLink("gnss", str(tmp_path / "gnss"), 115200, receive, warnings.append)
+    link.start()
+
+    def write_until(condition: Callable[[], object], data: bytes) -> None:
+        deadline = time.monotonic() + 10.0
+        while not condition():
+            assert time.monotonic() < deadline
+            port.write(data)
+            time.sleep(0.02)
+
+    write_until(lambda: link.faults, b"x")
+    write_until(lambda: taken, b"y")
+    told = link.diagnostic()
+    link.stop()
+    port.close()
+    assert (told.level, told.values["losses"]) == (Level.ERROR, "0")
+    assert "ZeroDivisionError" in told.message
+    assert "b'x" in warnings[-1]

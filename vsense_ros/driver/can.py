@@ -26,11 +26,9 @@ from vsense_ros.driver.can_mapping import (
     load_mapping,
     suggestion,
 )
-from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
+from vsense_ros.driver.monitor import LATEST, NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.recording import Sample
-
-LATEST = 2**63 / NANO  # [s] the last time that a stamp of 64 bit nanoseconds can hold
 
 
 def load_database(path: str | Path) -> Database:
@@ -291,7 +289,7 @@ class CanDecoder:
         """
         if self.channel is not None and message.channel is not None and message.channel != self.channel:
             return []
-        if not 0.0 <= message.timestamp < LATEST:
+        if not 0.0 <= message.timestamp < LATEST / NANO:
             self._counts["without time stamp"] += 1
             return []
         at = round(message.timestamp * NANO) if received is None else received

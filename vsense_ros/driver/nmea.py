@@ -42,13 +42,24 @@ _SERVICES = {
     "BD": gnss.SERVICE_COMPASS,
     "GA": gnss.SERVICE_GALILEO,
 }
-_HANDLED = ("GGA", "GNS", "RMC", "VTG", "ZDA", "GST", "HDT", "THS")
+# The sentences that are decoded, and the fields that each must have, be they empty: pynmeagps leaves those away that a
+# short sentence lacks.
+_FIELDS = {
+    "GGA": ("time", "lat", "lon", "quality", "HDOP", "alt", "sep"),
+    "GNS": ("time", "lat", "lon", "posMode", "HDOP", "alt", "sep"),
+    "RMC": ("time", "status", "spd", "cog", "date"),
+    "VTG": ("cogt", "sogn"),
+    "ZDA": ("time", "day", "month", "year"),
+    "GST": ("time", "stdLat", "stdLong", "stdAlt"),
+    "HDT": ("headingT",),
+    "THS": ("headt", "mi"),
+}
 VERTICAL_FACTOR = 1.5  # vertical over horizontal standard deviation, where the receiver does not state it
 
 
 def _number(value: Any) -> float | None:
-    """A field of a sentence; None if it is empty."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+    """A field of a sentence; None if it is empty or beyond what any receiver states."""
+    return float(value) if isinstance(value, int | float) and abs(value) < 1e9 else None
 
 
 def _time_of_day(value: Any) -> int | None:
@@ -118,11 +129,13 @@ class NmeaDecoder:
         self.link.frame(received)
         address = content.split(b",", 1)[0].decode("ascii")
         talker, kind = address[:-3], address[-3:]
-        if kind not in _HANDLED or len(talker) != 2:
+        if kind not in _FIELDS or len(talker) != 2:
             return []
         try:
             message = NMEAReader.parse(sentence + b"\r\n", validate=0)
         except (NMEAParseError, NMEAMessageError, NMEATypeError, NMEAStreamError, ValueError, IndexError, TypeError):
+            message = None
+        if not all(hasattr(message, field) for field in _FIELDS[kind]):
             self.link.broken(received)
             return []
         return self._dated(talker, kind, message, received)
