@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import threading
 import time
 import traceback
@@ -16,13 +17,16 @@ from vsense_ros.errors import InputError
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
 _PATIENCE = 0.1  # [s] for which a read waits
 _FAULT_HOLD = 2.0  # [s] for which a fault in what was received colours the diagnostic
+# A TCP peer that lost its power is silent like one without news: asked after 2 s, it answers within 3 s or is gone.
+_KEEP_ALIVE = {socket.TCP_KEEPIDLE: 2, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
 
 
 class SerialLink:
     """Reads `port` in a thread and hands what arrives to `receive(data, wall_time_ns)`.
 
-    `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, or that
-    disappears, is tried again with growing waits. What `receive` raises is told and counted, and reading goes on.
+    `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, that
+    disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` raises is told
+    and counted, and reading goes on.
     """
 
     def __init__(
@@ -67,6 +71,8 @@ class SerialLink:
         while not self._end.is_set():
             try:
                 with serial.serial_for_url(self.port, baudrate=self.baud_rate, timeout=_PATIENCE) as link:
+                    if self.port.startswith("socket://"):
+                        _keep_alive(link._socket)
                     self.problem = ""
                     wait = _FIRST_WAIT
                     self._read(link)
@@ -104,3 +110,10 @@ class SerialLink:
             text = f"open, but what was received could not be used: {reason}"
             return Diagnostic(f"{self.name}: port", Level.ERROR, text, values)
         return Diagnostic(f"{self.name}: port", Level.OK, "open", values)
+
+
+def _keep_alive(connection: socket.socket) -> None:
+    """Have the system ask a silent peer whether it is still there; if not, reading fails."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _KEEP_ALIVE.items():
+        connection.setsockopt(socket.IPPROTO_TCP, option, value)
