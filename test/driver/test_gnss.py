@@ -242,6 +242,22 @@ def test_a_dual_antenna_heading_becomes_the_vehicles_yaw_from_east(heading, base
     assert tuple(variances[:2]) == (UNMEASURED_VARIANCE, UNMEASURED_VARIANCE)
 
 
+@pytest.mark.parametrize("order", ["heading first", "position first"])
+@pytest.mark.parametrize("headings", [1, 10])
+def test_a_heading_has_the_time_of_its_measurement_wherever_its_sentence_stands(order, headings):
+    decoder = NmeaDecoder()
+    error = []
+    for i in range(10 * headings):
+        moment = after(i / headings)
+        data = [sentence("HDT", headingT=90.0, headingTu="T")]
+        if i % headings == 0:
+            data[0 if order == "position first" else 1 : 0] = [rmc(moment), gga(moment)]
+        for k, one in enumerate(data):  # 15 ms later each, as at a low baud rate
+            samples = decoder.feed(one, stamp(moment) + 70_000_000 + 15_000_000 * k)
+            error += [s.stamp - stamp(moment) for s in by_topic(samples, "gps/attitude")]
+    assert error == [0] * (10 * headings - (order == "heading first"))
+
+
 def test_no_fix_is_reported_and_gives_no_position():
     decoder = NmeaDecoder()
     assert decoder.feed(rmc(NOON) + gga(NOON, quality=0), 0)[1:] == []
