@@ -302,6 +302,27 @@ def test_a_wrong_time_costs_only_its_own_measurement(seconds, reason):
     assert reason in health(decoder, "gps/fix", stamp(after(2.9))).message
 
 
+@pytest.mark.parametrize(
+    ("ahead", "told"),
+    [
+        (0.0, None),
+        (-0.5, None),  # a slow receiver
+        (0.8, "the computer's clock is 0.8 s behind the receiver's"),
+        (-3.0, "the computer's clock is 3.0 s ahead of the receiver's"),
+        (-1024 * 7 * 86400, "the computer's clock is 619315200.0 s ahead of the receiver's"),
+    ],
+)
+@pytest.mark.parametrize("decoder", [NmeaDecoder, UbxDecoder])
+def test_a_receiver_whose_clock_is_not_that_of_the_computer_is_told(decoder, ahead, told):
+    subject = decoder()
+    for i in range(20):
+        moment = after(i + ahead)
+        data = pvt(moment, velN=0, velE=0) if isinstance(subject, UbxDecoder) else rmc(moment, 0.0) + gga(moment)
+        assert len(subject.feed(data, stamp(after(i)))) == 2
+    found = [d.message.partition(":")[0] for d in subject.diagnostics(stamp(after(19))) if d.level != Level.OK]
+    assert found == ([told] if told else [])
+
+
 def test_a_checksum_error_costs_one_sentence_and_is_reported():
     decoder = NmeaDecoder()
     broken = bytearray(rmc(after(0.1)))
