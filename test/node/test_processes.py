@@ -20,6 +20,7 @@ from ros_probe import probe
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.imu import encode_mtdata2
+from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.samples import imu
 from vsense_ros.errors import InputError
 from vsense_ros.node.ports import PtyPort, SlcanAdapter, TcpPort
@@ -275,11 +276,32 @@ def test_a_garbled_line_of_a_can_adapter_does_not_end_reception(
     adapter.close()
 
 
-def test_a_fault_that_nobody_foresaw_is_told_and_frames_are_read_on(
-    environment: Mapping[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def here(environment: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
+    """Makes one node in the tests' own process."""
     import rclpy
 
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made: list[Any] = []
+
+    def make(node_type: type, model: type, **settings: Any) -> Any:
+        parameters = [part for name, value in settings.items() for part in ("-p", f"{name}:={value}")]
+        rclpy.init(args=["--ros-args", *parameters], domain_id=int(environment["ROS_DOMAIN_ID"]))
+        made.append(node_type("node_here", model))
+        made[0].trigger_configure()
+        made[0].trigger_activate()
+        return made[0]
+
+    yield make
+    for node in made:
+        node.trigger_shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_fault_that_nobody_foresaw_in_a_frame_is_told_and_frames_are_read_on(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from vsense_ros.node.can_driver import CanDriver, CanDriverParameters
 
     taken: list[int] = []
@@ -289,11 +311,7 @@ def test_a_fault_that_nobody_foresaw_is_told_and_frames_are_read_on(
         return []
 
     monkeypatch.setattr(CanDecoder, "feed", feed)
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    settings = can_settings(tmp_path, "virtual", "faults") | {"autostart": False}
-    parameters = [part for name, value in settings.items() for part in ("-p", f"{name}:={value}")]
-    rclpy.init(args=["--ros-args", *parameters], domain_id=int(environment["ROS_DOMAIN_ID"]))
-    driver = CanDriver("can_driver", CanDriverParameters)
+    driver = here(CanDriver, CanDriverParameters, **can_settings(tmp_path, "virtual", "faults"))
     with can.Bus(interface="virtual", channel="faults") as bus:
 
         def send_until(condition: Callable[[], bool], identifier: int) -> None:
@@ -303,15 +321,22 @@ def test_a_fault_that_nobody_foresaw_is_told_and_frames_are_read_on(
                 bus.send(can.Message(arbitration_id=identifier, is_extended_id=False))
                 time.sleep(0.02)
 
-        try:
-            driver.trigger_configure()
-            driver.trigger_activate()
-            send_until(lambda: "ZeroDivisionError" in driver.diagnostics()[0].message, 0x666)
-            send_until(lambda: bool(taken), 0x667)
-            driver.trigger_shutdown()
-        finally:
-            driver.destroy_node()
-            rclpy.shutdown()
+        send_until(lambda: "ZeroDivisionError" in driver.diagnostics()[0].message, 0x666)
+        send_until(lambda: bool(taken), 0x667)
+
+
+def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_next_bytes(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vsense_ros.node.gps_driver import GpsDriver, GpsDriverParameters
+
+    monkeypatch.setattr(NmeaDecoder, "_heading", lambda *_: 1 // 0)
+    driver = here(GpsDriver, GpsDriverParameters, port=str(tmp_path / "none"))
+    rmc = sentence(NMEA[0], 0, "170524,,,A")
+    with pytest.raises(ZeroDivisionError):
+        driver._on_bytes(rmc + sentence(b"$GNHDT,90.0,T*"), START)
+    driver._on_bytes(rmc, START)
+    assert driver.published["gps/velocity"] == 1
 
 
 def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start, tmp_path: Path) -> None:
