@@ -165,6 +165,27 @@ def test_mdf4_channels_of_different_rates_in_one_topic_are_brought_to_one_time_a
     assert "interpolated to those of 'Fast'" in recording.notes[0]
 
 
+@pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi)])
+def test_a_course_through_north_at_other_times_than_the_speed_stays_a_course_to_the_north(
+    tmp_path: Path, unit: str, turn: float
+) -> None:
+    swaying = np.array([1.0, -1.0, 1.0, -1.0, 1.0]) * turn / 360
+    file = measurement(
+        tmp_path / "drive.mf4",
+        {"V": (np.arange(9) * 0.05, [20.0] * 9), "Course": (np.arange(5) * 0.09, swaying % turn)},
+    )
+    angle = {"column": "Course", "unit": unit}
+    topics = {
+        "gps/velocity": {"speed": {"column": "V", "unit": "m/s"}, "course": angle},
+        "reference/odometry": {"yaw": angle, "linear": [{"column": "V", "unit": "m/s"}, None, None]},
+    }
+    recording = import_recording(file, mapping={"topics": topics})
+    north = recording["gps/velocity"].columns["linear"][:-1, 1]
+    assert north.min() >= 20.0 * np.cos(np.radians(1.0))
+    orientation = recording["reference/odometry"].columns["orientation"][:-1]
+    assert np.abs(orientation[:, 2]).max() <= np.sin(np.radians(0.5)) + 1e-12
+
+
 def test_a_broken_mdf4_file_is_an_input_error(tmp_path: Path) -> None:
     file = tmp_path / "drive.mf4"
     file.write_bytes(b"MDF     4.10    " + bytes(200))

@@ -263,6 +263,15 @@ def test_error_frames_are_reported():
     assert health(subject, "bus", START).message == "error frames on the bus"
 
 
+def test_what_the_interface_cannot_read_is_counted_and_reported():
+    subject = decoder()
+    subject.feed(wheels(0))
+    subject.broken(round(START * 1e9))
+    found = health(subject, "bus", START)
+    assert (found.level, found.values["broken frames"]) == (Level.WARN, "1")
+    assert found.message.startswith("broken frames")
+
+
 def test_frames_of_other_channels_are_passed_over():
     subject = decoder(channel="can0")
     message = wheels(0)

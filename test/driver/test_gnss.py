@@ -3,6 +3,8 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Iterator
+from functools import reduce
+from operator import xor
 
 import numpy as np
 import pymap3d
@@ -69,9 +71,13 @@ def rmc(moment: datetime.datetime, speed: float = 10.0, course: float | str = 90
     )
 
 
+def time_of_week(moment: datetime.datetime) -> int:
+    return round((moment - datetime.datetime(2024, 5, 12, tzinfo=UTC)).total_seconds() * 1000) % 604_800_000
+
+
 def pvt(moment: datetime.datetime, **fields) -> bytes:
     content = {
-        "iTOW": round((moment - datetime.datetime(2024, 5, 12, tzinfo=UTC)).total_seconds() * 1000),
+        "iTOW": time_of_week(moment),
         "year": moment.year,
         "month": moment.month,
         "day": moment.day,
@@ -99,7 +105,7 @@ def pvt(moment: datetime.datetime, **fields) -> bytes:
 def relposned(moment: datetime.datetime, **fields) -> bytes:
     content = {
         "version": 1,
-        "iTOW": round((moment - datetime.datetime(2024, 5, 12, tzinfo=UTC)).total_seconds() * 1000),
+        "iTOW": time_of_week(moment),
         "relPosN": 100,
         "relPosD": -10,
         "relPosLength": 101,
@@ -236,6 +242,22 @@ def test_a_dual_antenna_heading_becomes_the_vehicles_yaw_from_east(heading, base
     assert tuple(variances[:2]) == (UNMEASURED_VARIANCE, UNMEASURED_VARIANCE)
 
 
+@pytest.mark.parametrize("order", ["heading first", "position first"])
+@pytest.mark.parametrize("headings", [1, 10])
+def test_a_heading_has_the_time_of_its_measurement_wherever_its_sentence_stands(order, headings):
+    decoder = NmeaDecoder()
+    error = []
+    for i in range(10 * headings):
+        moment = after(i / headings)
+        data = [sentence("HDT", headingT=90.0, headingTu="T")]
+        if i % headings == 0:
+            data[0 if order == "position first" else 1 : 0] = [rmc(moment), gga(moment)]
+        for k, one in enumerate(data):  # 15 ms later each, as at a low baud rate
+            samples = decoder.feed(one, stamp(moment) + 70_000_000 + 15_000_000 * k)
+            error += [s.stamp - stamp(moment) for s in by_topic(samples, "gps/attitude")]
+    assert error == [0] * (10 * headings - (order == "heading first"))
+
+
 def test_no_fix_is_reported_and_gives_no_position():
     decoder = NmeaDecoder()
     assert decoder.feed(rmc(NOON) + gga(NOON, quality=0), 0)[1:] == []
@@ -280,6 +302,27 @@ def test_a_wrong_time_costs_only_its_own_measurement(seconds, reason):
     assert reason in health(decoder, "gps/fix", stamp(after(2.9))).message
 
 
+@pytest.mark.parametrize(
+    ("ahead", "told"),
+    [
+        (0.0, None),
+        (-0.5, None),  # a slow receiver
+        (0.8, "the computer's clock is 0.8 s behind the receiver's"),
+        (-3.0, "the computer's clock is 3.0 s ahead of the receiver's"),
+        (-1024 * 7 * 86400, "the computer's clock is 619315200.0 s ahead of the receiver's"),
+    ],
+)
+@pytest.mark.parametrize("decoder", [NmeaDecoder, UbxDecoder])
+def test_a_receiver_whose_clock_is_not_that_of_the_computer_is_told(decoder, ahead, told):
+    subject = decoder()
+    for i in range(20):
+        moment = after(i + ahead)
+        data = pvt(moment, velN=0, velE=0) if isinstance(subject, UbxDecoder) else rmc(moment, 0.0) + gga(moment)
+        assert len(subject.feed(data, stamp(after(i)))) == 2
+    found = [d.message.partition(":")[0] for d in subject.diagnostics(stamp(after(19))) if d.level != Level.OK]
+    assert found == ([told] if told else [])
+
+
 def test_a_checksum_error_costs_one_sentence_and_is_reported():
     decoder = NmeaDecoder()
     broken = bytearray(rmc(after(0.1)))
@@ -287,6 +330,57 @@ def test_a_checksum_error_costs_one_sentence_and_is_reported():
     samples = decoder.feed(rmc(NOON) + bytes(broken) + rmc(after(0.2)), stamp(NOON))
     assert [s.stamp for s in samples] == [stamp(NOON), stamp(after(0.2))]
     assert health(decoder, "link", stamp(NOON)).message == "broken frames (incomplete or wrong checksum)"
+
+
+def cut(whole: bytes, fields: int) -> bytes:
+    """The first `fields` fields of a sentence, with the checksum that they have."""
+    content = b",".join(whole[1 : whole.index(b"*")].split(b",")[:fields])
+    return b"$%s*%02X\r\n" % (content, reduce(xor, content))
+
+
+@pytest.mark.parametrize(
+    ("whole", "fields"),
+    [
+        (gga(NOON), 2),
+        (gga(NOON), 1),
+        (rmc(NOON), 9),
+        (sentence("VTG", cogt=0.0, cogtUnit="T", sogn=10.0, sognUnit="N"), 3),
+        (sentence("ZDA", time=NOON.time(), day=17, month=5, year=2024), 3),
+        (sentence("GST", time=NOON.time(), rangeRms=1.0, stdLat=0.5, stdLong=0.4, stdAlt=0.9), 7),
+        (sentence("GNS", time=NOON.time(), lat=48.1, NS="N", lon=11.5, EW="E", posMode="AR"), 6),
+        (sentence("HDT", headingT=90.0, headingTu="T"), 1),
+        (sentence("THS", headt=90.0, mi="A"), 2),
+    ],
+)
+def test_a_short_sentence_with_a_right_checksum_is_counted_as_broken_and_costs_itself_alone(whole, fields):
+    decoder = NmeaDecoder()
+    decoder.feed(rmc(NOON), stamp(NOON))
+    assert decoder.feed(cut(whole, fields), stamp(NOON)) == []
+    assert health(decoder, "link", stamp(NOON)).values["broken frames"] == "1"
+    (after_it,) = decoder.feed(rmc(after(0.2)), stamp(after(0.2)))
+    assert after_it.stamp == stamp(after(0.2))
+
+
+def test_a_figure_beyond_any_receiver_counts_as_an_empty_field():
+    decoder = NmeaDecoder()
+    decoder.feed(rmc(NOON), stamp(NOON))
+    assert b",0.8," in gga(NOON)
+    (fix,) = decoder.feed(cut(gga(NOON).replace(b",0.8,", b",1E200,"), 15), stamp(NOON))
+    assert fix.values["position_covariance"][0] == 9.0
+
+
+@pytest.mark.parametrize("year", [1960, 2039, 2263, 9999])
+def test_a_date_that_no_message_can_carry_is_refused(year):
+    moment = NOON.replace(year=year)
+    zda = sentence("ZDA", time=moment.time(), day=17, month=5, year=year)
+    vtg = sentence("VTG", cogt=0.0, cogtUnit="T", sogn=10.0, sognUnit="N")
+    for decoder, data in (
+        (NmeaDecoder(), (zda + gga(moment) + vtg + sentence("HDT", headingT=90.0, headingTu="T")) * 9),
+        (UbxDecoder(), (pvt(moment) + relposned(moment)) * 9),
+    ):
+        assert decoder.feed(data, stamp(NOON)) == []
+        for part in ("gps/fix", "gps/velocity", "gps/attitude"):
+            assert health(decoder, part, stamp(NOON)).message == "nothing usable: time stamp out of range"
 
 
 def test_half_a_sentence_does_not_take_the_next_one_with_it():

@@ -111,6 +111,13 @@ def test_a_wrong_time_stamp_costs_only_its_own_sample(offset, reason):
     assert reason in checker.diagnostics(START + 30 * STEP)[0].message
 
 
+def test_a_time_stamp_that_no_message_can_carry_is_refused():
+    checker = ImuChecker()
+    assert [checker.check(reading(i, at=2**31 * SECOND + i * STEP)) for i in range(20)] == [None] * 20
+    (found,) = checker.diagnostics(2**31 * SECOND)
+    assert "time stamp out of range" in found.values
+
+
 # XBus
 
 
@@ -158,17 +165,42 @@ def test_a_message_without_rates_marks_them_as_absent():
     assert sample.values["angular_velocity_covariance"][0] == -1
 
 
+def by_own_clock(decoder: XbusDecoder, i: int, received: int) -> list[Sample]:
+    """Message `i` of a sensor at 100 Hz that knows no UTC, whose counter wraps at message 50."""
+    ticks = (2**32 - 5000 + i * 100) % 2**32
+    packets = ((0x1060, ticks.to_bytes(4, "big")), (0x8020, struct.pack(">3f", i % 7, 0, 0)))
+    return decoder.feed(mtdata2(*packets), received)
+
+
 def test_the_sensors_own_clock_removes_the_jitter_of_arrival():
     decoder = XbusDecoder()
     jitter = np.random.default_rng(1).exponential(3e-3, 200)
     stamps = []
     for i in range(200):
-        ticks = (2**32 - 5000 + i * 100) % 2**32  # wraps on the way
-        packets = ((0x1060, ticks.to_bytes(4, "big")), (0x8020, struct.pack(">3f", i % 7, 0, 0)))
-        received = START + i * STEP + round(jitter[i] * SECOND)
-        stamps += [s.stamp for s in decoder.feed(mtdata2(*packets), received)]
+        stamps += [s.stamp for s in by_own_clock(decoder, i, START + i * STEP + round(jitter[i] * SECOND))]
     error = np.array(stamps) - START - np.arange(200) * STEP
     assert np.abs(error[50:]).max() < 0.5e-3 * SECOND < jitter.std() * SECOND
+
+
+@pytest.mark.parametrize("seconds", [-4.0, 0.5, 4.0, 60.0])
+def test_the_sensors_own_clock_follows_a_computer_whose_clock_is_set(seconds):
+    decoder = XbusDecoder()
+    error = []
+    for i in range(600):
+        received = START + i * STEP + (round(seconds * SECOND) if i >= 300 else 0)
+        error += [abs(sample.stamp - received) for sample in by_own_clock(decoder, i, received)]
+    assert max(error[-180:]) < 1_000_000
+    (imu,) = (d for d in decoder.diagnostics(received) if "imu/data" in d.name)
+    assert "clock was set to another time" in imu.values
+
+
+def test_messages_that_were_held_back_for_three_seconds_keep_the_time_of_their_measurement():
+    decoder = XbusDecoder()
+    error = []
+    for i in range(900):
+        arrival = 600 if 300 <= i < 600 else i
+        error += [s.stamp - START - i * STEP for s in by_own_clock(decoder, i, START + arrival * STEP + i)]
+    assert np.abs(error).max() < 1_000_000
 
 
 def test_missing_packets_are_counted():

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
+import struct
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import can
 import pytest
 import serial
 
+from vsense_ros.diagnostic import Level
 from vsense_ros.errors import InputError
 from vsense_ros.node.byte_log import read_byte_log, write_byte_log
 from vsense_ros.node.ports import PtyPort, SlcanAdapter, open_port
+from vsense_ros.node.serial_link import SerialLink
 
 
 def test_bytes_written_to_a_pty_arrive_unchanged(tmp_path: Path) -> None:
@@ -104,3 +110,64 @@ def test_descriptors_of_closed_ptys_are_given_back(tmp_path: Path) -> None:
     for _ in range(3):
         PtyPort(str(tmp_path / "x")).close()
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_what_cannot_be_used_is_told_and_the_port_is_read_on(tmp_path: Path) -> None:
+    port = PtyPort(str(tmp_path / "gnss"))
+    taken, warnings = [], []
+
+    def receive(data: bytes, wall: int) -> None:
+        taken.append(1 // (data[0] - ord("x")))
+
+    link = SerialLink("gnss", str(tmp_path / "gnss"), 115200, receive, warnings.append)
+    link.start()
+
+    def write_until(condition: Callable[[], object], data: bytes) -> None:
+        deadline = time.monotonic() + 10.0
+        while not condition():
+            assert time.monotonic() < deadline
+            port.write(data)
+            time.sleep(0.02)
+
+    write_until(lambda: link.faults, b"x")
+    write_until(lambda: taken, b"y")
+    told = link.diagnostic()
+    link.stop()
+    port.close()
+    assert (told.level, told.values["losses"]) == (Level.ERROR, "0")
+    assert "ZeroDivisionError" in told.message
+    assert "b'x" in warnings[-1]
+
+
+def test_a_tcp_sensor_that_lost_its_power_is_missed_and_connected_again() -> None:
+    dead: list[socket.socket] = []
+    deaf = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # a socket filter that drops what arrives
+    taken: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        link = SerialLink("imu", port, 115200, lambda data, _: taken.append(data), lambda _: None)
+        link.start()
+        for life in range(2):
+            peer, _ = server.accept()
+            time.sleep(0.3)  # until it is open
+            peer.sendall(b"%d" % life)
+            time.sleep(0.3)  # until the byte is acknowledged
+            peer.setsockopt(socket.SOL_SOCKET, 26, struct.pack("HP", 1, ctypes.addressof(deaf)))  # SO_ATTACH_FILTER
+            dead.append(peer)  # neither end nor reset reaches the other side
+        link.stop()
+    assert b"".join(taken) == b"01"
+    assert link.losses == 1
+
+
+@pytest.mark.slow
+def test_a_tcp_sensor_that_is_slow_keeps_its_connection() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        link = SerialLink("gnss", port, 115200, lambda *_: None, lambda _: None)
+        link.start()
+        peer, _ = server.accept()
+        time.sleep(8.0)
+        assert (link.losses, link.problem) == (0, "")
+        link.stop()
+        peer.close()

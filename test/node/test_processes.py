@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -17,12 +18,14 @@ import pytest
 
 from ros_probe import probe
 from vsense_ros.bag import read_bag, write_bag
+from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.imu import encode_mtdata2
+from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.samples import imu
 from vsense_ros.errors import InputError
-from vsense_ros.node.ports import PtyPort, TcpPort
+from vsense_ros.node.ports import PtyPort, SlcanAdapter, TcpPort
 from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.recording import Channel, Recording, Sample
 
 pytestmark = pytest.mark.slow
 
@@ -180,6 +183,18 @@ def wheel_frame(kph: float) -> can.Message:
     return can.Message(arbitration_id=170, data=data, is_extended_id=False)
 
 
+def can_settings(folder: Path, interface: str, channel: str) -> dict[str, Any]:
+    """Parameters of a `can_driver` for the bus of the test car."""
+    (folder / "car.dbc").write_text(DBC)
+    (folder / "car.yaml").write_text(MAPPING)
+    return {
+        "interface": interface,
+        "channel": channel,
+        "database": str(folder / "car.dbc"),
+        "mapping": str(folder / "car.yaml"),
+    }
+
+
 def test_can_frames_on_a_multicast_bus_become_wheel_speeds(start: Start, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe_socket:
         probe_socket.bind(("", 0))
@@ -192,16 +207,7 @@ def test_can_frames_on_a_multicast_bus_become_wheel_speeds(start: Start, tmp_pat
                 pytest.skip("multicast does not come back on this machine (no route for it)")
     except (OSError, can.CanError) as error:
         pytest.skip(f"no multicast on this machine: {error}")
-    (tmp_path / "car.dbc").write_text(DBC)
-    (tmp_path / "car.yaml").write_text(MAPPING)
-    driver = start(
-        "can_driver",
-        interface="udp_multicast",
-        channel=bus_at["channel"],
-        port=number,
-        database=str(tmp_path / "car.dbc"),
-        mapping=str(tmp_path / "car.yaml"),
-    )
+    driver = start("can_driver", port=number, **can_settings(tmp_path, "udp_multicast", bus_at["channel"]))
     recorder = start("recorder", bag=str(tmp_path / "bag"))
     driver.wait_until_active()
     recorder.wait_until_active()
@@ -219,22 +225,13 @@ def test_can_frames_on_a_multicast_bus_become_wheel_speeds(start: Start, tmp_pat
 
 
 def test_a_can_log_replayed_onto_a_bus_reaches_the_driver_frame_by_frame(start: Start, tmp_path: Path) -> None:
-    (tmp_path / "car.dbc").write_text(DBC)
-    (tmp_path / "car.yaml").write_text(MAPPING)
     with can.CanutilsLogWriter(str(tmp_path / "drive.log")) as writer:
         for i in range(400):
             frame = wheel_frame(0.5 * i)
             frame.timestamp, frame.channel = START * 1e-9 + 0.005 * i, "can0"
             writer.on_message_received(frame)
     recorder = start("recorder", bag=str(tmp_path / "bag"), use_sim_time=True)
-    driver = start(
-        "can_driver",
-        use_sim_time=True,
-        interface="slcan",
-        channel=str(tmp_path / "can"),
-        database=str(tmp_path / "car.dbc"),
-        mapping=str(tmp_path / "car.yaml"),
-    )
+    driver = start("can_driver", use_sim_time=True, **can_settings(tmp_path, "slcan", str(tmp_path / "can")))
     driver.wait_until_active()
     recorder.wait_until_active()
     driver.wait_for("connected", 15.0)
@@ -248,6 +245,98 @@ def test_a_can_log_replayed_onto_a_bus_reaches_the_driver_frame_by_frame(start: 
     # In the time of the log: arrivals jitter by what the machine's scheduling does, but do not drift.
     late = (channel.stamp - (START + np.arange(400) * 5_000_000)) * 1e-9
     assert abs(np.median(late)) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("garbled", "words"),
+    [(b"t0AG81A6F\r", "broken frames"), (b"t0A\r", "broken frames"), (b"t0AA81A\xff\r", "open again after")],
+)
+def test_a_garbled_line_of_a_can_adapter_does_not_end_reception(
+    start: Start, environment: Mapping[str, str], tmp_path: Path, garbled: bytes, words: str
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import JointState
+
+    adapter = SlcanAdapter(str(tmp_path / "can"))
+    start("can_driver", **can_settings(tmp_path, "slcan", str(tmp_path / "can"))).wait_until_active()
+    with probe(environment) as client:
+        speeds = client.listen(JointState, "vehicle/wheel_speeds")
+        told = client.listen(DiagnosticArray, "diagnostics")
+
+        def frames_arrive() -> bool:
+            adapter.send(wheel_frame(36.0))
+            return bool(speeds)
+
+        client.until(frames_arrive)
+        os.write(adapter._port.master, garbled)
+        speeds.clear()
+        client.until(
+            lambda: frames_arrive() and any(words in line.message for message in told for line in message.status)
+        )
+    adapter.close()
+
+
+@pytest.fixture
+def here(environment: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
+    """Makes one node in the tests' own process."""
+    import rclpy
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made: list[Any] = []
+
+    def make(node_type: type, model: type, **settings: Any) -> Any:
+        parameters = [part for name, value in settings.items() for part in ("-p", f"{name}:={value}")]
+        rclpy.init(args=["--ros-args", *parameters], domain_id=int(environment["ROS_DOMAIN_ID"]))
+        made.append(node_type("node_here", model))
+        made[0].trigger_configure()
+        made[0].trigger_activate()
+        return made[0]
+
+    yield make
+    for node in made:
+        node.trigger_shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_fault_that_nobody_foresaw_in_a_frame_is_told_and_frames_are_read_on(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vsense_ros.node.can_driver import CanDriver, CanDriverParameters
+
+    taken: list[int] = []
+
+    def feed(decoder: CanDecoder, frame: can.Message, received: int) -> list[Sample]:
+        taken.append(frame.arbitration_id // (frame.arbitration_id - 0x666))
+        return []
+
+    monkeypatch.setattr(CanDecoder, "feed", feed)
+    driver = here(CanDriver, CanDriverParameters, **can_settings(tmp_path, "virtual", "faults"))
+    with can.Bus(interface="virtual", channel="faults") as bus:
+
+        def send_until(condition: Callable[[], bool], identifier: int) -> None:
+            deadline = time.monotonic() + 10.0
+            while not condition():
+                assert time.monotonic() < deadline
+                bus.send(can.Message(arbitration_id=identifier, is_extended_id=False))
+                time.sleep(0.02)
+
+        send_until(lambda: "ZeroDivisionError" in driver.diagnostics()[0].message, 0x666)
+        send_until(lambda: bool(taken), 0x667)
+
+
+def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_next_bytes(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vsense_ros.node.gps_driver import GpsDriver, GpsDriverParameters
+
+    monkeypatch.setattr(NmeaDecoder, "_heading", lambda *_: 1 // 0)
+    driver = here(GpsDriver, GpsDriverParameters, port=str(tmp_path / "none"))
+    rmc = sentence(NMEA[0], 0, "170524,,,A")
+    with pytest.raises(ZeroDivisionError):
+        driver._on_bytes(rmc + sentence(b"$GNHDT,90.0,T*"), START)
+    driver._on_bytes(rmc, START)
+    assert driver.published["gps/velocity"] == 1
 
 
 def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start, tmp_path: Path) -> None:

@@ -26,11 +26,9 @@ from vsense_ros.driver.can_mapping import (
     load_mapping,
     suggestion,
 )
-from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
+from vsense_ros.driver.monitor import LATEST, NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.recording import Sample
-
-LATEST = 2**63 / NANO  # [s] the last time that a stamp of 64 bit nanoseconds can hold
 
 
 def load_database(path: str | Path) -> Database:
@@ -277,10 +275,11 @@ class CanDecoder:
             self._receivers[message.frame_id, message.is_extended_frame] = _Receiver(message, check, outputs, where)
         self._database_ids = {(m.frame_id, m.is_extended_frame) for m in known.values()}
         self._counts = dict.fromkeys(
-            ("frames", "not mapped", "not in the database", "error frames", "without time stamp"), 0
+            ("frames", "not mapped", "not in the database", "error frames", "broken frames", "without time stamp"), 0
         )
         self._last_frame: int | None = None
         self._last_error: int | None = None
+        self._last_broken: int | None = None
 
     def feed(self, message: can.Message, received: int | None = None) -> list[Sample]:
         """Samples of one frame; none if it is of no interest or not believed.
@@ -290,7 +289,7 @@ class CanDecoder:
         """
         if self.channel is not None and message.channel is not None and message.channel != self.channel:
             return []
-        if not 0.0 <= message.timestamp < LATEST:
+        if not 0.0 <= message.timestamp < LATEST / NANO:
             self._counts["without time stamp"] += 1
             return []
         at = round(message.timestamp * NANO) if received is None else received
@@ -309,6 +308,11 @@ class CanDecoder:
             return []
         return receiver.feed(message, received)
 
+    def broken(self, at: int) -> None:
+        """What arrived at `at` [ns] was no frame that the interface could read."""
+        self._counts["broken frames"] += 1
+        self._last_broken = at
+
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """Health of the bus, then of each message that is listened to, at `now` [ns]."""
         return [self._bus(now), *(receiver.diagnostic(now) for receiver in self._receivers.values())]
@@ -322,4 +326,6 @@ class CanDecoder:
             level, text = Level.STALE, f"bus silent for {(now - self._last_frame) / NANO:.2f} s"
         elif self._last_error is not None and now - self._last_error <= 2 * NANO:
             level, text = Level.WARN, "error frames on the bus"
+        elif self._last_broken is not None and now - self._last_broken <= 2 * NANO:
+            level, text = Level.WARN, "broken frames: is the line to the adapter disturbed?"
         return Diagnostic(f"can: bus ({self.mapping.name})", level, text, values)

@@ -90,6 +90,7 @@ class GnssChannels:
     """
 
     MAX_VELOCITY_AGE = 5 * NANO
+    SOONEST, SLOWEST = -NANO // 10, NANO  # [ns] from stamp to arrival, where the clocks agree
 
     def __init__(self, settings: GnssSettings) -> None:
         self.settings = settings
@@ -97,8 +98,15 @@ class GnssChannels:
         self.fix_monitor = StreamMonitor(f"gnss: {settings.fix_topic}", limits)
         self.velocity_monitor = StreamMonitor(f"gnss: {settings.velocity_topic}", limits)
         self.attitude_monitor = StreamMonitor(f"gnss: {settings.attitude_topic}", limits)
+        self._delay = 0  # arrival of the latest measurement after its stamp [ns]
         self._last_fix: tuple[int, float, float] | None = None
         self._last_velocity: tuple[int, float, float] | None = None
+
+    def _accept(self, monitor: StreamMonitor, stamp: int, received: int) -> bool:
+        accepted = monitor.accept(stamp, received)
+        if accepted:
+            self._delay = received - stamp
+        return accepted
 
     def fix(
         self,
@@ -116,7 +124,7 @@ class GnssChannels:
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and math.isfinite(altitude)):
             self.fix_monitor.fault("position out of range", received)
             return []
-        if not self.fix_monitor.accept(stamp, received):
+        if not self._accept(self.fix_monitor, stamp, received):
             return []
         self._look_for_a_jump(stamp, received, latitude, longitude)
         fields = {
@@ -163,7 +171,7 @@ class GnssChannels:
         variances: tuple[float, float, float],
     ) -> list[Sample]:
         """A velocity [m/s] with variances east, north, up [m²/s²]; `up` is None where it is not measured."""
-        if not self.velocity_monitor.accept(stamp, received):
+        if not self._accept(self.velocity_monitor, stamp, received):
             return []
         self._last_velocity = (stamp, east, north)
         vertical = variances[2] if up is not None else samples.UNMEASURED_VARIANCE
@@ -194,7 +202,7 @@ class GnssChannels:
         if not math.isfinite(heading):
             self.attitude_monitor.fault("heading is not a number", received)
             return []
-        if not self.attitude_monitor.accept(stamp, received):
+        if not self._accept(self.attitude_monitor, stamp, received):
             return []
         baseline = self.settings.baseline_yaw
         along, across = math.cos(baseline), math.sin(baseline)
@@ -214,11 +222,17 @@ class GnssChannels:
         ]
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
-        """Health of the topics; of the attitude only if the receiver ever spoke of it."""
+        """Health of the topics; of the attitude only if the receiver ever spoke of it, of the clocks if they differ."""
         monitors = [self.fix_monitor, self.velocity_monitor]
         if self.attitude_monitor.accepted or self.attitude_monitor.faults:
             monitors.append(self.attitude_monitor)
-        return [monitor.diagnostic(now) for monitor in monitors]
+        found = [monitor.diagnostic(now) for monitor in monitors]
+        if not self.SOONEST <= self._delay <= self.SLOWEST:
+            side = "ahead of" if self._delay > 0 else "behind"
+            text = f"the computer's clock is {abs(self._delay) / NANO:.1f} s {side} the receiver's: "
+            text += "set it by UTC (chrony, PTP), or look at the receiver's date"
+            found.append(Diagnostic("gnss: clocks", Level.WARN, text))
+        return found
 
 
 class LinkStatistics:

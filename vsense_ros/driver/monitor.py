@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from vsense_ros.diagnostic import Diagnostic, Level
 
 NANO = 1_000_000_000
+LATEST = 2**31 * NANO  # [ns] what the stamp of a message, whose seconds have 32 bits, can no longer hold
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,9 @@ class StreamMonitor:
 
         With `at`, a long gap between stamps is accepted where the arrivals show the same gap.
         """
+        if not 0 <= stamp < LATEST:
+            self.fault("time stamp out of range", at if at is not None else self._last_stamp or 0)
+            return False
         reason = self._objection(stamp, at)
         if reason is None:
             self._strays = 0

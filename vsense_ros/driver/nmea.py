@@ -42,13 +42,24 @@ _SERVICES = {
     "BD": gnss.SERVICE_COMPASS,
     "GA": gnss.SERVICE_GALILEO,
 }
-_HANDLED = ("GGA", "GNS", "RMC", "VTG", "ZDA", "GST", "HDT", "THS")
+# The sentences that are decoded, and the fields that each must have, be they empty: pynmeagps leaves those away that a
+# short sentence lacks.
+_FIELDS = {
+    "GGA": ("time", "lat", "lon", "quality", "HDOP", "alt", "sep"),
+    "GNS": ("time", "lat", "lon", "posMode", "HDOP", "alt", "sep"),
+    "RMC": ("time", "status", "spd", "cog", "date"),
+    "VTG": ("cogt", "sogn"),
+    "ZDA": ("time", "day", "month", "year"),
+    "GST": ("time", "stdLat", "stdLong", "stdAlt"),
+    "HDT": ("headingT",),
+    "THS": ("headt", "mi"),
+}
 VERTICAL_FACTOR = 1.5  # vertical over horizontal standard deviation, where the receiver does not state it
 
 
 def _number(value: Any) -> float | None:
-    """A field of a sentence; None if it is empty."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+    """A field of a sentence; None if it is empty or beyond what any receiver states."""
+    return float(value) if isinstance(value, int | float) and abs(value) < 1e9 else None
 
 
 def _time_of_day(value: Any) -> int | None:
@@ -63,11 +74,15 @@ class NmeaDecoder:
 
     Most sentences carry the time of day alone. The date comes from RMC or ZDA; sentences before the first of those
     wait for it, up to `DATE_PATIENCE`, then the date of arrival is taken. VTG and the headings carry no time: they
-    belong to the latest sentence that does. Velocities come from RMC, or from VTG while there is no RMC.
+    belong to the latest sentence that does if they came in one burst with it, else they are as much later as their
+    burst began later. Velocities come from RMC, or from VTG while there is no RMC.
     """
 
     DATE_PATIENCE = 2 * NANO
     GST_AGE = 2 * NANO
+    PAUSE = (
+        20_000_000  # [ns] between bursts; within one, bytes come at most as far apart as a USB adapter holds them back
+    )
 
     def __init__(self, settings: GnssSettings | None = None) -> None:
         self.settings = settings or GnssSettings()
@@ -76,7 +91,8 @@ class NmeaDecoder:
         self._buffer = b""
         self._reference: int | None = None  # a recent UTC time whose date is known [ns]
         self._waiting: list[tuple[str, str, Any, int]] = []
-        self._epoch: int | None = None  # stamp of the latest sentence with a time [ns]
+        self._heard = self._burst = 0  # arrival of the latest bytes, and of the first ones of their burst [ns]
+        self._epoch: tuple[int, int] | None = None  # stamp of the latest sentence with a time, its burst [ns]
         self._fix_sentence: str | None = None
         self._velocity_from_rmc = False
         self._deviations: tuple[int, tuple[float, float, float]] | None = None  # time of day, east, north, up
@@ -84,6 +100,9 @@ class NmeaDecoder:
     def feed(self, data: bytes, received: int) -> list[Sample]:
         """Samples of all sentences that these bytes complete; `received` [ns] is their time of arrival."""
         self.link.heard(len(data), received)
+        if abs(received - self._heard) > self.PAUSE:
+            self._burst = received
+        self._heard = received
         self._buffer += data
         made: list[Sample] = []
         position = 0
@@ -118,11 +137,13 @@ class NmeaDecoder:
         self.link.frame(received)
         address = content.split(b",", 1)[0].decode("ascii")
         talker, kind = address[:-3], address[-3:]
-        if kind not in _HANDLED or len(talker) != 2:
+        if kind not in _FIELDS or len(talker) != 2:
             return []
         try:
             message = NMEAReader.parse(sentence + b"\r\n", validate=0)
         except (NMEAParseError, NMEAMessageError, NMEATypeError, NMEAStreamError, ValueError, IndexError, TypeError):
+            message = None
+        if not all(hasattr(message, field) for field in _FIELDS[kind]):
             self.link.broken(received)
             return []
         return self._dated(talker, kind, message, received)
@@ -194,7 +215,7 @@ class NmeaDecoder:
         if quality not in _QUALITY or latitude is None or longitude is None or height is None:
             self.channels.fix_monitor.fault("no fix", received)
             return []
-        self._epoch = stamp
+        self._epoch = stamp, self._burst
         self._follow(stamp)
         status, factor = _QUALITY[quality]
         stated = self._deviations
@@ -211,6 +232,13 @@ class NmeaDecoder:
             stamp, received, latitude, longitude, altitude, (east, north, up), status, service, covariance_type
         )
 
+    def _stamp_by_arrival(self) -> int | None:
+        """Stamp of a sentence without a time [ns]: receivers begin each burst equally long after its measurements."""
+        if self._epoch is None:
+            return None
+        stamp, burst = self._epoch
+        return stamp + self._burst - burst
+
     def _follow(self, stamp: int) -> None:
         """Carry the date over midnight where nothing but GGA or GNS tells the time."""
         if self._reference is not None and 0 < stamp - self._reference < gnss.DAY // 2:
@@ -220,14 +248,15 @@ class NmeaDecoder:
         if message.status != "A":
             self.channels.velocity_monitor.fault("no fix", received)
             return []
-        self._epoch = stamp
+        self._epoch = stamp, self._burst
         self._velocity_from_rmc = True
         return self._horizontal_velocity(_number(message.spd), _number(message.cog), stamp, received)
 
     def _course(self, message: Any, received: int) -> list[Sample]:
-        if self._velocity_from_rmc or self._epoch is None:
+        stamp = self._stamp_by_arrival()
+        if self._velocity_from_rmc or stamp is None:
             return []
-        return self._horizontal_velocity(_number(message.sogn), _number(message.cogt), self._epoch, received)
+        return self._horizontal_velocity(_number(message.sogn), _number(message.cogt), stamp, received)
 
     def _horizontal_velocity(
         self, knots: float | None, course: float | None, stamp: int, received: int
@@ -250,7 +279,8 @@ class NmeaDecoder:
         if heading is None:
             self.channels.attitude_monitor.fault("no heading", received)
             return []
-        if self._epoch is None:
+        stamp = self._stamp_by_arrival()
+        if stamp is None:
             return []
         variance = self.settings.heading_deviation**2
-        return self.channels.attitude(self._epoch, received, math.radians(heading), variance)
+        return self.channels.attitude(stamp, received, math.radians(heading), variance)

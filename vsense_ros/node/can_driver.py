@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import threading
 import time
+import traceback
 from typing import Any, Literal
 
 import can
@@ -23,6 +25,7 @@ _PATIENCE = 0.1  # [s] for which a read waits
 _CORRECTION = 50_000_000  # [ns]
 _RESOLUTION = 1_000  # [ns] of a Unix time as a float
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
+_LOSS_HOLD = 2.0  # [s] for which a loss that is over colours the diagnostic
 
 
 class CanDriverParameters(NodeParameters):
@@ -63,6 +66,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._untimed = 0
         self._losses = 0
         self._problem = "not opened yet"
+        self._latest_loss = ("", -math.inf)  # why, and when [s] of the monotonic clock
         self._decoder = CanDecoder(p.database, p.mapping)
         for output in self._decoder.mapping.outputs:
             is_joint = isinstance(output, JointStateOutput)
@@ -102,19 +106,31 @@ class CanDriver(SensingNode[CanDriverParameters]):
                     self._bus = self._open()
                 wait = _FIRST_WAIT
                 self._read(self._bus)
-            except (can.CanError, OSError, InputError) as error:
-                if str(error) != self._problem:
-                    self.get_logger().warning(f"trying again: {error}")
+            except Exception as error:  # of whatever kind: without this thread nothing is received any more
+                problem = str(error)
+                if not isinstance(error, can.CanError | OSError | InputError):
+                    problem = f"{type(error).__name__}: {error}"
+                    self.get_logger().error(traceback.format_exc())
+                if problem != self._problem:
+                    self.get_logger().warning(f"trying again: {problem}")
                 self._losses += not self._problem
-                self._problem = str(error)
-                with contextlib.suppress(can.CanError, OSError):  # what is broken may not close in good order
+                self._problem = problem
+                self._latest_loss = (problem, time.monotonic())
+                with contextlib.suppress(Exception):  # what is broken may not close in good order
                     self._shut()
                 self._end.wait(wait)
                 wait = min(2.0 * wait, _LONGEST_WAIT)
 
     def _read(self, bus: can.BusABC) -> None:
         while not self._end.is_set():
-            frame = bus.recv(_PATIENCE)
+            try:
+                frame = bus.recv(_PATIENCE)
+            except (ValueError, IndexError):  # slcan: a line with a wrong digit, or one that ends too early
+                at = self.time_base.now()
+                if at is not None:
+                    with self._lock:
+                        self._decoder.broken(at)
+                continue
             if frame is None:
                 continue
             # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
@@ -141,7 +157,12 @@ class CanDriver(SensingNode[CanDriverParameters]):
             "losses": str(self._losses),
             "frames before the first /clock message": str(self._untimed),
         }
-        level, text = (Level.ERROR, f"trying again: {self._problem}") if self._problem else (Level.OK, "open")
+        reason, at = self._latest_loss
+        level, text = Level.OK, "open"
+        if self._problem:
+            level, text = Level.ERROR, f"trying again: {self._problem}"
+        elif time.monotonic() - at <= _LOSS_HOLD:
+            level, text = Level.WARN, f"open again after: {reason}"
         now = self.time_base.now()
         if now is None:
             return [Diagnostic("can: interface", level, text, values)]

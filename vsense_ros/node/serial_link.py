@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import socket
 import threading
 import time
+import traceback
 from collections.abc import Callable
 
 import serial
@@ -13,13 +16,17 @@ from vsense_ros.errors import InputError
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
 _PATIENCE = 0.1  # [s] for which a read waits
+_FAULT_HOLD = 2.0  # [s] for which a fault in what was received colours the diagnostic
+# A TCP peer that lost its power is silent like one without news: asked after 2 s, it answers within 3 s or is gone.
+_KEEP_ALIVE = {socket.TCP_KEEPIDLE: 2, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
 
 
 class SerialLink:
     """Reads `port` in a thread and hands what arrives to `receive(data, wall_time_ns)`.
 
-    `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, or that
-    disappears, is tried again with growing waits.
+    `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, that
+    disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` raises is told
+    and counted, and reading goes on.
     """
 
     def __init__(
@@ -38,7 +45,9 @@ class SerialLink:
         self.port = port
         self.baud_rate = baud_rate
         self.losses = 0
+        self.faults = 0
         self.problem = "not opened yet"
+        self._latest_fault = ("", -math.inf)  # what, and when [s] of the monotonic clock
         self._receive = receive
         self._warn = warn
         self._end = threading.Event()
@@ -62,10 +71,12 @@ class SerialLink:
         while not self._end.is_set():
             try:
                 with serial.serial_for_url(self.port, baudrate=self.baud_rate, timeout=_PATIENCE) as link:
+                    if self.port.startswith("socket://"):
+                        _keep_alive(link._socket)
                     self.problem = ""
                     wait = _FIRST_WAIT
                     self._read(link)
-            except (serial.SerialException, OSError, ValueError) as error:
+            except Exception as error:  # pyserial lets through more than its own, such as termios.error
                 if str(error) != self.problem:
                     self._warn(f"trying again: {error}")
                 self.losses += not self.problem
@@ -78,11 +89,31 @@ class SerialLink:
             data = link.read(1)  # wakes at the first byte; with more the arrival of the first would be late
             if data:
                 arrived = time.time_ns()
-                self._receive(data + link.read(link.in_waiting), arrived)
+                data += link.read(link.in_waiting)
+                try:
+                    self._receive(data, arrived)
+                except Exception as error:  # of whatever kind: it is no fault of the port, which is read on
+                    reason = f"{type(error).__name__}: {error}"
+                    if reason != self._latest_fault[0]:
+                        self._warn(f"what was received could not be used: {data!r}\n{traceback.format_exc()}")
+                    self.faults += 1
+                    self._latest_fault = (reason, time.monotonic())
 
     def diagnostic(self) -> Diagnostic:
-        """Whether the port is open."""
+        """Whether the port is open, and what of its bytes could not be used."""
         values = {"port": self.port, "baud rate": str(self.baud_rate), "losses": str(self.losses)}
+        values["faults in what was received"] = str(self.faults)
         if self.problem:
             return Diagnostic(f"{self.name}: port", Level.ERROR, f"trying again: {self.problem}", values)
+        reason, at = self._latest_fault
+        if time.monotonic() - at <= _FAULT_HOLD:
+            text = f"open, but what was received could not be used: {reason}"
+            return Diagnostic(f"{self.name}: port", Level.ERROR, text, values)
         return Diagnostic(f"{self.name}: port", Level.OK, "open", values)
+
+
+def _keep_alive(connection: socket.socket) -> None:
+    """Have the system ask a silent peer whether it is still there; if not, reading fails."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _KEEP_ALIVE.items():
+        connection.setsockopt(socket.IPPROTO_TCP, option, value)

@@ -76,7 +76,11 @@ class SerialSensorNode(SensingNode[Params]):
             self._untimed += len(data)
             return
         with self._lock:
-            samples = self._decoder.feed(data, received)
+            try:
+                samples = self._decoder.feed(data, received)
+            except Exception:
+                self._decoder = self.make_decoder()  # the old one still holds what it stumbled over
+                raise
         for sample in samples:
             self.publish(sample)
 

@@ -254,16 +254,11 @@ def _channel(topic: str, fields: Mapping[str, Any], columns: Columns, base: int,
         if signal is None:
             return np.full(len(time), np.nan)
         own_time, own = raw[signal.column]
-        values = (
-            own[keep]
-            if len(own_time) == len(keep) and np.array_equal(own_time[keep], time)
-            else _held(time, own_time, own)
-        )
-        return (
-            signal.sign
-            * (signal.scale * values + signal.offset)
-            * _factor("mapping", f"{topic}.{field}", signal, _QUANTITIES[topic][field])
-        )
+        factor = _factor("mapping", f"{topic}.{field}", signal, _QUANTITIES[topic][field])
+        values = signal.sign * (signal.scale * own + signal.offset) * factor
+        if len(own_time) == len(keep) and np.array_equal(own_time[keep], time):
+            return values[keep]
+        return _held(time, own_time, values, wraps=field in ("course", "yaw"))
 
     def vector(field: str) -> Array:
         given = fields.get(field) or [None, None, None]
@@ -308,9 +303,10 @@ def _channel(topic: str, fields: Mapping[str, Any], columns: Columns, base: int,
     return build.channel(topic, stamp, made | absent)
 
 
-def _held(time: Array, own_time: Array, own: Array) -> Array:
-    """A column at other times than its own: linear between its values, NaN outside them."""
+def _held(time: Array, own_time: Array, own: Array, wraps: bool) -> Array:
+    """A column at other times than its own: linear between its values, NaN outside them; angles the short way round."""
     good = np.isfinite(own)
     if not good.any():
         return np.full(len(time), np.nan)
-    return np.interp(time, own_time[good], own[good], left=np.nan, right=np.nan)
+    known = np.unwrap(own[good]) if wraps else own[good]
+    return np.interp(time, own_time[good], known, left=np.nan, right=np.nan)
