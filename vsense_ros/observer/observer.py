@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
+_DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
 _STANDING = 0.2  # [m/s] below it the car does
 _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
@@ -239,7 +240,11 @@ class Observer:
     def _gather(self, event: Event) -> None:
         """Collect what came until it tells how the car moves, then start; never without a speed, since a start at a
         wrong one is worse than none."""
-        stamp = event.stamp
+        stamp, fastest = event.stamp, self.filter.largest[14]
+        for speed in _first_speeds({self._list[event.sensor].kind: event}, self.vehicle):
+            if not abs(speed) < fastest:
+                self._refuse(event.sensor, f"speed {speed:.3g} m/s before the start, limit {fastest:g}")
+                return
         # What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
         # differs from several others, of which there was news lately, is wrong; else the newest message counts.
         gap, now = _LONGEST_GAP * 1e9, self._newest_arrival
@@ -253,22 +258,24 @@ class Observer:
         self._first[event.sensor] = event
         self._gathered[event.sensor] = now
         kinds = {self._list[i].kind: e for i, e in self._first.items()}
-        speed = _first_speed(kinds, self.vehicle)
+        speeds = _first_speeds(kinds, self.vehicle)
         waited = (stamp - self._first_stamp) * 1e-9
         if "steering" in {s.kind for s in self._list} and "steering" not in kinds and waited < _LONGEST_GAP:
             return
-        if speed is None:
+        if not speeds:
             return
         if "gnss_velocity" in {s.kind for s in self._list} and "gnss_velocity" not in kinds and waited < 1.0:
             return
-        self._start(stamp, speed, kinds)
+        if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < _LONGEST_GAP:
+            return
+        self._start(stamp, speeds[0], kinds)
 
     def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
         f.start(speed)
         if (wheels := kinds.get("wheel_speeds")) is not None and speed > _MOVING:  # at rest, their noise would be slip
             f.state[24:28] = np.where(np.isfinite(wheels.value), wheels.value, f.state[24:28])
-        if (imu := kinds.get("imu")) is not None and np.isfinite(imu.value[2]):
+        if (imu := kinds.get("imu")) is not None and abs(imu.value[2]) < f.largest[19]:
             f.state[19] = imu.value[2]
         for kind, part in _INPUTS.items():
             if kind in kinds:
@@ -291,9 +298,9 @@ class Observer:
         """Take the heading from the course, once it is meaningful; True if that has just been done."""
         east, north = event.value
         speed = float(np.hypot(east, north))
-        if not speed > _ALIGNMENT_SPEED:
-            return False
         f = self.filter
+        if not _ALIGNMENT_SPEED < speed < f.largest[14]:
+            return False
         forward = f.state[14]
         deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
         was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1))
@@ -401,13 +408,15 @@ class Observer:
                 self._count(event, found, alone=False)
         return done
 
-    def _restart(self, event: Event) -> None:
+    def _stop(self) -> None:
+        """Wait for what it takes to start anew."""
         self._restarts += 1
         self.started = False
-        self._history.clear()
-        self._ahead.clear()
-        self._first.clear()
-        self._jumps.clear()
+        for known in (self._history, self._ahead, self._first, self._jumps):
+            known.clear()
+
+    def _restart(self, event: Event) -> None:
+        self._stop()
         self._newest_arrival = self.health[event.sensor].last_received
         for health in self.health:
             health.last_stamp = 0
@@ -463,13 +472,15 @@ class Observer:
             health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def _recover(self) -> None:
-        """Go on from the newest sane state before this instant, with less trust in it."""
+        """Go on from the newest sane state before this instant, with less trust in it; start anew if there is none."""
         self._faults += 1
         for instant in reversed(self._history[:-1]):
             self.filter.memory[:] = instant.kept.memory
             if self.filter.sane():
-                break
-        self.filter.lose_trust()
+                self.filter.lose_trust()
+                return
+        self._stop()
+        self.filter.start(0.0)  # whoever looks at it before it starts anew finds a car
 
     def _remember(self, stamp: int) -> _Instant:
         """Begin a new instant with the filter's present state, in the memory of one that is not needed any more."""
@@ -488,7 +499,8 @@ class Observer:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        return estimate_samples(self.snapshot()) if self.started else []
+        newest = self.snapshot()
+        return estimate_samples(newest) if self.started else []
 
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
@@ -569,9 +581,11 @@ def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:
         )
 
 
-def _first_speed(kinds: dict[str, Event], vehicle: Vehicle) -> float | None:
+def _first_speeds(kinds: dict[str, Event], vehicle: Vehicle) -> list[float]:
+    """What each sensor that tells the car's speed says [m/s], the wheels first."""
+    speeds = []
     if (wheels := kinds.get("wheel_speeds")) is not None:
-        return float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98)
+        speeds.append(float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98))
     if (velocity := kinds.get("gnss_velocity")) is not None and np.isfinite(velocity.value).all():
-        return float(np.hypot(*velocity.value))
-    return None
+        speeds.append(float(np.hypot(*velocity.value)))
+    return speeds
