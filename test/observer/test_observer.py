@@ -235,6 +235,26 @@ def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Veh
     assert yaw_rate < 0.05
 
 
+@pytest.fixture(scope="module")
+def backwards(plant: Vehicle) -> Recording:
+    """From rest 2 s later 4 s into reverse, then forwards; the car points east throughout."""
+
+    def driver(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        torque = 0.0 if t < 2 else -100.0 if t < 6 else 150.0
+        return np.array([0.0, 0.0, 0.0, torque, torque])
+
+    return record(simulate(plant, driver, 20.0), plant, seed=7, name="backwards")
+
+
+def test_a_drive_that_begins_in_reverse_finds_where_the_car_points(vehicle: Vehicle, backwards: Recording) -> None:
+    observer = observer_of(vehicle, backwards)
+    course = follow(observer, messages(backwards), backwards)
+    assert np.cos(observer.snapshot().attitude[2]) > 0.99
+    assert course.position[course.t > 6].max() < 2
+    assert max(course.largest(6.0)[:2]) < 0.3
+    assert observer.health[observer.names.index("velocity")].refused < 3
+
+
 @pytest.mark.parametrize(("angle", "seed"), [(0.0, 4), (2.0, 5), (-1.2, 6)])
 def test_the_positions_of_a_standing_car_count_together(
     angle: float, seed: int, plant: Vehicle, vehicle: Vehicle

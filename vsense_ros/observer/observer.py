@@ -301,9 +301,9 @@ class Observer:
         f = self.filter
         if not _ALIGNMENT_SPEED < speed < f.largest[14]:
             return False
-        forward = f.state[14]
+        forward = f.state[14] if abs(f.state[14]) > 0.1 else 0.1
         deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
-        was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1))
+        was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], forward)
         position, spread = f.state[[X, Y]], _ANYWHERE
         if self._standstill.known:
             position, spread = self._standstill.place(position, was, yaw)
