@@ -135,6 +135,30 @@ def test_a_jump_of_the_position_by_20_m_is_refused(observer: Observer, lane_chan
     assert_good(course)
 
 
+def elsewhere(sample: Sample) -> Sample:
+    """A velocity as fast as it was, in another direction."""
+    east, north, up = sample.values["linear"]
+    return changed(sample, linear=np.array([-north, east, up]))
+
+
+def test_a_heading_that_the_first_velocities_got_wrong_is_found_anew(
+    observer: Observer, lane_change: Recording, between
+) -> None:
+    course = follow(observer, altered(messages(lane_change), between(VELOCITY, 0.0, 0.5), elsewhere), lane_change)
+    assert course.position[-1] < 2
+    assert abs(observer.snapshot().attitude[2]) < 0.1
+    assert_good(course)
+
+
+def test_a_velocity_that_turns_away_from_the_positions_turns_no_heading(
+    observer: Observer, lane_change: Recording, between
+) -> None:
+    course = follow(observer, altered(messages(lane_change), between(VELOCITY, 3, 10), elsewhere), lane_change)
+    assert "ERROR" in course.levels("velocity", 8.5, 10)
+    assert course.position[course.t > 1].max() < 3
+    assert_good(course, 3.0)
+
+
 def test_a_frozen_imu_is_named(observer: Observer, lane_change: Recording, between) -> None:
     last = next(s for s in messages(lane_change) if s.topic == IMU and seconds(lane_change, s) >= 4.0)
     frozen = altered(messages(lane_change), between(IMU, 4, 7), lambda s: replace(s, values=last.values))

@@ -255,6 +255,18 @@ def test_a_drive_that_begins_in_reverse_finds_where_the_car_points(vehicle: Vehi
     assert observer.health[observer.names.index("velocity")].refused < 3
 
 
+def test_a_heading_that_wheels_without_a_sign_got_wrong_in_reverse_is_found_anew(
+    vehicle: Vehicle, backwards: Recording
+) -> None:
+    stream = [
+        changed(s, velocity=np.abs(s.values["velocity"])) if s.topic == WHEELS else s for s in messages(backwards)
+    ]
+    observer = observer_of(vehicle, backwards)
+    course = follow(observer, stream, backwards)
+    assert np.cos(observer.snapshot().attitude[2]) > 0.99
+    assert course.position[-1] < 2
+
+
 @pytest.mark.parametrize(("angle", "seed"), [(0.0, 4), (2.0, 5), (-1.2, 6)])
 def test_the_positions_of_a_standing_car_count_together(
     angle: float, seed: int, plant: Vehicle, vehicle: Vehicle

@@ -36,8 +36,10 @@ Array = NDArray[np.float64]
 
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
+_ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
+_SAME_SPEED = 0.2  # of a speed by which another may differ from it
 _STANDING = 0.2  # [m/s] below it the car does
 _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
@@ -228,12 +230,14 @@ class Observer:
     def _others_are_there(self, index: int, stamp: int) -> bool:
         """Whether every other sensor that still sends went to the same time, or none has sent lately."""
         self._jumps[index] = stamp
-        others = (
-            i
-            for i, h in enumerate(self.health)
-            if h.last_stamp and i != index and self._newest_arrival - h.last_received < self._list[i].timeout * 1e9
-        )
+        others = (i for i in range(len(self._list)) if i != index and self._sends(i))
         return all(i in self._jumps and abs(self._jumps[i] - stamp) < _LONGEST_GAP * 1e9 for i in others)
+
+    def _sends(self, index: int) -> bool:
+        """Whether a sensor was believed, and is not silent."""
+        health = self.health[index]
+        silence = self._newest_arrival - health.last_received
+        return health.last_stamp > 0 and silence < self._list[index].timeout * 1e9
 
     # Start
 
@@ -310,7 +314,7 @@ class Observer:
         f.place(YAW, yaw, deviation)
         for i, value in zip((X, Y), position, strict=True):
             f.place(i, value, spread)
-        self.heading_known = True
+        self.heading_known, self._standstill = True, Standstill()
         del self._history[:-1]  # from before it nobody can come here again
         return True
 
@@ -438,9 +442,19 @@ class Observer:
             return
         if not event.counted:
             self._count(event, nis, alone=True)
-        if not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis):
+        at_odds = not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis)
+        if at_odds and not (self._astray(event) and self._align(event)):
             # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
             f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
+
+    def _astray(self, velocity: Event) -> bool:
+        """Whether the heading is wrong: the car is as fast as GNSS says, yet all that is seen on the map is refused."""
+        if self._list[velocity.sensor].kind != "gnss_velocity":
+            return False
+        speed = np.hypot(*velocity.value)
+        same = abs(np.hypot(*self.filter.state[14:16]) - speed) < _SAME_SPEED * speed
+        seen = (h for i, h in enumerate(self.health) if self._list[i].kind in _ON_MAP and self._sends(i))
+        return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
 
     def _helps(self, event: Event) -> bool:
         """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
