@@ -27,6 +27,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES, drive, generate
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.simulate import simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, run
@@ -217,6 +218,28 @@ def test_standing_still_for_a_minute_nothing_drifts(vehicle: Vehicle, standing: 
     assert abs(observer.snapshot().attitude[2]) < 0.05
     assert observer.diagnostics()[0].message == "heading unknown until the car moves"
     assert not observer.converged
+
+
+def with_antennas(samples: list[Sample], yaw: float) -> list[Sample]:
+    """The stream with a heading [rad] as often as a fix."""
+    orientation = {"orientation": np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)])}
+    headings = [
+        Sample(GnssAttitude().topic, GnssAttitude().message, s.stamp, orientation, received=s.received)
+        for s in samples
+        if s.topic == FIX
+    ]
+    return sorted([*samples, *headings], key=lambda s: s.received or 0)
+
+
+def test_two_antennas_tell_the_heading_of_a_standing_car(vehicle: Vehicle, standing: Recording) -> None:
+    """The base line points to the left of the car, and west: the car points north."""
+    across = GnssAttitude(yaw=np.pi / 2)
+    observer = observer_of(vehicle.model_copy(update={"sensors": {**vehicle.sensors, "attitude": across}}), standing)
+    course = follow(observer, with_antennas(messages(standing, 10.0), np.pi), standing)
+    assert observer.converged
+    assert observer.snapshot().attitude[2] == pytest.approx(np.pi / 2, abs=0.02)
+    assert course.levels("attitude", 0.5, 10.0) == {"OK"}
+    assert [h.refused for h in observer.health] == [0] * len(observer.health)
 
 
 def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Vehicle, vehicle: Vehicle) -> None:

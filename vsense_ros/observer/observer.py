@@ -294,21 +294,18 @@ class Observer:
         f.linearize()
         if (fix := kinds.get("gnss_position")) is not None:
             self._stand(fix)
-        if (velocity := kinds.get("gnss_velocity")) is not None:
-            self._align(velocity)
+        for kind in ("gnss_attitude", "gnss_velocity"):
+            if kind in kinds and not self.heading_known:
+                self._align(kinds[kind])
         self._remember(stamp)
 
     def _align(self, event: Event) -> bool:
-        """Take the heading from the course, once it is meaningful; True if that has just been done."""
-        east, north = event.value
-        speed = float(np.hypot(east, north))
-        f = self.filter
-        if not _ALIGNMENT_SPEED < speed < f.largest[14]:
+        """Take the heading from a measurement, if it tells one; True if that has just been done."""
+        told = self._heading(event)
+        if told is None:
             return False
-        forward = f.state[14] if abs(f.state[14]) > 0.1 else 0.1
-        deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
-        was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], forward)
-        position, spread = f.state[[X, Y]], _ANYWHERE
+        f, (yaw, deviation) = self.filter, told
+        was, position, spread = f.state[YAW], f.state[[X, Y]], _ANYWHERE
         if self._standstill.known:
             position, spread = self._standstill.place(position, was, yaw)
         f.place(YAW, yaw, deviation)
@@ -317,6 +314,23 @@ class Observer:
         self.heading_known, self._standstill = True, Standstill()
         del self._history[:-1]  # from before it nobody can come here again
         return True
+
+    def _heading(self, event: Event) -> tuple[float, float] | None:
+        """Yaw that a measurement tells [rad] and its standard deviation: two antennas, or the course once it means
+        something."""
+        f, sensor = self.filter, self._list[event.sensor]
+        if sensor.kind == "gnss_attitude":
+            cosine, sine = event.value
+            return float(np.arctan2(sine, cosine) - sensor.mounting()[0]), float(np.sqrt(event.variance.max()))
+        if sensor.kind != "gnss_velocity":
+            return None
+        east, north = event.value
+        speed = float(np.hypot(east, north))
+        if not _ALIGNMENT_SPEED < speed < f.largest[14]:
+            return None
+        forward = f.state[14] if abs(f.state[14]) > 0.1 else 0.1
+        yaw = np.arctan2(north, east) - np.arctan2(f.state[15], forward)
+        return float(yaw), float(np.hypot(0.05, np.sqrt(event.variance.max()) / speed))
 
     def _stand(self, event: Event) -> None:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""
@@ -459,11 +473,10 @@ class Observer:
     def _helps(self, event: Event) -> bool:
         """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
         kind = self._list[event.sensor].kind
-        if kind == "gnss_velocity":
-            return self._align(event)
-        if kind != "gnss_position":
+        if kind not in _ON_MAP or self._align(event):
             return True
-        self._stand(event)
+        if kind == "gnss_position":
+            self._stand(event)
         return False
 
     def _count(self, event: Event, nis: float, *, alone: bool) -> None:
