@@ -23,7 +23,7 @@ from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.compiled_step import Backup, Replayed
-from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.error_ekf import ON_MAP, ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.monitor import Limits, Monitor
@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
-_ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
 _SAME_SPEED = 0.2  # of a speed by which another may differ from it
@@ -96,8 +95,7 @@ class Observer:
         # squared and normalized.
         self._sets = [_INPUTS.get(sensor.kind) for sensor in self._list]
         self._limits = [sensor.gate**2 * len(sensor.deviations()) ** 0.5 for sensor in self._list]
-        self.started = False
-        self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
+        self.started = self.heading_known = False
         self._standstill = Standstill()
         self._history: list[_Instant] = []
         self._spare: list[_Instant] = []
@@ -284,7 +282,7 @@ class Observer:
         for kind, part in _INPUTS.items():
             if kind in kinds:
                 f.inputs[part] = np.nan_to_num(kinds[kind].value)
-        self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
+        self.heading_known = bool(f.prior.deviation[YAW] < 1.0)  # where the map is laid by the start
         self.started, self._started_at, self._newest = True, stamp, stamp
         if self.monitor is not None:
             self.monitor.forget()
@@ -316,14 +314,14 @@ class Observer:
         return True
 
     def _heading(self, event: Event) -> tuple[float, float] | None:
-        """Yaw that a measurement tells [rad] and its standard deviation: two antennas, or the course once it means
-        something."""
+        """Yaw that a measurement tells [rad] and its standard deviation: two antennas; the course once it means
+        something; without velocities the way between positions."""
         f, sensor = self.filter, self._list[event.sensor]
         if sensor.kind == "gnss_attitude":
             cosine, sine = event.value
             return float(np.arctan2(sine, cosine) - sensor.mounting()[0]), float(np.sqrt(event.variance.max()))
-        if sensor.kind != "gnss_velocity":
-            return None
+        if sensor.kind == "gnss_position":
+            return self._standstill.heading(f.state[[X, Y]], f.state[YAW], event.value, event.variance)
         east, north = event.value
         speed = float(np.hypot(east, north))
         if not _ALIGNMENT_SPEED < speed < f.largest[14]:
@@ -335,15 +333,22 @@ class Observer:
     def _stand(self, event: Event) -> None:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""
         f = self.filter
+        seen = event.value, event.variance, self._list[event.sensor].mounting(), f.state[YAW]
         if abs(f.state[14]) < _STANDING:
             if not event.counted:
-                mounting = self._list[event.sensor].mounting()
-                self._standstill.add(event.value, event.variance, mounting, f.state[YAW])
+                self._standstill.add(*seen)
             f.state[[X, Y]] = self._standstill.antenna
         elif self._standstill.known:
             self._standstill.leave()
         else:
             np.copyto(f.state[0:2], event.value, where=np.isfinite(event.value))
+            if self._history and not self._velocity_comes():
+                self._standstill.add(*seen)  # the way from here will tell the heading
+                self._standstill.leave()
+                del self._history[:-1]
+
+    def _velocity_comes(self) -> bool:
+        return any(sensor.kind == "gnss_velocity" and self._sends(i) for i, sensor in enumerate(self._list))
 
     # Filtering
 
@@ -467,16 +472,19 @@ class Observer:
             return False
         speed = np.hypot(*velocity.value)
         same = abs(np.hypot(*self.filter.state[14:16]) - speed) < _SAME_SPEED * speed
-        seen = (h for i, h in enumerate(self.health) if self._list[i].kind in _ON_MAP and self._sends(i))
+        seen = (h for i, h in enumerate(self.health) if self._list[i].kind in ON_MAP and self._sends(i))
         return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
 
     def _helps(self, event: Event) -> bool:
         """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
         kind = self._list[event.sensor].kind
-        if kind not in _ON_MAP or self._align(event):
+        if kind not in ON_MAP:
             return True
-        if kind == "gnss_position":
-            self._stand(event)
+        if kind != "gnss_position":
+            return self._align(event)
+        if not self._velocity_comes() and self._align(event):
+            return True
+        self._stand(event)
         return False
 
     def _count(self, event: Event, nis: float, *, alone: bool) -> None:
@@ -579,7 +587,9 @@ class Observer:
                 text += f"; nothing tells the speed, which {' or '.join(able)} would"
             return Diagnostic("observer", Level.WARN, text, values)
         if not self.heading_known:
-            return Diagnostic("observer", Level.WARN, "heading unknown until the car moves", values)
+            moving = {"gnss_velocity", "gnss_position"} & {s.kind for s in self._list}
+            until = "the car moves" if moving else "two antennas tell it"
+            return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
         level = Level.OK if self.converged else Level.WARN
         return Diagnostic("observer", level, "converged" if self.converged else "converging", values)
 
