@@ -25,6 +25,7 @@ from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import EPOCH, record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
+from vsense_ros.model.car import YAW, X, Y
 from vsense_ros.model.full_car_simulation import simulate_full_car
 from vsense_ros.model.observer_settings import EstimatedParameter, ForceErrors, Surroundings
 from vsense_ros.model.sensors import Imu, WheelTorques
@@ -162,6 +163,7 @@ def observe(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> tu
     Waiting for a busy processor does not count.
     """
     observer = Observer(vehicle, map_origin(recording), kind.filter)
+    observer.filter.prior.deviation[[X, Y, YAW]] = 1e-6  # as in the slides, it knows where it starts
     topics = tuple(t for t in observer.topics if t in recording)
     estimates, last = [], 0
     spent: dict[int, float] = {}

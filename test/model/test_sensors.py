@@ -237,6 +237,12 @@ def test_a_heading_is_read_from_a_quaternion_even_on_a_tilted_car(heading):
     assert_allclose(variance, 0.01)
 
 
+@pytest.mark.parametrize("orientation", [[0, 0, 0, 0], [0, 0, 0.3, 0.2], [0, 0, 0, 1e3], [np.nan, 0, 0, 1]])
+def test_a_quaternion_that_is_no_rotation_is_no_heading(orientation):
+    out, _ = read(GnssAttitude(), orientation=orientation)
+    assert np.isnan(out).all()
+
+
 def test_joints_are_found_by_name_and_missing_ones_are_absent():
     out, _ = read(WheelSpeeds(), ("wheel_rr", "wheel_fl"), velocity=[4, 1])
     assert_allclose(out, [1, np.nan, np.nan, 4])

@@ -135,6 +135,30 @@ def test_a_jump_of_the_position_by_20_m_is_refused(observer: Observer, lane_chan
     assert_good(course)
 
 
+def elsewhere(sample: Sample) -> Sample:
+    """A velocity as fast as it was, in another direction."""
+    east, north, up = sample.values["linear"]
+    return changed(sample, linear=np.array([-north, east, up]))
+
+
+def test_a_heading_that_the_first_velocities_got_wrong_is_found_anew(
+    observer: Observer, lane_change: Recording, between
+) -> None:
+    course = follow(observer, altered(messages(lane_change), between(VELOCITY, 0.0, 0.5), elsewhere), lane_change)
+    assert course.position[-1] < 2
+    assert abs(observer.snapshot().attitude[2]) < 0.1
+    assert_good(course)
+
+
+def test_a_velocity_that_turns_away_from_the_positions_turns_no_heading(
+    observer: Observer, lane_change: Recording, between
+) -> None:
+    course = follow(observer, altered(messages(lane_change), between(VELOCITY, 3, 10), elsewhere), lane_change)
+    assert "ERROR" in course.levels("velocity", 8.5, 10)
+    assert course.position[course.t > 1].max() < 3
+    assert_good(course, 3.0)
+
+
 def test_a_frozen_imu_is_named(observer: Observer, lane_change: Recording, between) -> None:
     last = next(s for s in messages(lane_change) if s.topic == IMU and seconds(lane_change, s) >= 4.0)
     frozen = altered(messages(lane_change), between(IMU, 4, 7), lambda s: replace(s, values=last.values))
@@ -268,6 +292,47 @@ def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
     last = max(i for i, s in enumerate(good[:velocity]) if s.topic == topic)
     feed(observer, [*good[: last + 1], corrupted(good[last], "stamp", away), *good[last + 1 :]])
     assert distance(undisturbed, observer) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "value"),
+    [(WHEELS, "velocity", 1e3), (WHEELS, "velocity", 1e6), (IMU, "angular_velocity", 1e3), (VELOCITY, "linear", 1e3)],
+)
+def test_first_messages_that_no_car_could_send_are_refused(
+    topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
+) -> None:
+    def impossible(s: Sample) -> Sample:
+        return changed(s, **{field: np.full_like(s.values[field], value)})
+
+    course = follow(observer, altered(messages(lane_change), between(topic, 0.0, 0.2), impossible), lane_change)
+    assert observer.diagnostics()[0].values == {"faults": "0", "restarts": "0"}
+    assert course.levels(NAMES[topic], 0.1, 0.3) & {"WARN"}
+    assert max(course.largest(2.0)[:2]) < 0.3
+    assert_good(course, 3.0)
+
+
+@pytest.mark.parametrize(("topic", "field", "value"), [(WHEELS, "velocity", 300.0), (VELOCITY, "linear", -30.0)])
+def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
+    topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
+) -> None:
+    def wrong(s: Sample) -> Sample:
+        return changed(s, **{field: np.full_like(s.values[field], value)})
+
+    course = follow(observer, altered(messages(lane_change), between(topic, 0.0, 0.2), wrong), lane_change)
+    assert 0.15 < course.t[0] < 0.5
+    assert course.speed[0] == pytest.approx(0.0, abs=0.5)
+    assert_good(course, 3.0)
+
+
+def test_a_filter_that_never_was_sane_starts_anew(observer: Observer, lane_change: Recording) -> None:
+    stream = messages(lane_change)
+    started = next(i for i, s in enumerate(stream) if feed(observer, [s]).started)
+    observer.filter.state[14] = 300.0
+    assert observer.estimate() == []
+    assert not observer.started
+    course = follow(observer, stream[started + 1 :], lane_change)
+    assert observer.diagnostics()[0].values == {"faults": "1", "restarts": "1"}
+    assert_good(course, 3.0)
 
 
 # All of it at once

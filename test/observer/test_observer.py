@@ -27,6 +27,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES, drive, generate
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.simulate import simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, run
@@ -219,6 +220,37 @@ def test_standing_still_for_a_minute_nothing_drifts(vehicle: Vehicle, standing: 
     assert not observer.converged
 
 
+def with_antennas(samples: list[Sample], yaw: float) -> list[Sample]:
+    """The stream with a heading [rad] as often as a fix."""
+    orientation = {"orientation": np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)])}
+    headings = [
+        Sample(GnssAttitude().topic, GnssAttitude().message, s.stamp, orientation, received=s.received)
+        for s in samples
+        if s.topic == FIX
+    ]
+    return sorted([*samples, *headings], key=lambda s: s.received or 0)
+
+
+def without(vehicle: Vehicle, *names: str) -> Vehicle:
+    return vehicle.model_copy(update={"sensors": {n: s for n, s in vehicle.sensors.items() if n not in names}})
+
+
+@pytest.mark.parametrize("missing", [(), ("velocity",), ("velocity", "position")])
+def test_two_antennas_tell_the_heading_of_a_standing_car(
+    missing: tuple[str, ...], vehicle: Vehicle, standing: Recording
+) -> None:
+    """The base line points to the left of the car, and west: the car points north."""
+    kept = without(vehicle, *missing)
+    across = kept.model_copy(update={"sensors": {**kept.sensors, "attitude": GnssAttitude(yaw=np.pi / 2)}})
+    assert not feed(observer_of(across, standing), messages(standing, 2.0)).converged
+    observer = observer_of(across, standing)
+    course = follow(observer, with_antennas(messages(standing, 10.0), np.pi), standing)
+    assert observer.converged
+    assert observer.snapshot().attitude[2] == pytest.approx(np.pi / 2, abs=0.02)
+    assert course.levels("attitude", 3.0, 10.0) == {"OK"}
+    assert [h.refused for h in observer.health] == [0] * len(observer.health)
+
+
 def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Vehicle, vehicle: Vehicle) -> None:
     def driver(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         torque = 150.0 if t > 2 else 0.0
@@ -235,6 +267,83 @@ def test_it_starts_from_rest_and_finds_its_heading_when_the_car_moves(plant: Veh
     assert yaw_rate < 0.05
 
 
+@pytest.fixture(scope="module")
+def backwards(plant: Vehicle) -> Recording:
+    """From rest 2 s later 4 s into reverse, then forwards; the car points east throughout."""
+
+    def driver(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        torque = 0.0 if t < 2 else -100.0 if t < 6 else 150.0
+        return np.array([0.0, 0.0, 0.0, torque, torque])
+
+    return record(simulate(plant, driver, 20.0), plant, seed=7, name="backwards")
+
+
+def test_a_drive_that_begins_in_reverse_finds_where_the_car_points(vehicle: Vehicle, backwards: Recording) -> None:
+    observer = observer_of(vehicle, backwards)
+    course = follow(observer, messages(backwards), backwards)
+    assert np.cos(observer.snapshot().attitude[2]) > 0.99
+    assert course.position[course.t > 6].max() < 2
+    assert max(course.largest(6.0)[:2]) < 0.3
+    assert observer.health[observer.names.index("velocity")].refused < 3
+
+
+def test_a_heading_that_wheels_without_a_sign_got_wrong_in_reverse_is_found_anew(
+    vehicle: Vehicle, backwards: Recording
+) -> None:
+    stream = [
+        changed(s, velocity=np.abs(s.values["velocity"])) if s.topic == WHEELS else s for s in messages(backwards)
+    ]
+    observer = observer_of(vehicle, backwards)
+    course = follow(observer, stream, backwards)
+    assert np.cos(observer.snapshot().attitude[2]) > 0.99
+    assert course.position[-1] < 2
+
+
+def turned(recording: Recording, angle: float) -> list[Sample]:
+    """What the sensors would send on a map whose east lies in another direction."""
+    latitude, longitude, _ = map_origin(recording) or (0.0, 0.0, 0.0)
+    metres = 111_000.0 * np.array([np.cos(np.radians(latitude)), 1.0])  # of a degree to the east and north
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def on_that_map(sample: Sample) -> Sample:
+        if sample.topic == VELOCITY:
+            return changed(sample, linear=np.append(turn @ sample.values["linear"][:2], 0.0))
+        if sample.topic == FIX:
+            degrees = np.array([sample.values[k][0] for k in ("longitude", "latitude")]) - (longitude, latitude)
+            degrees = turn @ (degrees * metres) / metres
+            return changed(sample, longitude=longitude + degrees[:1], latitude=latitude + degrees[1:])
+        return sample
+
+    return [on_that_map(s) for s in messages(recording)]
+
+
+@pytest.mark.parametrize("why", ["not in the vehicle file", "silent"])
+@pytest.mark.parametrize(("drive", "angle"), [("lane_change", 1.5), ("lane_change", -2.8), ("backwards", 2.0)])
+def test_without_velocities_the_way_between_positions_tells_the_heading(
+    drive: str, angle: float, why: str, vehicle: Vehicle, request: pytest.FixtureRequest
+) -> None:
+    """Begun at 70 km/h, or in reverse from rest."""
+    recording: Recording = request.getfixturevalue(drive)
+    known = vehicle if why == "silent" else without(vehicle, "velocity")
+    observer = feed(observer_of(known, recording), [s for s in turned(recording, angle) if s.topic != VELOCITY])
+    truth, found = recording["reference/odometry"], observer.snapshot()
+    east, north = (np.interp(observer.stamp, truth.stamp, truth.columns["position"][:, i]) for i in (0, 1))
+    place = complex(east, north) * np.exp(1j * angle)
+    assert abs(complex(*found.position[:2]) - place) < 2.0
+    assert np.sin(found.attitude[2] - angle) == pytest.approx(0.0, abs=0.05)
+    assert np.cos(found.attitude[2] - angle) > 0
+    assert observer.converged
+    assert observer.health[observer.names.index("position")].refused == 0
+
+
+def test_without_gnss_the_map_is_laid_by_the_start(vehicle: Vehicle, lane_change: Recording) -> None:
+    blind = without(vehicle, "velocity", "position")
+    observer = observer_of(blind, lane_change)
+    course = follow(observer, messages(lane_change, 4.0), lane_change)
+    assert observer.converged
+    assert course.position.max() < 3
+
+
 @pytest.mark.parametrize(("angle", "seed"), [(0.0, 4), (2.0, 5), (-1.2, 6)])
 def test_the_positions_of_a_standing_car_count_together(
     angle: float, seed: int, plant: Vehicle, vehicle: Vehicle
@@ -249,22 +358,7 @@ def test_the_positions_of_a_standing_car_count_together(
     recording = record(simulate(plant, driver, 13.0), plant, seed=seed, name="from rest")
     observer = observer_of(vehicle, recording)
     assert observer.heading_known is False
-    latitude, longitude, _ = map_origin(recording) or (0.0, 0.0, 0.0)
-    metres = 111_000.0 * np.array([np.cos(np.radians(latitude)), 1.0])  # of a degree to the east and north
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def turned(sample: Sample) -> Sample:
-        """As it would be on a map whose east lies in another direction."""
-        if sample.topic == VELOCITY:
-            return changed(sample, linear=np.append(turn @ sample.values["linear"][:2], 0.0))
-        if sample.topic == FIX:
-            degrees = np.array([sample.values[k][0] for k in ("longitude", "latitude")]) - (longitude, latitude)
-            degrees = turn @ (degrees * metres) / metres
-            return changed(sample, longitude=longitude + degrees[:1], latitude=latitude + degrees[1:])
-        return sample
-
-    stream = (turned(s) for s in messages(recording))
-    for sample in stream:
+    for sample in turned(recording, angle):
         observer.add(sample)
         if observer.snapshot().stamp and observer.heading_known:
             break
@@ -272,7 +366,7 @@ def test_the_positions_of_a_standing_car_count_together(
     along = np.interp(observer.stamp, truth.stamp, truth.columns["position"][:, 0])
     found = observer.snapshot()
     assert 10 < seconds(recording, sample) < 13
-    assert np.hypot(*(found.position[:2] - along * turn[:, 0])) < 0.5
+    assert np.hypot(*(found.position[:2] - along * np.array([np.cos(angle), np.sin(angle)]))) < 0.5
     assert np.sqrt(found.pose_covariance.diagonal()[:2].max()) < 0.5
     assert np.sin(found.attitude[2] - angle) == pytest.approx(0.0, abs=0.15)
 

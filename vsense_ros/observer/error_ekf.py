@@ -29,6 +29,7 @@ from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kal
 Array = NDArray[np.float64]
 
 
+ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # sensors that know north
 _OPERATIONS = {"linearize", "predict", "correct"}
 
 
@@ -76,7 +77,7 @@ class Prior:
         deviation = np.zeros(where.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
         deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
-        if "gnss_velocity" not in kinds:
+        if not kinds & ON_MAP:
             deviation[[X, Y, YAW]] = 1e-6  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
         deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]

@@ -23,7 +23,7 @@ from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.compiled_step import Backup, Replayed
-from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.error_ekf import ON_MAP, ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.monitor import Limits, Monitor
@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 _INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
 _TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
+_DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
+_SAME_SPEED = 0.2  # of a speed by which another may differ from it
 _STANDING = 0.2  # [m/s] below it the car does
 _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
 _LONGEST_GAP = 5.0  # [s] without any measurement after which the filter starts anew
@@ -93,8 +95,7 @@ class Observer:
         # squared and normalized.
         self._sets = [_INPUTS.get(sensor.kind) for sensor in self._list]
         self._limits = [sensor.gate**2 * len(sensor.deviations()) ** 0.5 for sensor in self._list]
-        self.started = False
-        self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
+        self.started = self.heading_known = False
         self._standstill = Standstill()
         self._history: list[_Instant] = []
         self._spare: list[_Instant] = []
@@ -227,19 +228,25 @@ class Observer:
     def _others_are_there(self, index: int, stamp: int) -> bool:
         """Whether every other sensor that still sends went to the same time, or none has sent lately."""
         self._jumps[index] = stamp
-        others = (
-            i
-            for i, h in enumerate(self.health)
-            if h.last_stamp and i != index and self._newest_arrival - h.last_received < self._list[i].timeout * 1e9
-        )
+        others = (i for i in range(len(self._list)) if i != index and self._sends(i))
         return all(i in self._jumps and abs(self._jumps[i] - stamp) < _LONGEST_GAP * 1e9 for i in others)
+
+    def _sends(self, index: int) -> bool:
+        """Whether a sensor was believed, and is not silent."""
+        health = self.health[index]
+        silence = self._newest_arrival - health.last_received
+        return health.last_stamp > 0 and silence < self._list[index].timeout * 1e9
 
     # Start
 
     def _gather(self, event: Event) -> None:
         """Collect what came until it tells how the car moves, then start; never without a speed, since a start at a
         wrong one is worse than none."""
-        stamp = event.stamp
+        stamp, fastest = event.stamp, self.filter.largest[14]
+        for speed in _first_speeds({self._list[event.sensor].kind: event}, self.vehicle):
+            if not abs(speed) < fastest:
+                self._refuse(event.sensor, f"speed {speed:.3g} m/s before the start, limit {fastest:g}")
+                return
         # What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
         # differs from several others, of which there was news lately, is wrong; else the newest message counts.
         gap, now = _LONGEST_GAP * 1e9, self._newest_arrival
@@ -253,27 +260,29 @@ class Observer:
         self._first[event.sensor] = event
         self._gathered[event.sensor] = now
         kinds = {self._list[i].kind: e for i, e in self._first.items()}
-        speed = _first_speed(kinds, self.vehicle)
+        speeds = _first_speeds(kinds, self.vehicle)
         waited = (stamp - self._first_stamp) * 1e-9
         if "steering" in {s.kind for s in self._list} and "steering" not in kinds and waited < _LONGEST_GAP:
             return
-        if speed is None:
+        if not speeds:
             return
         if "gnss_velocity" in {s.kind for s in self._list} and "gnss_velocity" not in kinds and waited < 1.0:
             return
-        self._start(stamp, speed, kinds)
+        if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < _LONGEST_GAP:
+            return
+        self._start(stamp, speeds[0], kinds)
 
     def _start(self, stamp: int, speed: float, kinds: dict[str, Event]) -> None:
         f = self.filter
         f.start(speed)
         if (wheels := kinds.get("wheel_speeds")) is not None and speed > _MOVING:  # at rest, their noise would be slip
             f.state[24:28] = np.where(np.isfinite(wheels.value), wheels.value, f.state[24:28])
-        if (imu := kinds.get("imu")) is not None and np.isfinite(imu.value[2]):
+        if (imu := kinds.get("imu")) is not None and abs(imu.value[2]) < f.largest[19]:
             f.state[19] = imu.value[2]
         for kind, part in _INPUTS.items():
             if kind in kinds:
                 f.inputs[part] = np.nan_to_num(kinds[kind].value)
-        self.heading_known = "gnss_velocity" not in {s.kind for s in self._list}
+        self.heading_known = bool(f.prior.deviation[YAW] < 1.0)  # where the map is laid by the start
         self.started, self._started_at, self._newest = True, stamp, stamp
         if self.monitor is not None:
             self.monitor.forget()
@@ -283,42 +292,63 @@ class Observer:
         f.linearize()
         if (fix := kinds.get("gnss_position")) is not None:
             self._stand(fix)
-        if (velocity := kinds.get("gnss_velocity")) is not None:
-            self._align(velocity)
+        for kind in ("gnss_attitude", "gnss_velocity"):
+            if kind in kinds and not self.heading_known:
+                self._align(kinds[kind])
         self._remember(stamp)
 
     def _align(self, event: Event) -> bool:
-        """Take the heading from the course, once it is meaningful; True if that has just been done."""
-        east, north = event.value
-        speed = float(np.hypot(east, north))
-        if not speed > _ALIGNMENT_SPEED:
+        """Take the heading from a measurement, if it tells one; True if that has just been done."""
+        told = self._heading(event)
+        if told is None:
             return False
-        f = self.filter
-        forward = f.state[14]
-        deviation = np.hypot(0.05, np.sqrt(event.variance.max()) / speed)
-        was, yaw = f.state[YAW], np.arctan2(north, east) - np.arctan2(f.state[15], max(forward, 0.1))
-        position, spread = f.state[[X, Y]], _ANYWHERE
+        f, (yaw, deviation) = self.filter, told
+        was, position, spread = f.state[YAW], f.state[[X, Y]], _ANYWHERE
         if self._standstill.known:
             position, spread = self._standstill.place(position, was, yaw)
         f.place(YAW, yaw, deviation)
         for i, value in zip((X, Y), position, strict=True):
             f.place(i, value, spread)
-        self.heading_known = True
+        self.heading_known, self._standstill = True, Standstill()
         del self._history[:-1]  # from before it nobody can come here again
         return True
+
+    def _heading(self, event: Event) -> tuple[float, float] | None:
+        """Yaw that a measurement tells [rad] and its standard deviation: two antennas; the course once it means
+        something; without velocities the way between positions."""
+        f, sensor = self.filter, self._list[event.sensor]
+        if sensor.kind == "gnss_attitude":
+            cosine, sine = event.value
+            return float(np.arctan2(sine, cosine) - sensor.mounting()[0]), float(np.sqrt(event.variance.max()))
+        if sensor.kind == "gnss_position":
+            return self._standstill.heading(f.state[[X, Y]], f.state[YAW], event.value, event.variance)
+        east, north = event.value
+        speed = float(np.hypot(east, north))
+        if not _ALIGNMENT_SPEED < speed < f.largest[14]:
+            return None
+        forward = f.state[14] if abs(f.state[14]) > 0.1 else 0.1
+        yaw = np.arctan2(north, east) - np.arctan2(f.state[15], forward)
+        return float(yaw), float(np.hypot(0.05, np.sqrt(event.variance.max()) / speed))
 
     def _stand(self, event: Event) -> None:
         """Take a position for where the car is, as long as its heading is not known: all while it stands."""
         f = self.filter
+        seen = event.value, event.variance, self._list[event.sensor].mounting(), f.state[YAW]
         if abs(f.state[14]) < _STANDING:
             if not event.counted:
-                mounting = self._list[event.sensor].mounting()
-                self._standstill.add(event.value, event.variance, mounting, f.state[YAW])
+                self._standstill.add(*seen)
             f.state[[X, Y]] = self._standstill.antenna
         elif self._standstill.known:
             self._standstill.leave()
         else:
             np.copyto(f.state[0:2], event.value, where=np.isfinite(event.value))
+            if self._history and not self._velocity_comes():
+                self._standstill.add(*seen)  # the way from here will tell the heading
+                self._standstill.leave()
+                del self._history[:-1]
+
+    def _velocity_comes(self) -> bool:
+        return any(sensor.kind == "gnss_velocity" and self._sends(i) for i, sensor in enumerate(self._list))
 
     # Filtering
 
@@ -401,13 +431,15 @@ class Observer:
                 self._count(event, found, alone=False)
         return done
 
-    def _restart(self, event: Event) -> None:
+    def _stop(self) -> None:
+        """Wait for what it takes to start anew."""
         self._restarts += 1
         self.started = False
-        self._history.clear()
-        self._ahead.clear()
-        self._first.clear()
-        self._jumps.clear()
+        for known in (self._history, self._ahead, self._first, self._jumps):
+            known.clear()
+
+    def _restart(self, event: Event) -> None:
+        self._stop()
         self._newest_arrival = self.health[event.sensor].last_received
         for health in self.health:
             health.last_stamp = 0
@@ -429,16 +461,28 @@ class Observer:
             return
         if not event.counted:
             self._count(event, nis, alone=True)
-        if not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis):
+        at_odds = not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and np.isfinite(nis)
+        if at_odds and not (self._astray(event) and self._align(event)):
             # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
             f.correct(index, value, event.variance, 2 * limit, scale=nis / limit)
+
+    def _astray(self, velocity: Event) -> bool:
+        """Whether the heading is wrong: the car is as fast as GNSS says, yet all that is seen on the map is refused."""
+        if self._list[velocity.sensor].kind != "gnss_velocity":
+            return False
+        speed = np.hypot(*velocity.value)
+        same = abs(np.hypot(*self.filter.state[14:16]) - speed) < _SAME_SPEED * speed
+        seen = (h for i, h in enumerate(self.health) if self._list[i].kind in ON_MAP and self._sends(i))
+        return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
 
     def _helps(self, event: Event) -> bool:
         """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
         kind = self._list[event.sensor].kind
-        if kind == "gnss_velocity":
-            return self._align(event)
+        if kind not in ON_MAP:
+            return True
         if kind != "gnss_position":
+            return self._align(event)
+        if not self._velocity_comes() and self._align(event):
             return True
         self._stand(event)
         return False
@@ -463,13 +507,15 @@ class Observer:
             health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def _recover(self) -> None:
-        """Go on from the newest sane state before this instant, with less trust in it."""
+        """Go on from the newest sane state before this instant, with less trust in it; start anew if there is none."""
         self._faults += 1
         for instant in reversed(self._history[:-1]):
             self.filter.memory[:] = instant.kept.memory
             if self.filter.sane():
-                break
-        self.filter.lose_trust()
+                self.filter.lose_trust()
+                return
+        self._stop()
+        self.filter.start(0.0)  # whoever looks at it before it starts anew finds a car
 
     def _remember(self, stamp: int) -> _Instant:
         """Begin a new instant with the filter's present state, in the memory of one that is not needed any more."""
@@ -488,7 +534,8 @@ class Observer:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        return estimate_samples(self.snapshot()) if self.started else []
+        newest = self.snapshot()
+        return estimate_samples(newest) if self.started else []
 
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""
@@ -540,7 +587,9 @@ class Observer:
                 text += f"; nothing tells the speed, which {' or '.join(able)} would"
             return Diagnostic("observer", Level.WARN, text, values)
         if not self.heading_known:
-            return Diagnostic("observer", Level.WARN, "heading unknown until the car moves", values)
+            moving = {"gnss_velocity", "gnss_position"} & {s.kind for s in self._list}
+            until = "the car moves" if moving else "two antennas tell it"
+            return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
         level = Level.OK if self.converged else Level.WARN
         return Diagnostic("observer", level, "converged" if self.converged else "converging", values)
 
@@ -569,9 +618,11 @@ def _require_observable(vehicle: str, sensors: dict[str, SensorBase]) -> None:
         )
 
 
-def _first_speed(kinds: dict[str, Event], vehicle: Vehicle) -> float | None:
+def _first_speeds(kinds: dict[str, Event], vehicle: Vehicle) -> list[float]:
+    """What each sensor that tells the car's speed says [m/s], the wheels first."""
+    speeds = []
     if (wheels := kinds.get("wheel_speeds")) is not None:
-        return float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98)
+        speeds.append(float(np.nanmean(wheels.value) * vehicle.physics.rear.unloaded_radius * 0.98))
     if (velocity := kinds.get("gnss_velocity")) is not None and np.isfinite(velocity.value).all():
-        return float(np.hypot(*velocity.value))
-    return None
+        speeds.append(float(np.hypot(*velocity.value)))
+    return speeds

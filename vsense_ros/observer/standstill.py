@@ -1,18 +1,22 @@
-"""Where a car stands whose heading is not known yet.
+"""Where a car stands, or was first seen, whose heading is not known yet.
 
 Until the car moves, GNSS tells where the antenna is, and nothing tells on which side of it the centre of gravity lies.
 Many positions at one place are worth more than the last of them; they are taken for independent, as the filter does.
+Where only positions know north, the way from there tells the heading: the filter knows it but for a turn.
 """
 
 from __future__ import annotations
 
-from cmath import exp
+from cmath import exp, phase
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_TELLING_WAY = 10.0  # that a way must be longer than the deviation of its ends to tell a heading
+_SHORTEST_WAY = 2.0  # [m] that does
+_LENGTH_ERROR = 0.3  # of a way, as a share of it, beyond which one of its ends is wrong
 _WAY_ERROR = 0.1  # of the way from standstill to where the heading is found, as a share of it
 
 
@@ -50,6 +54,20 @@ class Standstill:
     def leave(self) -> None:
         """The car moves."""
         self._left = True
+
+    def heading(self, position: Array, was: float, seen: Array, variance: Array) -> tuple[float, float] | None:
+        """Yaw [rad] where the filter has `was` and its standard deviation, if the way that it has driven to `position`
+        (2,) is long enough; the antenna is `seen` (2,) [m] with a `variance` (2,) where that way ends in the map."""
+        if not self.known:
+            return None
+        driven = complex(*position) - self._antenna + self._arm * (exp(1j * was) - exp(1j * self._yaw))
+        way = complex(*seen) - self._antenna
+        deviation = float(np.sqrt(variance.max() + 1 / self._precision))
+        if not abs(way) > max(_TELLING_WAY * deviation, _SHORTEST_WAY):
+            return None
+        if not abs(abs(driven) - abs(way)) < _LENGTH_ERROR * abs(way):
+            return None
+        return was + phase(way / driven), float(np.hypot(0.05, deviation / abs(way)))
 
     def place(self, position: Array, was: float, yaw: float) -> tuple[Array, float]:
         """Where cog is in the map (2,) [m] and its standard deviation [m], once the heading is known to be `yaw` where

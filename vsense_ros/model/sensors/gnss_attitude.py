@@ -38,7 +38,8 @@ class GnssAttitude(SensorBase):
         heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         out[0], out[1] = np.cos(heading), np.sin(heading)
         flat = values.get("orientation_covariance")
-        if flat is not None and len(flat) and flat[0] == -1:
+        absent = flat is not None and len(flat) and flat[0] == -1
+        if absent or not 0.25 < x * x + y * y + z * z + w * w < 4:  # what is no rotation, all zeros say "unknown"
             out[:] = np.nan
         diagonal = covariance_diagonal(flat, 3)
         if self.noise_from_message and diagonal is not None:
