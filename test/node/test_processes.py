@@ -265,6 +265,37 @@ def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start,
             np.testing.assert_array_equal(copy[topic].columns[field], column, err_msg=f"{topic} {field}")
 
 
+@pytest.mark.parametrize("first", [True, False], ids=["a publisher that was there", "a publisher that comes later"])
+def test_publishers_with_best_effort_are_heard_like_all_others(
+    start: Start, environment: Mapping[str, str], tmp_path: Path, first: bool
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import Imu
+    from std_msgs.msg import Header
+
+    def record() -> NodeProcess:
+        recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["imu/data"], use_sim_time=True)
+        recorder.wait_until_active()
+        return recorder
+
+    with probe(environment) as client:
+        recorder = None if first else record()
+        clock = client.node.create_publisher(Clock, "/clock", qos_profile_sensor_data)
+        inertial = client.node.create_publisher(Imu, "imu/data", qos_profile_sensor_data)
+        recorder = recorder or record()
+        progress = client.listen(Header, "vsense/progress")
+        client.until(lambda: inertial.get_subscription_count() > 0)
+        for second in range(100):
+            now = Clock()
+            now.clock.sec = 1 + second
+            clock.publish(now)
+            inertial.publish(Imu())
+            client.spin_for(0.02)
+        client.until(lambda: bool(progress) and progress[-1].stamp.sec == 100)
+    assert len(recorded(recorder, tmp_path / "bag")["imu/data"]) > 90
+
+
 def test_replay_pauses_seeks_and_starts_again_on_request(
     start: Start, environment: Mapping[str, str], tmp_path: Path
 ) -> None:

@@ -18,9 +18,10 @@ from pydantic import Field
 from vsense_ros.bag import cdr
 from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.reader import Reader
 from vsense_ros.observer import Observer, estimate_samples
 from vsense_ros.observer.monitor import load_limits
 from vsense_ros.shared_files import vehicle_path
@@ -46,7 +47,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
     _observer: Observer | None = None
-    _inputs: tuple[Any, ...] = ()
+    _inputs: tuple[Reader, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
@@ -70,15 +71,15 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._newest_due = False
         self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
 
-    def _subscribe(self, topic: str, kind: str) -> Any:
+    def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
 
-        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+        return Reader(self, message_type(kind), topic, receive, raw=True)
 
     def release(self) -> None:
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
+        for reader in self._inputs:
+            reader.close()
         self._inputs = ()
 
     def _receive(self, topic: str, kind: str, data: bytes) -> None:

@@ -12,9 +12,10 @@ from vsense_ros.bag import BagWriter
 from vsense_ros.bag.messages import TYPE_HASHES
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node.reader import Reader
 
 
 class RecorderParameters(NodeParameters):
@@ -36,7 +37,7 @@ class Recorder(SensingNode[RecorderParameters]):
         self.recorded: Counter[str] = Counter()
         self._kinds: dict[str, str] = {}
         self._last_time = 0
-        self._inputs: dict[str, Any] = {}
+        self._inputs: dict[str, Reader] = {}
         self._search: Any = None
         self._writer = BagWriter(self.parameters.bag, overwrite=self.parameters.overwrite)
 
@@ -50,8 +51,8 @@ class Recorder(SensingNode[RecorderParameters]):
         if self._search is not None:
             self.destroy_timer(self._search)
             self._search = None
-        for subscription in self._inputs.values():
-            self.destroy_subscription(subscription)
+        for reader in self._inputs.values():
+            reader.close()
         self._inputs.clear()
 
     def release(self) -> None:
@@ -71,7 +72,7 @@ class Recorder(SensingNode[RecorderParameters]):
             elif topic in wanted:
                 self.get_logger().error(f"{topic}: messages of type {kind} cannot be recorded", once=True)
 
-    def _subscribe(self, topic: str, kind: str) -> Any:
+    def _subscribe(self, topic: str, kind: str) -> Reader:
         self._kinds[topic] = kind
         name = topic.removeprefix("/")
 
@@ -83,7 +84,7 @@ class Recorder(SensingNode[RecorderParameters]):
             self._writer.write_raw(name, kind, self._last_time, data)
             self.recorded[name] += 1
 
-        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+        return Reader(self, message_type(kind), topic, receive, raw=True)
 
     @property
     def _missing(self) -> list[str]:

@@ -28,11 +28,12 @@ from vsense_ros.bag import cdr, read_bag
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.can_bus import open_bus, read_can_log
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
 from vsense_ros.node.byte_log import read_byte_log
 from vsense_ros.node.can_driver import bus_options
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.ports import Port, SlcanAdapter, open_port
+from vsense_ros.node.reader import LOSSLESS
 
 NANO = 1_000_000_000
 _TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
