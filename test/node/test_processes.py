@@ -269,6 +269,7 @@ def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start,
 def test_publishers_with_best_effort_are_heard_like_all_others(
     start: Start, environment: Mapping[str, str], tmp_path: Path, first: bool
 ) -> None:
+    from builtin_interfaces.msg import Time
     from rclpy.qos import qos_profile_sensor_data
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import Imu
@@ -287,13 +288,35 @@ def test_publishers_with_best_effort_are_heard_like_all_others(
         progress = client.listen(Header, "vsense/progress")
         client.until(lambda: inertial.get_subscription_count() > 0)
         for second in range(100):
-            now = Clock()
-            now.clock.sec = 1 + second
-            clock.publish(now)
+            clock.publish(Clock(clock=Time(sec=1 + second)))
             inertial.publish(Imu())
             client.spin_for(0.02)
         client.until(lambda: bool(progress) and progress[-1].stamp.sec == 100)
     assert len(recorded(recorder, tmp_path / "bag")["imu/data"]) > 90
+
+
+def test_a_recorder_tells_times_of_arrival_also_after_the_clock_was_set_back(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from builtin_interfaces.msg import Time
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+
+    recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["vehicle/steering"], use_sim_time=True)
+    recorder.wait_until_active()
+    ticks = [10_000 + i for i in range(20)] + [2_800 + i for i in range(20)]  # [s]
+    with probe(environment) as client:
+        clock = client.node.create_publisher(Clock, "/clock", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: clock.get_subscription_count() == 2 and steering.get_subscription_count() == 1)
+        for second in ticks:
+            clock.publish(Clock(clock=Time(sec=second)))
+            client.spin_for(0.05)
+            steering.publish(JointState(name=["steering_wheel"], position=[float(second)]))
+            client.spin_for(0.05)
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/steering"]
+    np.testing.assert_array_equal(channel.received, 1_000_000_000 * channel.columns["position"][:, 0])
+    assert sorted(channel.received) == sorted(1_000_000_000 * second for second in ticks)
 
 
 def test_replay_pauses_seeks_and_starts_again_on_request(

@@ -17,6 +17,8 @@ from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
 from vsense_ros.node.reader import Reader
 
+_STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
+
 
 class RecorderParameters(NodeParameters):
     """What and where."""
@@ -79,8 +81,10 @@ class Recorder(SensingNode[RecorderParameters]):
         def receive(data: bytes) -> None:
             if self._writer is None:
                 return
-            # A bag is in order of arrival, which a clock that ticks coarsely or late must not contradict.
-            self._last_time = max(self._last_time, self.now())
+            # A bag is in order of arrival, as long as nobody sets the clock.
+            now = self.now()
+            if not 0 < self._last_time - now < _STEP_BACK:
+                self._last_time = now
             self._writer.write_raw(name, kind, self._last_time, data)
             self.recorded[name] += 1
 
