@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import socket
 import subprocess
@@ -317,6 +318,37 @@ def test_a_recorder_tells_times_of_arrival_also_after_the_clock_was_set_back(
     channel = recorded(recorder, tmp_path / "bag")["vehicle/steering"]
     np.testing.assert_array_equal(channel.received, 1_000_000_000 * channel.columns["position"][:, 0])
     assert sorted(channel.received) == sorted(1_000_000_000 * second for second in ticks)
+
+
+def test_a_recorder_in_simulated_time_waits_for_its_first_clock_message_and_counts_what_it_drops(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+
+    summary = tmp_path / "summary.json"
+    recorder = start(
+        "recorder", bag=str(tmp_path / "bag"), topics=["vehicle/steering"], use_sim_time=True, summary=str(summary)
+    )
+    recorder.wait_until_active()
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        clock = client.node.create_publisher(Clock, "/clock", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: clock.get_subscription_count() == 2 and steering.get_subscription_count() == 1)
+        for _ in range(5):
+            steering.publish(JointState(name=["steering_wheel"], position=[0.1]))
+        client.until(lambda: any("no /clock message yet" in s.message for m in health for s in m.status))
+        for _ in range(10):
+            clock.publish(Clock(clock=Time(sec=1000)))
+            client.spin_for(0.02)
+            steering.publish(JointState(name=["steering_wheel"], position=[0.1]))
+        client.spin_for(0.2)
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/steering"]
+    assert channel.received.tolist() == [1000_000_000_000] * 10
+    assert json.loads(summary.read_text())["before_clock"] == 5
 
 
 def test_replay_pauses_seeks_and_starts_again_on_request(

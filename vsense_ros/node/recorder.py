@@ -37,6 +37,7 @@ class Recorder(SensingNode[RecorderParameters]):
         if not self.parameters.bag:
             raise InputError("parameter bag is empty: expected the folder to write the bag into")
         self.recorded: Counter[str] = Counter()
+        self.before_clock = 0
         self._kinds: dict[str, str] = {}
         self._last_time = 0
         self._inputs: dict[str, Reader] = {}
@@ -81,8 +82,11 @@ class Recorder(SensingNode[RecorderParameters]):
         def receive(data: bytes) -> None:
             if self._writer is None:
                 return
-            # A bag is in order of arrival, as long as nobody sets the clock.
             now = self.now()
+            if now <= 0:  # no /clock yet: the bag would begin in 1970
+                self.before_clock += 1
+                return
+            # A bag is in order of arrival, as long as nobody sets the clock.
             if not 0 < self._last_time - now < _STEP_BACK:
                 self._last_time = now
             self._writer.write_raw(name, kind, self._last_time, data)
@@ -100,13 +104,17 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}
+        if self.before_clock:
+            values["dropped before the first /clock message"] = str(self.before_clock)
+        if self.now() <= 0:
+            return [Diagnostic("recorder", Level.WARN, "no /clock message yet: nothing is recorded", values)]
         missing = self._missing
         if missing:
             return [Diagnostic("recorder", Level.WARN, f"nobody publishes {', '.join(missing)}", values)]
         return [Diagnostic("recorder", Level.OK, f"recording to {self.parameters.bag}", values)]
 
     def summary(self) -> dict[str, Any]:
-        return {**super().summary(), "recorded": dict(self.recorded)}
+        return {**super().summary(), "recorded": dict(self.recorded), "before_clock": self.before_clock}
 
 
 def main() -> int:
