@@ -476,6 +476,15 @@ def test_a_recorder_does_not_touch_what_is_no_bag(environment: Mapping[str, str]
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
+def test_a_recorder_that_is_started_again_goes_on_beside_what_it_has_recorded(start: Start, tmp_path: Path) -> None:
+    for _ in range(3):
+        recorder = start("recorder", bag=str(tmp_path / "bag"))
+        recorder.wait_until_active()
+        recorder._process.kill()
+        recorder.wait_until_ended(10.0)
+    assert sorted(file.name for file in tmp_path.rglob("*.mcap")) == ["bag_0.mcap", "bag_1_0.mcap", "bag_2_0.mcap"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_node_in_good_order(start: Start, tmp_path: Path, number: signal.Signals) -> None:
     recorder = start("recorder", bag=str(tmp_path / "bag"))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
@@ -23,7 +25,7 @@ _STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it onl
 class RecorderParameters(NodeParameters):
     """What and where."""
 
-    bag: str = Field("", description="folder to write the bag into; it must not hold a bag yet")
+    bag: str = Field("", description="folder to write the bag into; where it holds something already, BAG_1, BAG_2 …")
     topics: tuple[str, ...] = Field((), description="topics to record; empty: all of known types that appear")
     overwrite: bool = Field(False, description="replace a bag that is there already")
 
@@ -42,7 +44,19 @@ class Recorder(SensingNode[RecorderParameters]):
         self._last_time = 0
         self._inputs: dict[str, Reader] = {}
         self._search: Any = None
-        self._writer = BagWriter(self.parameters.bag, overwrite=self.parameters.overwrite)
+        self._folder = self._free_folder()
+        self._writer = BagWriter(self._folder, overwrite=self.parameters.overwrite)
+
+    def _free_folder(self) -> Path:
+        """The first that is free: a recorder that is started again, by a launch file or by the lifecycle, goes on."""
+        bag = Path(self.parameters.bag)
+        if self.parameters.overwrite:
+            return bag
+        folders = chain([bag], (Path(f"{bag}_{number}") for number in count(1)))
+        free = next(folder for folder in folders if not folder.is_dir() or not any(folder.iterdir()))
+        if free != bag:
+            self.get_logger().info(f"{bag} holds something already; recording to {free}")
+        return free
 
     def start(self) -> None:
         self._search = self.create_steady_timer(0.1, self._look_for_topics)
@@ -111,7 +125,7 @@ class Recorder(SensingNode[RecorderParameters]):
         missing = self._missing
         if missing:
             return [Diagnostic("recorder", Level.WARN, f"nobody publishes {', '.join(missing)}", values)]
-        return [Diagnostic("recorder", Level.OK, f"recording to {self.parameters.bag}", values)]
+        return [Diagnostic("recorder", Level.OK, f"recording to {self._folder}", values)]
 
     def summary(self) -> dict[str, Any]:
         return {**super().summary(), "recorded": dict(self.recorded), "before_clock": self.before_clock}
