@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import signal
 import socket
 import subprocess
@@ -456,6 +457,7 @@ def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subp
         ("replay", ["-p", "bag:=/nowhere"], "/nowhere"),
         ("replay", [], "nothing to replay"),
         ("recorder", [], "parameter bag is empty"),
+        ("recorder", ["-p", "bag:=/proc/bag"], "/proc/bag: cannot be written: "),
     ],
 )
 def test_bad_input_ends_a_node_with_one_line_and_exit_code_2(
@@ -483,6 +485,35 @@ def test_a_recorder_that_is_started_again_goes_on_beside_what_it_has_recorded(st
         recorder._process.kill()
         recorder.wait_until_ended(10.0)
     assert sorted(file.name for file in tmp_path.rglob("*.mcap")) == ["bag_0.mcap", "bag_1_0.mcap", "bag_2_0.mcap"]
+
+
+def test_a_recorder_whose_disk_is_full_says_so_and_leaves_what_it_has_recorded(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from sensor_msgs.msg import Imu
+
+    # A limit of the size of its files stands for the end of the disk.
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["imu/data"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    recorder.wait_until_active()
+    noise = np.random.default_rng(5).random((3000, 2, 9))  # nothing that could be compressed
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        inertial = client.node.create_publisher(Imu, "imu/data", 3000)
+        client.until(lambda: inertial.get_subscription_count() == 1)
+        for one, other in noise:
+            inertial.publish(Imu(orientation_covariance=one, linear_acceleration_covariance=other))
+        client.until(lambda: any("cannot be written any more" in s.message for m in health for s in m.status))
+        assert health[-1].status[0].level == DiagnosticStatus.ERROR
+    assert recorder.exit_code is None
+    assert recorder.stop() == 1
+    assert "Traceback" not in recorder.output
+    assert 500 < len(read_bag(tmp_path / "bag")["imu/data"]) < 3000
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -45,7 +45,11 @@ class Recorder(SensingNode[RecorderParameters]):
         self._inputs: dict[str, Reader] = {}
         self._search: Any = None
         self._folder = self._free_folder()
-        self._writer = BagWriter(self._folder, overwrite=self.parameters.overwrite)
+        self._failure = ""
+        try:
+            self._writer = BagWriter(self._folder, overwrite=self.parameters.overwrite)
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be written: {error.strerror}") from None
 
     def _free_folder(self) -> Path:
         """The first that is free: a recorder that is started again, by a launch file or by the lifecycle, goes on."""
@@ -74,9 +78,19 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def release(self) -> None:
         self.stop()
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        if self._writer is not None and not self._failure:
+            try:
+                self._writer.close()
+            except OSError as error:
+                self._give_up(self._writer, error)
+        self._writer = None
+
+    def _give_up(self, writer: BagWriter, error: OSError) -> None:
+        """End the recording but not the node, which would be started again and fill the disk with new bags."""
+        writer.abandon()
+        self._failure = f"{self._folder}: cannot be written any more: {error.strerror}"
+        self.get_logger().error(self._failure)
+        self.exit_code = 1
 
     def _look_for_topics(self) -> None:
         wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
@@ -94,7 +108,7 @@ class Recorder(SensingNode[RecorderParameters]):
         name = topic.removeprefix("/")
 
         def receive(data: bytes) -> None:
-            if self._writer is None:
+            if self._writer is None or self._failure:
                 return
             now = self.now()
             if now <= 0:  # no /clock yet: the bag would begin in 1970
@@ -103,7 +117,11 @@ class Recorder(SensingNode[RecorderParameters]):
             # A bag is in order of arrival, as long as nobody sets the clock.
             if not 0 < self._last_time - now < _STEP_BACK:
                 self._last_time = now
-            self._writer.write_raw(name, kind, self._last_time, data)
+            try:
+                self._writer.write_raw(name, kind, self._last_time, data)
+            except OSError as error:
+                self._give_up(self._writer, error)
+                return
             self.recorded[name] += 1
 
         return Reader(self, message_type(kind), topic, receive, raw=True)
@@ -120,6 +138,8 @@ class Recorder(SensingNode[RecorderParameters]):
         values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}
         if self.before_clock:
             values["dropped before the first /clock message"] = str(self.before_clock)
+        if self._failure:
+            return [Diagnostic("recorder", Level.ERROR, self._failure, values)]
         if self.now() <= 0:
             return [Diagnostic("recorder", Level.WARN, "no /clock message yet: nothing is recorded", values)]
         missing = self._missing
