@@ -297,6 +297,26 @@ def test_publishers_with_best_effort_are_heard_like_all_others(
     assert len(recorded(recorder, tmp_path / "bag")["imu/data"]) > 90
 
 
+def test_a_recorder_tells_which_of_its_topics_nobody_publishes_and_on_which_nothing_comes(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import JointState, NavSatFix
+
+    topics = ["gps/fix", "vehicle/steering", "vehicle/wheel_speeds"]
+    recorder = start("recorder", bag=str(tmp_path / "bag"), topics=topics)
+    recorder.wait_until_active()
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        client.listen(NavSatFix, "gps/fix")
+        client.node.create_publisher(JointState, "vehicle/steering", 10)
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        client.until(lambda: wheels.get_subscription_count() == 1)
+        wheels.publish(JointState(name=["wheel_fl"], velocity=[1.0]))
+        expected = "nobody publishes gps/fix; nothing came yet on vehicle/steering"
+        client.until(lambda: bool(health) and health[-1].status[0].message == expected)
+
+
 def test_a_recorder_tells_times_of_arrival_also_after_the_clock_was_set_back(
     start: Start, environment: Mapping[str, str], tmp_path: Path
 ) -> None:

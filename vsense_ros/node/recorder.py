@@ -126,9 +126,13 @@ class Recorder(SensingNode[RecorderParameters]):
 
         return Reader(self, message_type(kind), topic, receive, raw=True)
 
-    @property
-    def _missing(self) -> list[str]:
-        return [t for t in self.parameters.topics if self.resolve_topic_name(t) not in self._inputs]
+    def _missing(self) -> str:
+        """What of the wanted topics does not come, and why; empty if all do."""
+        heard = {t for t in self.parameters.topics if self.recorded[self.resolve_topic_name(t).removeprefix("/")]}
+        nobody = [t for t in self.parameters.topics if not self.count_publishers(t)]
+        silent = [t for t in self.parameters.topics if t not in {*heard, *nobody}]
+        reasons = (("nobody publishes", nobody), ("nothing came yet on", silent))
+        return "; ".join(f"{why} {', '.join(topics)}" for why, topics in reasons if topics)
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
@@ -142,9 +146,8 @@ class Recorder(SensingNode[RecorderParameters]):
             return [Diagnostic("recorder", Level.ERROR, self._failure, values)]
         if self.now() <= 0:
             return [Diagnostic("recorder", Level.WARN, "no /clock message yet: nothing is recorded", values)]
-        missing = self._missing
-        if missing:
-            return [Diagnostic("recorder", Level.WARN, f"nobody publishes {', '.join(missing)}", values)]
+        if missing := self._missing():
+            return [Diagnostic("recorder", Level.WARN, missing, values)]
         return [Diagnostic("recorder", Level.OK, f"recording to {self._folder}", values)]
 
     def summary(self) -> dict[str, Any]:
