@@ -459,6 +459,38 @@ def test_a_node_goes_through_its_lifecycle_on_request(
     port.close()
 
 
+def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old(
+    start: Start, environment: Mapping[str, str]
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from sensor_msgs.msg import JointState
+
+    observer = start("observer", vehicle="rav4")
+    observer.wait_until_active(180.0)
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: wheels.get_subscription_count() == steering.get_subscription_count() == 1)
+
+        def told() -> tuple[bytes, str]:
+            return next(
+                ((s.level, s.message) for m in health[-1:] for s in m.status if s.name == "observer"), (b"", "")
+            )
+
+        def drive() -> bool:
+            message = JointState(name=["wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"], velocity=[30.0] * 4)
+            message.header.stamp = client.node.get_clock().now().to_msg()
+            wheels.publish(message)
+            message.name, message.velocity, message.position = ["steering_wheel"], [], [0.0]
+            steering.publish(message)
+            return told() == (DiagnosticStatus.WARN, "heading unknown until the car moves")
+
+        client.until(drive)
+        client.until(lambda: told()[0] == DiagnosticStatus.STALE)
+        assert told()[1] == "no sensor is heard any more: the estimate is an old one"
+
+
 def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", *arguments]
     return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=60, check=False)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from vsense_ros.bag import cdr
-from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
@@ -137,7 +138,13 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:
-        return self._observer.diagnostics(self.now() or None) if self._observer is not None else []
+        if self._observer is None:
+            return []
+        own, *others = self._observer.diagnostics(self.now() or None)
+        sensors = [line for line in others if line.name in self._observer.names]
+        if self._observer.started and all(line.level == Level.STALE for line in sensors):
+            own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
+        return [own, *others]
 
     def summary(self) -> dict[str, Any]:
         if self._observer is None:
