@@ -252,6 +252,35 @@ def test_a_can_log_replayed_onto_a_bus_reaches_the_driver_frame_by_frame(start: 
     assert abs(np.median(late)) < 0.05
 
 
+def test_a_can_log_whose_times_count_from_its_start_is_replayed_after_the_lead_of_the_clock(
+    start: Start, tmp_path: Path
+) -> None:
+    (tmp_path / "car.dbc").write_text(DBC)
+    (tmp_path / "car.yaml").write_text(MAPPING)
+    frames = [f" {0.005 * i:.6f} 1  AA  Rx   d 8 {wheel_frame(0.5 * i).data.hex(' ')}\n" for i in range(200)]
+    heading = "date Thu Aug 2 08:34:47.000 am 2018\nbase hex  timestamps absolute\ninternal events logged\n"
+    (tmp_path / "drive.asc").write_text(heading + "".join(frames))
+    recorder = start("recorder", bag=str(tmp_path / "bag"), use_sim_time=True)
+    driver = start(
+        "can_driver",
+        use_sim_time=True,
+        interface="slcan",
+        channel=str(tmp_path / "can"),
+        database=str(tmp_path / "car.dbc"),
+        mapping=str(tmp_path / "car.yaml"),
+    )
+    driver.wait_until_active()
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    replay = start("replay", can_log=str(tmp_path / "drive.asc"), can_channel=str(tmp_path / "can"), lead=2.0)
+    assert replay.wait_until_ended(60.0) == 0, replay.output
+    time.sleep(0.3)
+    assert driver.stop() == 0
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/wheel_speeds"]
+    np.testing.assert_allclose(channel.columns["velocity"][:, 0], 0.5 * np.arange(200) / 3.6 / 0.3, atol=1e-9)
+    assert np.median(channel.stamp * 1e-9 - 0.005 * np.arange(200)) == pytest.approx(2.0, abs=0.05)
+
+
 def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start, tmp_path: Path) -> None:
     drive = small_drive(20.0)
     write_bag(tmp_path / "drive", drive)

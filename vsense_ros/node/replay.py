@@ -96,6 +96,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
         self.lost_in_bag = 0
         self._now = 0
+        self._lead = round(p.lead * NANO * p.rate)
         times, sources, items = self._load()
         if not len(times):
             raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
@@ -111,6 +112,8 @@ class Replay(SensingNode[ReplayParameters]):
             length = (int(times.max()) - int(times.min())) / NANO
             raise InputError(f"start_offset {p.start_offset:g} s is behind the end: the recording has {length:.3f} s")
         self._times = times[order]
+        # No clock tells times below 0, and 0 is none: a log that counts from its own start is put off by the lead.
+        self._times += max(1 + self._lead - int(self._times[0]), 0)
         self._sources = sources
         self._items = [items[i] for i in order]
         if p.clock:
@@ -231,7 +234,7 @@ class Replay(SensingNode[ReplayParameters]):
 
     def _run(self) -> None:
         first = int(self._times[0])
-        self._now = first - round(self.parameters.lead * NANO * self.parameters.rate)
+        self._now = first - self._lead
         if not self._wait_for_the_others():
             return
         self.get_logger().info("begins")
