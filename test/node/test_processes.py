@@ -520,6 +520,38 @@ def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old
         assert told()[1] == "no sensor is heard any more: the estimate is an old one"
 
 
+def test_an_observer_names_topics_whose_stamps_are_too_far_behind_those_of_others(
+    start: Start, environment: Mapping[str, str]
+) -> None:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import TwistWithCovarianceStamped
+    from sensor_msgs.msg import JointState
+
+    words = "stamps of vehicle/wheel_speeds are 3.0 s behind those of gps/velocity; are the clocks synchronised?"
+    observer = start("observer", vehicle="rav4")
+    observer.wait_until_active(180.0)
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        velocity = client.node.create_publisher(TwistWithCovarianceStamped, "gps/velocity", 10)
+        client.until(lambda: wheels.get_subscription_count() == velocity.get_subscription_count() == 1)
+
+        def told() -> bool:
+            now = time.time_ns()
+            message = JointState(name=["wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"], velocity=[30.0] * 4)
+            message.header.stamp = Time(sec=now // 10**9 - 3, nanosec=now % 10**9)
+            wheels.publish(message)
+            twist = TwistWithCovarianceStamped()
+            twist.header.frame_id = "map"
+            twist.header.stamp = Time(sec=now // 10**9, nanosec=now % 10**9)
+            twist.twist.twist.linear.x = 10.0
+            velocity.publish(twist)
+            return words in [s.message for m in health[-1:] for s in m.status if s.name == "clocks"]
+
+        client.until(told)
+
+
 def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", *arguments]
     return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=60, check=False)

@@ -67,6 +67,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._next_due = 0
         self.received: Counter[str] = Counter()
         self.unreadable = 0
+        self._delays: dict[str, int] = {}  # of the newest message of each topic [ns]
         self.step_times: list[float] = []
         self.latencies: list[float] = []
         self._newest_due = False
@@ -94,6 +95,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.unreadable += 1
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
+        if sample.received is not None:
+            self._delays[topic] = sample.received - sample.stamp
         before = time.perf_counter()
         observer.add(sample)
         self._keep(self.step_times, time.perf_counter() - before)
@@ -144,7 +147,19 @@ class ObserverNode(SensingNode[ObserverParameters]):
         sensors = [line for line in others if line.name in self._observer.names]
         if self._observer.started and all(line.level == Level.STALE for line in sensors):
             own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
+        if self._delays and any(line.level != Level.OK for line in sensors):
+            others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
         return [own, *others]
+
+    def _clocks(self, reach: int) -> list[Diagnostic]:
+        """Which topics have stamps so far behind those of others [ns] that the filter cannot go back to them."""
+        newest = min(self._delays.values())
+        behind = {topic: delay - newest for topic, delay in self._delays.items() if delay - newest > reach}
+        if not behind:
+            return []
+        others = ", ".join(topic for topic in self._delays if topic not in behind)
+        text = f"stamps of {', '.join(behind)} are {max(behind.values()) * 1e-9:.1f} s behind those of {others}"
+        return [Diagnostic("clocks", Level.WARN, f"{text}; are the clocks synchronised?")]
 
     def summary(self) -> dict[str, Any]:
         if self._observer is None:
