@@ -383,6 +383,21 @@ def test_a_date_that_no_message_can_carry_is_refused(year):
             assert health(decoder, part, stamp(NOON)).message == "nothing usable: time stamp out of range"
 
 
+def test_faults_are_told_for_two_seconds_also_when_the_clock_is_then_set_back():
+    decoder = NmeaDecoder()
+    ahead = 7200 * SECOND
+    broken = bytearray(rmc(NOON))
+    broken[10] ^= 1
+    decoder.feed(bytes(broken) + rmc(NOON, status="V") + gga(NOON, quality=0), stamp(NOON) + ahead)
+    decoder.feed(rmc(after(0.1), 0.0) + gga(after(0.1)), stamp(after(0.1)) + ahead)
+    # Between two ticks of a simulated clock, arrivals may be a little ahead of the report.
+    for now in (after(0.0), after(0.2)):
+        assert {d.level for d in decoder.diagnostics(stamp(now) + ahead)} == {Level.WARN}
+    for second in range(1, 4):
+        decoder.feed(rmc(after(second), 0.0) + gga(after(second)), stamp(after(second)))
+    assert {d.level for d in decoder.diagnostics(stamp(after(3)))} == {Level.OK}
+
+
 def test_half_a_sentence_does_not_take_the_next_one_with_it():
     samples = NmeaDecoder().feed(rmc(NOON)[:30] + rmc(after(0.2)), 0)
     assert [s.stamp for s in samples] == [stamp(after(0.2))]

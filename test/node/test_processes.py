@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -339,6 +341,35 @@ def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_n
     assert driver.published["gps/velocity"] == 1
 
 
+def test_a_can_log_whose_times_count_from_its_start_is_replayed_after_the_lead_of_the_clock(
+    start: Start, tmp_path: Path
+) -> None:
+    (tmp_path / "car.dbc").write_text(DBC)
+    (tmp_path / "car.yaml").write_text(MAPPING)
+    frames = [f" {0.005 * i:.6f} 1  AA  Rx   d 8 {wheel_frame(0.5 * i).data.hex(' ')}\n" for i in range(200)]
+    heading = "date Thu Aug 2 08:34:47.000 am 2018\nbase hex  timestamps absolute\ninternal events logged\n"
+    (tmp_path / "drive.asc").write_text(heading + "".join(frames))
+    recorder = start("recorder", bag=str(tmp_path / "bag"), use_sim_time=True)
+    driver = start(
+        "can_driver",
+        use_sim_time=True,
+        interface="slcan",
+        channel=str(tmp_path / "can"),
+        database=str(tmp_path / "car.dbc"),
+        mapping=str(tmp_path / "car.yaml"),
+    )
+    driver.wait_until_active()
+    recorder.wait_until_active()
+    driver.wait_for("connected", 15.0)
+    replay = start("replay", can_log=str(tmp_path / "drive.asc"), can_channel=str(tmp_path / "can"), lead=2.0)
+    assert replay.wait_until_ended(60.0) == 0, replay.output
+    time.sleep(0.3)
+    assert driver.stop() == 0
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/wheel_speeds"]
+    np.testing.assert_allclose(channel.columns["velocity"][:, 0], 0.5 * np.arange(200) / 3.6 / 0.3, atol=1e-9)
+    assert np.median(channel.stamp * 1e-9 - 0.005 * np.arange(200)) == pytest.approx(2.0, abs=0.05)
+
+
 def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start, tmp_path: Path) -> None:
     drive = small_drive(20.0)
     write_bag(tmp_path / "drive", drive)
@@ -352,6 +383,111 @@ def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start,
         np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
         for field, column in channel.columns.items():
             np.testing.assert_array_equal(copy[topic].columns[field], column, err_msg=f"{topic} {field}")
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["a publisher that was there", "a publisher that comes later"])
+def test_publishers_with_best_effort_are_heard_like_all_others(
+    start: Start, environment: Mapping[str, str], tmp_path: Path, first: bool
+) -> None:
+    from builtin_interfaces.msg import Time
+    from rclpy.qos import qos_profile_sensor_data
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import Imu
+    from std_msgs.msg import Header
+
+    def record() -> NodeProcess:
+        recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["imu/data"], use_sim_time=True)
+        recorder.wait_until_active()
+        return recorder
+
+    with probe(environment) as client:
+        recorder = None if first else record()
+        clock = client.node.create_publisher(Clock, "/clock", qos_profile_sensor_data)
+        inertial = client.node.create_publisher(Imu, "imu/data", qos_profile_sensor_data)
+        recorder = recorder or record()
+        progress = client.listen(Header, "vsense/progress")
+        client.until(lambda: inertial.get_subscription_count() > 0)
+        for second in range(100):
+            clock.publish(Clock(clock=Time(sec=1 + second)))
+            inertial.publish(Imu())
+            client.spin_for(0.02)
+        client.until(lambda: bool(progress) and progress[-1].stamp.sec == 100)
+    assert len(recorded(recorder, tmp_path / "bag")["imu/data"]) > 90
+
+
+def test_a_recorder_tells_which_of_its_topics_nobody_publishes_and_on_which_nothing_comes(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import JointState, NavSatFix
+
+    topics = ["gps/fix", "vehicle/steering", "vehicle/wheel_speeds"]
+    recorder = start("recorder", bag=str(tmp_path / "bag"), topics=topics)
+    recorder.wait_until_active()
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        client.listen(NavSatFix, "gps/fix")
+        client.node.create_publisher(JointState, "vehicle/steering", 10)
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        client.until(lambda: wheels.get_subscription_count() == 1)
+        wheels.publish(JointState(name=["wheel_fl"], velocity=[1.0]))
+        expected = "nobody publishes gps/fix; nothing came yet on vehicle/steering"
+        client.until(lambda: bool(health) and health[-1].status[0].message == expected)
+
+
+def test_a_recorder_tells_times_of_arrival_also_after_the_clock_was_set_back(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from builtin_interfaces.msg import Time
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+
+    recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["vehicle/steering"], use_sim_time=True)
+    recorder.wait_until_active()
+    ticks = [10_000 + i for i in range(20)] + [2_800 + i for i in range(20)]  # [s]
+    with probe(environment) as client:
+        clock = client.node.create_publisher(Clock, "/clock", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: clock.get_subscription_count() == 2 and steering.get_subscription_count() == 1)
+        for second in ticks:
+            clock.publish(Clock(clock=Time(sec=second)))
+            client.spin_for(0.05)
+            steering.publish(JointState(name=["steering_wheel"], position=[float(second)]))
+            client.spin_for(0.05)
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/steering"]
+    np.testing.assert_array_equal(channel.received, 1_000_000_000 * channel.columns["position"][:, 0])
+    assert sorted(channel.received) == sorted(1_000_000_000 * second for second in ticks)
+
+
+def test_a_recorder_in_simulated_time_waits_for_its_first_clock_message_and_counts_what_it_drops(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+
+    summary = tmp_path / "summary.json"
+    recorder = start(
+        "recorder", bag=str(tmp_path / "bag"), topics=["vehicle/steering"], use_sim_time=True, summary=str(summary)
+    )
+    recorder.wait_until_active()
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        clock = client.node.create_publisher(Clock, "/clock", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: clock.get_subscription_count() == 2 and steering.get_subscription_count() == 1)
+        for _ in range(5):
+            steering.publish(JointState(name=["steering_wheel"], position=[0.1]))
+        client.until(lambda: any("no /clock message yet" in s.message for m in health for s in m.status))
+        for _ in range(10):
+            clock.publish(Clock(clock=Time(sec=1000)))
+            client.spin_for(0.02)
+            steering.publish(JointState(name=["steering_wheel"], position=[0.1]))
+        client.spin_for(0.2)
+    channel = recorded(recorder, tmp_path / "bag")["vehicle/steering"]
+    assert channel.received.tolist() == [1000_000_000_000] * 10
+    assert json.loads(summary.read_text())["before_clock"] == 5
 
 
 def test_replay_pauses_seeks_and_starts_again_on_request(
@@ -441,6 +577,70 @@ def test_a_node_goes_through_its_lifecycle_on_request(
     port.close()
 
 
+def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old(
+    start: Start, environment: Mapping[str, str]
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from sensor_msgs.msg import JointState
+
+    observer = start("observer", vehicle="rav4")
+    observer.wait_until_active(180.0)
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        steering = client.node.create_publisher(JointState, "vehicle/steering", 10)
+        client.until(lambda: wheels.get_subscription_count() == steering.get_subscription_count() == 1)
+
+        def told() -> tuple[bytes, str]:
+            return next(
+                ((s.level, s.message) for m in health[-1:] for s in m.status if s.name == "observer"), (b"", "")
+            )
+
+        def drive() -> bool:
+            message = JointState(name=["wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"], velocity=[30.0] * 4)
+            message.header.stamp = client.node.get_clock().now().to_msg()
+            wheels.publish(message)
+            message.name, message.velocity, message.position = ["steering_wheel"], [], [0.0]
+            steering.publish(message)
+            return told() == (DiagnosticStatus.WARN, "heading unknown until the car moves")
+
+        client.until(drive)
+        client.until(lambda: told()[0] == DiagnosticStatus.STALE)
+        assert told()[1] == "no sensor is heard any more: the estimate is an old one"
+
+
+def test_an_observer_names_topics_whose_stamps_are_too_far_behind_those_of_others(
+    start: Start, environment: Mapping[str, str]
+) -> None:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import TwistWithCovarianceStamped
+    from sensor_msgs.msg import JointState
+
+    words = "stamps of vehicle/wheel_speeds are 3.0 s behind those of gps/velocity; are the clocks synchronised?"
+    observer = start("observer", vehicle="rav4")
+    observer.wait_until_active(180.0)
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        wheels = client.node.create_publisher(JointState, "vehicle/wheel_speeds", 10)
+        velocity = client.node.create_publisher(TwistWithCovarianceStamped, "gps/velocity", 10)
+        client.until(lambda: wheels.get_subscription_count() == velocity.get_subscription_count() == 1)
+
+        def told() -> bool:
+            now = time.time_ns()
+            message = JointState(name=["wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"], velocity=[30.0] * 4)
+            message.header.stamp = Time(sec=now // 10**9 - 3, nanosec=now % 10**9)
+            wheels.publish(message)
+            twist = TwistWithCovarianceStamped()
+            twist.header.frame_id = "map"
+            twist.header.stamp = Time(sec=now // 10**9, nanosec=now % 10**9)
+            twist.twist.twist.linear.x = 10.0
+            velocity.publish(twist)
+            return words in [s.message for m in health[-1:] for s in m.status if s.name == "clocks"]
+
+        client.until(told)
+
+
 def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", *arguments]
     return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=60, check=False)
@@ -459,6 +659,7 @@ def run_node(environment: Mapping[str, str], node: str, *arguments: str) -> subp
         ("replay", ["-p", "bag:=/nowhere"], "/nowhere"),
         ("replay", [], "nothing to replay"),
         ("recorder", [], "parameter bag is empty"),
+        ("recorder", ["-p", "bag:=/proc/bag"], "/proc/bag: cannot be written: "),
     ],
 )
 def test_bad_input_ends_a_node_with_one_line_and_exit_code_2(
@@ -477,6 +678,44 @@ def test_a_recorder_does_not_touch_what_is_no_bag(environment: Mapping[str, str]
     assert ended.returncode == 2
     assert "no bag" in ended.stderr
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_recorder_that_is_started_again_goes_on_beside_what_it_has_recorded(start: Start, tmp_path: Path) -> None:
+    for _ in range(3):
+        recorder = start("recorder", bag=str(tmp_path / "bag"))
+        recorder.wait_until_active()
+        recorder._process.kill()
+        recorder.wait_until_ended(10.0)
+    assert sorted(file.name for file in tmp_path.rglob("*.mcap")) == ["bag_0.mcap", "bag_1_0.mcap", "bag_2_0.mcap"]
+
+
+def test_a_recorder_whose_disk_is_full_says_so_and_leaves_what_it_has_recorded(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from sensor_msgs.msg import Imu
+
+    # A limit of the size of its files stands for the end of the disk.
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["imu/data"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    recorder.wait_until_active()
+    noise = np.random.default_rng(5).random((3000, 2, 9))  # nothing that could be compressed
+    with probe(environment) as client:
+        health = client.listen(DiagnosticArray, "diagnostics")
+        inertial = client.node.create_publisher(Imu, "imu/data", 3000)
+        client.until(lambda: inertial.get_subscription_count() == 1)
+        for one, other in noise:
+            inertial.publish(Imu(orientation_covariance=one, linear_acceleration_covariance=other))
+        client.until(lambda: any("cannot be written any more" in s.message for m in health for s in m.status))
+        assert health[-1].status[0].level == DiagnosticStatus.ERROR
+    assert recorder.exit_code is None
+    assert recorder.stop() == 1
+    assert "Traceback" not in recorder.output
+    assert 500 < len(read_bag(tmp_path / "bag")["imu/data"]) < 3000
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -27,9 +27,11 @@ from drives import (
     messages,
     seconds,
 )
+from vsense_ros.diagnostic import Level
 from vsense_ros.model.sensors import GnssPosition, Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
+from vsense_ros.observer.health import Health
 from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
@@ -170,6 +172,14 @@ def test_a_frozen_imu_is_named(observer: Observer, lane_change: Recording, betwe
 
 
 # Clocks
+
+
+def test_a_problem_from_before_the_clock_of_arrivals_was_set_back_is_an_old_one() -> None:
+    health = Health(last_stamp=SECOND, last_received=7200 * SECOND)
+    health.complain("value frozen")
+    assert health.diagnostic("imu", Imu(), 7200 * SECOND).level == Level.WARN
+    health.last_received = SECOND
+    assert health.diagnostic("imu", Imu(), SECOND).level == Level.OK
 
 
 @pytest.mark.parametrize("jump", [-3600.0, -10.0, -1.0, 1.0, 10.0, 3600.0])

@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -224,6 +225,12 @@ class BagWriter:
         self._put_summary(metadata_at, metadata_length)
         self._file.close()
         (self.path / "metadata.yaml").write_text(information, encoding="utf-8")
+
+    def abandon(self) -> None:
+        """Leave the file as far as it came, without an end, when it cannot be written any more."""
+        self._closed = True
+        with suppress(OSError):
+            self._file.close()
 
     def _put_summary(self, metadata_at: int, metadata_length: int) -> None:
         total = sum(self._counts.values())

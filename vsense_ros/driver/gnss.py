@@ -277,6 +277,6 @@ class LinkStatistics:
             level, text = Level.STALE, f"silent for {(now - self._last_bytes) / NANO:.2f} s"
         elif self._last_frame is None or now - self._last_frame > silence:
             level, text = Level.ERROR, "bytes arrive but no intact frame: are baud rate and protocol right?"
-        elif self._last_broken is not None and now - self._last_broken <= 2 * NANO:
+        elif self._last_broken is not None and abs(now - self._last_broken) <= 2 * NANO:
             level, text = Level.WARN, "broken frames (incomplete or wrong checksum)"
         return Diagnostic(self.name, level, text, values)

@@ -138,8 +138,9 @@ class StreamMonitor:
         return Diagnostic(self.name, level, message, figures)
 
     def _judge(self, now: int, rate: float | None) -> tuple[Level, str]:
+        # `now` lies before `at` where it comes from a clock that ticks, and far before where the clock was set back.
         hold = self.limits.fault_hold * NANO
-        recent = {r: level for r, (at, level) in self._recent_faults.items() if now - at <= hold}
+        recent = {r: level for r, (at, level) in self._recent_faults.items() if abs(now - at) <= hold}
         faults = ", ".join(recent)
         silence = self.limits.timeout * NANO
         if self._last_heard is None:

@@ -18,7 +18,6 @@ from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
@@ -29,13 +28,12 @@ from vsense_ros.errors import InputError
 from vsense_ros.node import parameters, spin
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node.reader import LOSSLESS, Reader
 from vsense_ros.node.time_base import TimeBase
 from vsense_ros.recording import Sample
 
 Params = TypeVar("Params", bound=NodeParameters)
 
-# Nothing good is lost: a reader may fall this many messages behind (a second or more) before the oldest go.
-LOSSLESS = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=4000)
 PROGRESS_TOPIC = "vsense/progress"
 
 
@@ -64,7 +62,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._diagnostics_publisher: Any = None
         self._progress_publisher: Any = None
         self._connected = False
-        self.create_subscription(Clock, "/clock", self._on_clock, 50)
+        Reader(self, Clock, "/clock", self._on_clock)
 
     # What a node adds
 

@@ -10,17 +10,19 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from vsense_ros.bag import cdr
-from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.reader import Reader
 from vsense_ros.observer import Observer, estimate_samples
 from vsense_ros.observer.monitor import load_limits
 from vsense_ros.shared_files import vehicle_path
@@ -46,7 +48,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
     _observer: Observer | None = None
-    _inputs: tuple[Any, ...] = ()
+    _inputs: tuple[Reader, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
@@ -65,20 +67,21 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._next_due = 0
         self.received: Counter[str] = Counter()
         self.unreadable = 0
+        self._delays: dict[str, int] = {}  # of the newest message of each topic [ns]
         self.step_times: list[float] = []
         self.latencies: list[float] = []
         self._newest_due = False
         self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
 
-    def _subscribe(self, topic: str, kind: str) -> Any:
+    def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
 
-        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+        return Reader(self, message_type(kind), topic, receive, raw=True)
 
     def release(self) -> None:
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
+        for reader in self._inputs:
+            reader.close()
         self._inputs = ()
 
     def _receive(self, topic: str, kind: str, data: bytes) -> None:
@@ -92,6 +95,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.unreadable += 1
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
+        if sample.received is not None:
+            self._delays[topic] = sample.received - sample.stamp
         before = time.perf_counter()
         observer.add(sample)
         self._keep(self.step_times, time.perf_counter() - before)
@@ -136,7 +141,25 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:
-        return self._observer.diagnostics(self.now() or None) if self._observer is not None else []
+        if self._observer is None:
+            return []
+        own, *others = self._observer.diagnostics(self.now() or None)
+        sensors = [line for line in others if line.name in self._observer.names]
+        if self._observer.started and all(line.level == Level.STALE for line in sensors):
+            own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
+        if self._delays and any(line.level != Level.OK for line in sensors):
+            others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
+        return [own, *others]
+
+    def _clocks(self, reach: int) -> list[Diagnostic]:
+        """Which topics have stamps so far behind those of others [ns] that the filter cannot go back to them."""
+        newest = min(self._delays.values())
+        behind = {topic: delay - newest for topic, delay in self._delays.items() if delay - newest > reach}
+        if not behind:
+            return []
+        others = ", ".join(topic for topic in self._delays if topic not in behind)
+        text = f"stamps of {', '.join(behind)} are {max(behind.values()) * 1e-9:.1f} s behind those of {others}"
+        return [Diagnostic("clocks", Level.WARN, f"{text}; are the clocks synchronised?")]
 
     def summary(self) -> dict[str, Any]:
         if self._observer is None:

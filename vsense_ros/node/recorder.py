@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from itertools import chain, count
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
@@ -12,15 +14,18 @@ from vsense_ros.bag import BagWriter
 from vsense_ros.bag.messages import TYPE_HASHES
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node.reader import Reader
+
+_STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
 
 
 class RecorderParameters(NodeParameters):
     """What and where."""
 
-    bag: str = Field("", description="folder to write the bag into; it must not hold a bag yet")
+    bag: str = Field("", description="folder to write the bag into; where it holds something already, BAG_1, BAG_2 …")
     topics: tuple[str, ...] = Field((), description="topics to record; empty: all of known types that appear")
     overwrite: bool = Field(False, description="replace a bag that is there already")
 
@@ -34,11 +39,28 @@ class Recorder(SensingNode[RecorderParameters]):
         if not self.parameters.bag:
             raise InputError("parameter bag is empty: expected the folder to write the bag into")
         self.recorded: Counter[str] = Counter()
+        self.before_clock = 0
         self._kinds: dict[str, str] = {}
         self._last_time = 0
-        self._inputs: dict[str, Any] = {}
+        self._inputs: dict[str, Reader] = {}
         self._search: Any = None
-        self._writer = BagWriter(self.parameters.bag, overwrite=self.parameters.overwrite)
+        self._folder = self._free_folder()
+        self._failure = ""
+        try:
+            self._writer = BagWriter(self._folder, overwrite=self.parameters.overwrite)
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be written: {error.strerror}") from None
+
+    def _free_folder(self) -> Path:
+        """The first that is free: a recorder that is started again, by a launch file or by the lifecycle, goes on."""
+        bag = Path(self.parameters.bag)
+        if self.parameters.overwrite:
+            return bag
+        folders = chain([bag], (Path(f"{bag}_{number}") for number in count(1)))
+        free = next(folder for folder in folders if not folder.is_dir() or not any(folder.iterdir()))
+        if free != bag:
+            self.get_logger().info(f"{bag} holds something already; recording to {free}")
+        return free
 
     def start(self) -> None:
         self._search = self.create_steady_timer(0.1, self._look_for_topics)
@@ -50,15 +72,25 @@ class Recorder(SensingNode[RecorderParameters]):
         if self._search is not None:
             self.destroy_timer(self._search)
             self._search = None
-        for subscription in self._inputs.values():
-            self.destroy_subscription(subscription)
+        for reader in self._inputs.values():
+            reader.close()
         self._inputs.clear()
 
     def release(self) -> None:
         self.stop()
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        if self._writer is not None and not self._failure:
+            try:
+                self._writer.close()
+            except OSError as error:
+                self._give_up(self._writer, error)
+        self._writer = None
+
+    def _give_up(self, writer: BagWriter, error: OSError) -> None:
+        """End the recording but not the node, which would be started again and fill the disk with new bags."""
+        writer.abandon()
+        self._failure = f"{self._folder}: cannot be written any more: {error.strerror}"
+        self.get_logger().error(self._failure)
+        self.exit_code = 1
 
     def _look_for_topics(self) -> None:
         wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
@@ -71,23 +103,36 @@ class Recorder(SensingNode[RecorderParameters]):
             elif topic in wanted:
                 self.get_logger().error(f"{topic}: messages of type {kind} cannot be recorded", once=True)
 
-    def _subscribe(self, topic: str, kind: str) -> Any:
+    def _subscribe(self, topic: str, kind: str) -> Reader:
         self._kinds[topic] = kind
         name = topic.removeprefix("/")
 
         def receive(data: bytes) -> None:
-            if self._writer is None:
+            if self._writer is None or self._failure:
                 return
-            # A bag is in order of arrival, which a clock that ticks coarsely or late must not contradict.
-            self._last_time = max(self._last_time, self.now())
-            self._writer.write_raw(name, kind, self._last_time, data)
+            now = self.now()
+            if now <= 0:  # no /clock yet: the bag would begin in 1970
+                self.before_clock += 1
+                return
+            # A bag is in order of arrival, as long as nobody sets the clock.
+            if not 0 < self._last_time - now < _STEP_BACK:
+                self._last_time = now
+            try:
+                self._writer.write_raw(name, kind, self._last_time, data)
+            except OSError as error:
+                self._give_up(self._writer, error)
+                return
             self.recorded[name] += 1
 
-        return self.create_subscription(message_type(kind), topic, receive, LOSSLESS, raw=True)
+        return Reader(self, message_type(kind), topic, receive, raw=True)
 
-    @property
-    def _missing(self) -> list[str]:
-        return [t for t in self.parameters.topics if self.resolve_topic_name(t) not in self._inputs]
+    def _missing(self) -> str:
+        """What of the wanted topics does not come, and why; empty if all do."""
+        heard = {t for t in self.parameters.topics if self.recorded[self.resolve_topic_name(t).removeprefix("/")]}
+        nobody = [t for t in self.parameters.topics if not self.count_publishers(t)]
+        silent = [t for t in self.parameters.topics if t not in {*heard, *nobody}]
+        reasons = (("nobody publishes", nobody), ("nothing came yet on", silent))
+        return "; ".join(f"{why} {', '.join(topics)}" for why, topics in reasons if topics)
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
@@ -95,13 +140,18 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}
-        missing = self._missing
-        if missing:
-            return [Diagnostic("recorder", Level.WARN, f"nobody publishes {', '.join(missing)}", values)]
-        return [Diagnostic("recorder", Level.OK, f"recording to {self.parameters.bag}", values)]
+        if self.before_clock:
+            values["dropped before the first /clock message"] = str(self.before_clock)
+        if self._failure:
+            return [Diagnostic("recorder", Level.ERROR, self._failure, values)]
+        if self.now() <= 0:
+            return [Diagnostic("recorder", Level.WARN, "no /clock message yet: nothing is recorded", values)]
+        if missing := self._missing():
+            return [Diagnostic("recorder", Level.WARN, missing, values)]
+        return [Diagnostic("recorder", Level.OK, f"recording to {self._folder}", values)]
 
     def summary(self) -> dict[str, Any]:
-        return {**super().summary(), "recorded": dict(self.recorded)}
+        return {**super().summary(), "recorded": dict(self.recorded), "before_clock": self.before_clock}
 
 
 def main() -> int:

@@ -28,11 +28,12 @@ from vsense_ros.bag import cdr, read_bag
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.can_bus import open_bus, read_can_log
 from vsense_ros.errors import InputError
-from vsense_ros.node.base import LOSSLESS, PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
 from vsense_ros.node.byte_log import read_byte_log
 from vsense_ros.node.can_driver import bus_options
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.ports import Port, SlcanAdapter, open_port
+from vsense_ros.node.reader import LOSSLESS
 
 NANO = 1_000_000_000
 _TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
@@ -95,6 +96,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
         self.lost_in_bag = 0
         self._now = 0
+        self._lead = round(p.lead * NANO * p.rate)
         times, sources, items = self._load()
         if not len(times):
             raise InputError("nothing to replay: set one of the parameters bag, can_log, gnss_bytes, imu_bytes")
@@ -110,6 +112,8 @@ class Replay(SensingNode[ReplayParameters]):
             length = (int(times.max()) - int(times.min())) / NANO
             raise InputError(f"start_offset {p.start_offset:g} s is behind the end: the recording has {length:.3f} s")
         self._times = times[order]
+        # No clock tells times below 0, and 0 is none: a log that counts from its own start is put off by the lead.
+        self._times += max(1 + self._lead - int(self._times[0]), 0)
         self._sources = sources
         self._items = [items[i] for i in order]
         if p.clock:
@@ -230,7 +234,7 @@ class Replay(SensingNode[ReplayParameters]):
 
     def _run(self) -> None:
         first = int(self._times[0])
-        self._now = first - round(self.parameters.lead * NANO * self.parameters.rate)
+        self._now = first - self._lead
         if not self._wait_for_the_others():
             return
         self.get_logger().info("begins")

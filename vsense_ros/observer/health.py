@@ -52,7 +52,7 @@ class Health:
             return Diagnostic(name, Level.STALE, f"silent for {silent:.1f} s on {sensor.topic}", values)
         if not self.last_stamp:
             return Diagnostic(name, Level.STALE, f"no usable message on {sensor.topic}: {self.problem}", values)
-        if self.problem and self.last_received - self.problem_at < 2e9:
+        if self.problem and abs(self.last_received - self.problem_at) < 2e9:
             level = Level.ERROR if self.refused_in_a_row >= PATIENCE else Level.WARN
             return Diagnostic(name, level, self.problem, values)
         return Diagnostic(name, Level.OK, "in use", values)
