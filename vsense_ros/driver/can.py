@@ -324,7 +324,7 @@ class CanDecoder:
             level, text = Level.STALE, "no frame received: is the bus connected, and the bit rate right?"
         elif now - self._last_frame > self.mapping.bus_timeout * NANO:
             level, text = Level.STALE, f"bus silent for {(now - self._last_frame) / NANO:.2f} s"
-        elif self._last_error is not None and now - self._last_error <= 2 * NANO:
+        elif self._last_error is not None and abs(now - self._last_error) <= 2 * NANO:
             level, text = Level.WARN, "error frames on the bus"
         elif self._last_broken is not None and now - self._last_broken <= 2 * NANO:
             level, text = Level.WARN, "broken frames: is the line to the adapter disturbed?"
