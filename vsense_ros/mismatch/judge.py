@@ -37,10 +37,9 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
 # hidden good models leave 1.2, on rough roads 1.5 (public split).
 ASTRAY, UNFINISHED = 1.8, 1.5
-# Most that signals and recordings may disagree in an effect, each by what its own size of it would gain besides: over
-# what the effect gains, and over what it leaves. Of hidden effects that were named these are 0.02 to 0.6 and 0.03 to
-# 0.2; physics outside the library, taken for an effect, has 1.3 to 5 or 0.24 to 0.46 (public split).
-AT_ODDS, AT_ODDS_LEFT = 1.0, 0.3
+# Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
+# what it gains. Where as much would be gained again, it only resembles what is there.
+AT_ODDS = 1.0
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
@@ -118,18 +117,18 @@ class Proof:
         """The smaller of what it gains where it was fitted and where it was not."""
         return _proven(explanation, {id(explanation): self.gain(explanation)})
 
-    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> tuple[float, float]:
+    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
         """How little windows and signals agree in what an explanation changes in the base fit, or in that of a `known`
         one: what would be gained besides if each signal of each window had its own multiple of the change, over what is
-        gained, and over what is left. What a car has is the same everywhere; what looks like it is not."""
+        gained. What a car has is the same everywhere; what looks like it is not."""
         before = self.base.residuals if known is None else known.fit.residuals
-        besides, gained, left = _resized(before, explanation.fit.residuals, self.fitted.layout)
+        besides, gained = _resized(before, explanation.fit.residuals, self.fitted.layout)
         if self.residuals is not None:
             before, after = self.compared(explanation.fit)
             before = before if known is None else self.compared(known.fit)[1]
             unseen = _resized(before, after, self.residuals.layout)
-            besides, gained, left = (a + b for a, b in zip((besides, gained, left), unseen, strict=True))
-        return besides / max(gained, 1e-12), besides / max(left, 1e-12)
+            besides, gained = besides + unseen[0], gained + unseen[1]
+        return float(besides / max(gained, 1e-12))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
         share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
@@ -191,20 +190,19 @@ class Judged:
         return max((_proven(e, self.held_out) for e in explanations), default=0.0)
 
 
-def _resized(before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]]) -> Array:
-    """What the best multiple of a change in each signal of each window would gain besides, what the change gains, and
-    what it leaves; squared deviations. Windows that are not compared over the same time do not count."""
-    found = np.zeros(3)
+def _resized(before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]]) -> tuple[float, float]:
+    """What the best multiple of a change in each signal of each window would gain besides, and what the change gains;
+    squared deviations. Windows that are not compared over the same time do not count."""
+    besides, gained = 0.0, 0.0
     for old, new, names in zip(before, after, layout, strict=True):
         if len(old) != len(new) or not len(new):
             continue
         was, rest = (rows.reshape(len(names), -1) for rows in (old, new))
         change = rest - was
         size = np.maximum(np.sum(change**2, axis=1), 1e-12)
-        found[0] += np.sum(np.sum(rest * change, axis=1) ** 2 / size)
-        found[1] += cost([old]) - cost([new])
-        found[2] += cost([new])
-    return found
+        besides += float(np.sum(np.sum(rest * change, axis=1) ** 2 / size))
+        gained += cost([old]) - cost([new])
+    return besides, gained
 
 
 def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
@@ -247,12 +245,10 @@ def judge(
 
     def agreed(e: Explanation) -> bool:
         """Whether signals and recordings agree in each of its effects."""
-        rest = [set(e.effects) - {effect} for effect in e.effects]
-        known = [
-            best[frozenset(others)] if others else None for others in rest if not others or frozenset(others) in best
-        ]
-        at_odds = [proof.at_odds(e, one) for one in known]
-        return all(over_gain < AT_ODDS and over_left < AT_ODDS_LEFT for over_gain, over_left in at_odds)
+        if len(e.effects) == 1:
+            return proof.at_odds(e) < AT_ODDS
+        known = (best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
+        return all(proof.at_odds(e, one) < AT_ODDS for one in known if one is not None)
 
     ranked: dict[str, Explanation] = {}
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
