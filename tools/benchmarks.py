@@ -60,9 +60,9 @@ The release split: cars that are not our model, with one effect hidden, two, non
 wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
 the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
 `docs/benchmarks`) for the cases that are there, none of which had been looked at. Columns with a comma were answered by
-later versions than the others: `doubles and unknown` by 2ebb131, `second release` by 5430727 (another seed, and harder:
-most of its cases are doubles or outside the library). Only the second release tells what is outside the library and can
-be detected from what cannot. Seconds are of one processor, which did other things as well.
+later versions of the tool than the others, and each release has another seed: {versions}.
+The second release is harder: most of its cases are doubles or outside the library. From it on the scores tell what is
+outside the library and can be detected from what cannot. Seconds are of one processor, which did other things as well.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),
@@ -186,11 +186,12 @@ def growth(benchmarks: list[dict[str, Any]], picture: Path) -> list[str]:
 
 def all_scores(folder: Path) -> dict[str, Any]:
     """Those of examination.json, and the sets of examination.<of what>.json besides, by names that say so."""
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"versions": {}}
     for path in sorted(folder.glob("examination*.json"), key=lambda path: len(path.suffixes)):
         scores, (*of_what, _) = json.loads(path.read_text(encoding="utf-8")), path.suffixes
         if of_what:
             words = of_what[0].removeprefix(".").replace("_", " ")
+            found["versions"][words] = scores["commit"]
             scores = {f"{name}, {words}": each for name, each in _sets(scores).items()}
         found |= scores
     return found
@@ -205,7 +206,9 @@ def examination(found: dict[str, Any]) -> list[str]:
     without a part of the method and with the labels of other cases."""
     sets = sorted(_sets(found), key=lambda name: name.partition(",")[0] != "rich")
     names = [name.replace("_", " ") for name in sets]
-    rows = [EXAMINATION_HEAD, f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
+    versions = ", ".join(f"`{words}` by {commit}" for words, commit in found.get("versions", {}).items())
+    rows = [EXAMINATION_HEAD.format(versions=versions)]
+    rows += [f"| | asked of rich | {' | '.join(names)} |", f"|---|---|{'---|' * len(sets)}"]
     for score, (words, asked) in SCORES.items():
         cells = [_cell(found[name].get(score, {})) for name in sets]
         rows.append(f"| {words} | {asked} | {' | '.join(cells)} |")
