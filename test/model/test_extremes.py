@@ -137,6 +137,44 @@ def test_with_locked_wheels_it_slides_to_a_halt_and_stays(car):
     at_rest(stepper, car)
 
 
+@pytest.mark.parametrize("step", [1e-2, 4e-3, 1e-3])
+def test_on_locked_wheels_it_loses_the_speed_that_friction_takes_at_every_step_length(car, step):
+    # Sliding forces in proportion to the load: whatever the loads, the road takes 0.9 times its friction times g.
+    proportional = {
+        f"{axle}.tyre.longitudinal.{load}.sliding": 1350.0 * ratio
+        for axle in ("front", "rear")
+        for load, ratio in (("nominal", 1), ("double", 2))
+    }
+    car = car.with_parameters(proportional | {"aerodynamics.drag_area": 0.0})
+    stepper = rolling(car, 25.0)
+    asked = 0.0
+
+    def brake(stepper: Stepper) -> None:
+        nonlocal asked
+        stepper.inputs[1:] = -1500.0 * np.tanh(stepper.u[10:])
+        asked += stepper.acceleration[0] * step
+
+    stepper.run(1.0, step, brake)
+    assert stepper.u[0] - 25.0 == pytest.approx(asked, rel=0.02)  # while the wheels lock
+    before, asked = stepper.u[0], 0.0
+    stepper.run(1.0, step, brake)
+    assert np.all(np.abs(stepper.u[10:]) < 0.03 * stepper.u[0] / 0.27)
+    assert stepper.u[0] - before == pytest.approx(asked, rel=0.005)
+    assert stepper.u[0] - before == pytest.approx(-0.9 * car.physics.road.friction * G, rel=0.01)
+
+
+def test_long_steps_stop_it_on_locked_wheels_where_short_ones_do(car):
+    def stopped(step: float) -> float:
+        def brake(stepper: Stepper) -> None:
+            stepper.inputs[1:] = -1500.0 * np.tanh(stepper.u[10:] / 20)
+
+        stepper = rolling(car, 8.0).run(3.0, step, brake)
+        at_rest(stepper, car)
+        return float(stepper.q[0])
+
+    assert stopped(1e-2) == pytest.approx(stopped(1e-3), rel=0.04)
+
+
 def test_a_car_that_turns_round_while_it_slides_comes_to_rest(car):
     stepper = rolling(car, 15.0)
     stepper.u[1], stepper.u[5] = 6.0, 4.0

@@ -33,6 +33,8 @@ from vsense_ros.model.tyres.slip import transport_speed
 from vsense_ros.model.vehicle import Vehicle
 
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
+REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
+STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
 
 WHEELS = ("fl", "fr", "rl", "rr")
 COORDINATES = 14
@@ -416,30 +418,41 @@ class Car:
         return ca.horzcat(*columns)
 
     @cached_property
-    def stiffening(self) -> tuple[ca.SX, ca.SX]:
-        """What a time step adds to the Jacobian of the dynamics by u, as a product of 14×4 and 4×14.
+    def stiffening(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """What a time step adds to the Jacobian of the dynamics by u, as a product of 14×4 and 4×14, and which part
+        of the latter it applies to the rates at the beginning of the step instead, 4×14.
 
         Wheels are light and tyres steep: below 10 m/s slip changes faster than any affordable step. Where a tyre
         slides, the tangent to its flat force curve says nothing of the steep slope at zero slip that the step will come
         across, and the wheel would be thrown to and fro between the two for ever. With a slope steeper than the curve
-        has anywhere, sliding goes down with each step. The additional force acts on wheel and car alike, here a rigid
-        body in the plane, so that it takes no momentum from nowhere.
+        has anywhere, sliding goes down with each step.
+
+        Of a wheel that sticks, or soon will, the additional force acts on wheel and car alike, here a rigid body in the
+        plane, so that it takes no momentum from nowhere. Of one that slides on it acts on the wheel alone: sliding
+        changes at the rate at which the car slows down, and a force that grew with this rate, which no tyre has, would
+        push a car forward that brakes on locked wheels. Of a wheel in between, slower than both, the rate that the car
+        has at the beginning of the step causes no such force, but what the step departs from it does.
         """
         chassis = self.parameters.chassis
-        responses, slopes = [], []
+        responses, slopes, foreseen = [], [], []
         for corner, tyre in zip(self.corners, self.contacts, strict=True):
             touch, spin = tyre.touch, 10 + corner.index
-            response = ca.SX.zeros(COORDINATES)
-            response[0:2] = touch.ahead[0:2] / chassis.mass
-            response[5] = ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
-            response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
-            responses.append(response)
             transport = transport_speed(tyre.rolling_speed, corner.axle.tyre.standstill_speed)
             steepest = STEEPEST_SLOPES[corner.tyre](corner.axle.tyre, touch.load) / transport
             tangent = ca.jacobian(tyre.force_x, self.u[spin]) / touch.effective_radius
             excess = ca.fmax(STIFFENING * steepest - tangent, 0)
-            slopes.append(excess * ca.jacobian(tyre.rolling_speed - touch.speed_x, self.u))
-        return ca.horzcat(*responses), ca.vertcat(*slopes)
+            sliding = ca.sqrt((tyre.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
+            sticks = _within(tangent, 0, steepest)
+            share = ca.fmax(sticks, _within(sliding, *REACTING))
+            response = ca.SX.zeros(COORDINATES)
+            response[0:2] = share * touch.ahead[0:2] / chassis.mass
+            response[5] = share * ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
+            response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
+            responses.append(response)
+            by_car = -excess * share * ca.jacobian(touch.speed_x, self.u)
+            slopes.append(excess * ca.jacobian(tyre.rolling_speed, self.u) + by_car)
+            foreseen.append((1 - sticks) * _within(sliding, *STEADY) * by_car)
+        return ca.horzcat(*responses), ca.vertcat(*slopes), ca.vertcat(*foreseen)
 
     def remember(self, h: ca.SX) -> ca.SX:
         """The memory for a step of `h` [s] that begins now, from that of the last step."""
@@ -474,6 +487,11 @@ class Car:
 def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
     """In the order of the tree: hub, wheel, hub, wheel …"""
     return ca.vec(ca.horzcat(travel, spin).T)
+
+
+def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
+    """0 before `none`, 1 beyond `full`, linear in between."""
+    return ca.fmin(ca.fmax((value - none) / (full - none), 0), 1)
 
 
 def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:

@@ -92,21 +92,24 @@ def advance_function(car: Car) -> ca.Function:
     q, u = car.q, car.u
     rest = _arguments(car)[2:]
     # Inverse of the stiffened matrix by Woodbury's identity.
-    responses, slopes = car.stiffening
+    responses, slopes, foreseen = car.stiffening
     columns, rows = inverse @ responses, GAMMA * h * slopes
     reduced = ca.SX.eye(4) - rows @ columns
 
-    def solve(right: ca.SX) -> ca.SX:
+    def solve(right: ca.SX, known: ca.SX) -> ca.SX:
+        """A stage without the stiffening that its `known` part (4) would cause."""
         plain = inverse @ right
-        return plain + columns @ solve_dominant(reduced, rows @ plain)
+        return plain + columns @ solve_dominant(reduced, rows @ plain - known)
 
-    rate = kinematics(q, u)
-    first_u = solve(dynamics(q, u, *rest) + GAMMA * h * (by_q @ _dynamic(rate)))
+    rate, rate_u = kinematics(q, u), dynamics(q, u, *rest)
+    # A second stage begins as minus the first: with opposite signs, whatever is known leaves the step of second order.
+    known = GAMMA * h * (foreseen @ rate_u)
+    first_u = solve(rate_u + GAMMA * h * (by_q @ _dynamic(rate)), known)
     first_q = rate + GAMMA * h * kinematics(q, first_u)
     middle_q, middle_u = q + h * first_q, u + h * first_u
     right_q = kinematics(middle_q, middle_u) - 2 * first_q
     right_u = dynamics(middle_q, middle_u, *rest) - 2 * first_u
-    second_u = solve(right_u + GAMMA * h * (by_q @ _dynamic(right_q)))
+    second_u = solve(right_u + GAMMA * h * (by_q @ _dynamic(right_q)), -known)
     second_q = right_q + GAMMA * h * kinematics(q, second_u)
     return codegen.function(
         "advance",
