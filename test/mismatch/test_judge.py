@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -126,6 +127,27 @@ def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like
 
     assert at_odds(0.5, 0.5) == 0.0
     assert at_odds(1.0, 0.0) == pytest.approx(1.0)
+
+
+def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
+    def mends(unseen: dict[str, float], then: dict[str, float]) -> bool:
+        told = SimpleNamespace(
+            worst=lambda off: max(off.values()),
+            furthest=lambda off: max(off.items(), key=itemgetter(1)),
+            deviations=lambda off: off,
+        )
+        proof = SimpleNamespace(
+            worst=lambda: 2.5,
+            fitted=told,
+            residuals=told,
+            base=SimpleNamespace(residuals={"wheels": 2.5, "yaw rate": 1.0}),
+            compared=lambda fit: (unseen, then),
+        )
+        return Proof.mends_the_worst(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
+
+    assert mends({"roll rate": 0.9}, {"roll rate": 0.95})
+    assert not mends({"roll rate": 2.6}, {"roll rate": 2.7})
+    assert mends({"roll rate": 2.6}, {"roll rate": 2.5})
 
 
 def unfinished(left: float) -> Made:
