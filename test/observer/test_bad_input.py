@@ -304,6 +304,11 @@ def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
     assert distance(undisturbed, observer) == (0, 0, 0, 0)
 
 
+def telling(field: str, value: float) -> Callable[[Sample], Sample]:
+    """A field with the same value throughout."""
+    return lambda s: changed(s, **{field: np.full_like(s.values[field], value)})
+
+
 @pytest.mark.parametrize(
     ("topic", "field", "value"),
     [(WHEELS, "velocity", 1e3), (WHEELS, "velocity", 1e6), (IMU, "angular_velocity", 1e3), (VELOCITY, "linear", 1e3)],
@@ -311,10 +316,8 @@ def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
 def test_first_messages_that_no_car_could_send_are_refused(
     topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
 ) -> None:
-    def impossible(s: Sample) -> Sample:
-        return changed(s, **{field: np.full_like(s.values[field], value)})
-
-    course = follow(observer, altered(messages(lane_change), between(topic, 0.0, 0.2), impossible), lane_change)
+    told = altered(messages(lane_change), between(topic, 0.0, 0.2), telling(field, value))
+    course = follow(observer, told, lane_change)
     assert observer.diagnostics()[0].values == {"faults": "0", "restarts": "0"}
     assert course.levels(NAMES[topic], 0.1, 0.3) & {"WARN"}
     assert max(course.largest(2.0)[:2]) < 0.3
@@ -325,10 +328,8 @@ def test_first_messages_that_no_car_could_send_are_refused(
 def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
     topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
 ) -> None:
-    def wrong(s: Sample) -> Sample:
-        return changed(s, **{field: np.full_like(s.values[field], value)})
-
-    course = follow(observer, altered(messages(lane_change), between(topic, 0.0, 0.2), wrong), lane_change)
+    told = altered(messages(lane_change), between(topic, 0.0, 0.2), telling(field, value))
+    course = follow(observer, told, lane_change)
     assert 0.15 < course.t[0] < 0.5
     assert course.speed[0] == pytest.approx(0.0, abs=0.5)
     assert_good(course, 3.0)

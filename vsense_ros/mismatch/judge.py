@@ -35,7 +35,7 @@ SURE = 0.7  # share of the gain of several effects that those of them have alone
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
-# hidden good models leave 1.2, on rough roads 1.5 (public split), and 1.9 on held-out recordings at the limit of grip.
+# hidden good models leave 1.2, on rough roads 1.5 (public split), and nearly `ASTRAY` at the limit of grip.
 ASTRAY, UNFINISHED = 2.0, 1.5
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
 # what it gains. Where as much would be gained again, it only resembles what is there.
