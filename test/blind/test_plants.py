@@ -15,6 +15,7 @@ from blind import cars, courses, knobs
 from blind.cars import CARS, GRAVITY
 from blind.driver import Drivers
 from blind.physics import road, state
+from blind.physics.actions import actions
 from blind.plants import mujoco_tree, newton_euler
 from blind.tyres import FORMULAS
 
@@ -126,6 +127,24 @@ def test_a_car_that_spins_freely_without_any_force_keeps_momentum_and_energy():
         assert energy(x) == pytest.approx(before, rel=1e-8)
     finally:
         newton_euler.actions = original
+
+
+def test_what_turns_a_wheel_is_the_moment_about_its_axle_of_all_that_the_road_does_to_it():
+    car = cars.side_by_side(list(CARS))
+    plant = newton_euler._Plant(car, knobs.side_by_side([{} for _ in CARS]), FORMULAS["brush"])
+    x = plant.start(np.array([20.0, 25.0, 30.0]))
+    x[newton_euler.ANGLES] = np.array([[0.01], [0.0], [0.4]])
+    x[newton_euler.VELOCITY][1] = -0.8
+    x[newton_euler.RATES][2] = 0.3
+    x[newton_euler.SPIN] *= 1.01
+    path = SimpleNamespace(x=0.0, y=0.0, heading=0.0, along=0.0, surface=SimpleNamespace(rms=np.zeros(3)))
+    command = SimpleNamespace(handwheel=np.zeros(3), acceleration=np.zeros(3))
+    act = actions(
+        car, plant.knobs, plant.motion(x, path), x[newton_euler.EXTRA], command, np.zeros((3, 3)), plant.formula
+    )
+    moment = np.cross(act.point - act.centre, act.force, axis=0) + act.moment
+    assert np.abs(act.force_y).min() > 300
+    assert act.spin_torque == pytest.approx((moment * act.contact.axle).sum(axis=0))
 
 
 @pytest.mark.parametrize("formula", FORMULAS)

@@ -144,6 +144,7 @@ def tyres(car, knobs, motion, extra, contact, formula, rate):
     if knobs.any("steering_compliance"):
         kingpin = aligning[0] + aligning[1] - 0.018 * (force_y[0] + force_y[1])  # 18 mm of mechanical trail
         rate.twist[...] = (-knobs.steering_compliance * kingpin - extra.twist) / COLUMN_TIME
-    spin_torque = -force_x * contact.loaded + rolling
+    # About the axle of a wheel that leans there is a part of what turns it about the normal of the road.
+    spin_torque = -force_x * contact.loaded + rolling + aligning * contact.camber
     moment = aligning * contact.normal + rolling * contact.axle
     return force, moment, spin_torque, force_x, force_y
