@@ -24,7 +24,7 @@ from vsense_ros.mismatch.design import ANSWER, NEXT
 from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, UNFINISHED, Judged, Proof, interval, judge
+from vsense_ros.mismatch.judge import ASTRAY, SUSPICIOUS, THRESHOLD, Judged, Proof, interval, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor, Setting, abscissae
@@ -340,7 +340,7 @@ def _furthest(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals,
     """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
     what was held out, where they are far from those of a good model there alone."""
     unseen = proof.residuals
-    if unseen is not None and residuals.worst(base.residuals) < UNFINISHED < unseen.worst(proof.before):
+    if unseen is not None and residuals.worst(base.residuals) < ASTRAY < unseen.worst(proof.before):
         return unseen, proof.before, " on what was held out"
     return residuals, base.residuals, ""
 

@@ -21,9 +21,10 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another.
 OWN = 0.3
-# Least share that one more effect explains of what another leaves, where a signal is still off: what an imperfect
-# effect leaves looks like others. In multiples of the least gain, what one adds if no other adds half as much.
-FURTHER, CLEAR = 0.2, 2.0
+# Least share that one more effect explains of what another leaves, or of what good models do, where a signal is still
+# off: what an imperfect effect leaves looks like others. And in multiples of the least gain, if no other explains half
+# as much.
+FURTHER, CLEAR = 0.2, 4 / 3
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
@@ -35,8 +36,8 @@ SURE = 0.7  # share of the gain of several effects that those of them have alone
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
-# hidden good models leave 1.2, on rough roads 1.5 (public split), and nearly `ASTRAY` at the limit of grip.
-ASTRAY, UNFINISHED = 2.0, 1.5
+# hidden the model leaves half as much (public split).
+ASTRAY = 1.75
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
 # what it gains. Where as much would be gained again, it only resembles what is there.
 AT_ODDS = 1.0
@@ -264,12 +265,12 @@ def judge(
         if not several:
             continue
         explained = max((proven(e) for e in explanations if len(e.candidates) < count), default=0.0)
-        gain = proven(several[0]) - explained
-        unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > UNFINISHED
-        much = unfinished and gain > FURTHER * max(1 - explained, least_whole)
+        left = max(1 - explained, least_whole)
+        share = (proven(several[0]) - explained) / left
+        unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > ASTRAY
         added = set(several[0].effects) - {effect for leader in leaders for effect in leader.effects}
-        others = [proven(e) - explained for e in several if not added & set(e.effects)]
-        if much or gain > max(CLEAR * threshold, 2 * max(others, default=0.0)):
+        others = [(proven(e) - explained) / left for e in several if not added & set(e.effects)]
+        if (unfinished and share > FURTHER) or share > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             likeliest = several[:1]
             leaders = [e for e in likeliest if agreed(e)] or leaders
     terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
