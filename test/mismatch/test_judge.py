@@ -157,11 +157,19 @@ def unfinished(left: float) -> Made:
 
 def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_would():
     one, two = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.6, 0.6)
-    small = explaining("drag + bank", 0.55, 0.55)
+    small = explaining("drag + bank", 0.515, 0.515)  # 3 % of what drag leaves
+    enough = explaining("drag + bank", 0.525, 0.525)
     assert said(one, two) == ("named", ("drag + bank",))
     assert said(one, small) == ("named", ("drag",))
+    assert said(one, enough) == ("named", ("drag + bank",))
     assert said(one, two, explaining("drag + wind", 0.56, 0.56)) == ("named", ("drag",))
     assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
+
+
+def test_a_second_effect_counts_against_what_the_first_leaves_and_not_against_how_far_off_the_car_was():
+    large = explaining("radius", 0.92, 0.92)
+    assert said(large, explaining("radius + yaw", 0.94, 0.94)) == ("named", ("radius + yaw",))
+    assert said(large, explaining("radius + yaw", 0.925, 0.925)) == ("named", ("radius",))
 
 
 def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():

@@ -320,7 +320,7 @@ def _located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
         ],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
         "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
-        "region": _region(*_furthest(residuals, base, proof)),
+        "region": _region(*_most_off(residuals, base, proof)),
     }
 
 
@@ -336,7 +336,7 @@ def _force(judged: Judged) -> dict[str, Any] | None:
     return {"description": _in_words(judged.leader, term), "sizes": sizes, "gain": judged.leader.gain}
 
 
-def _furthest(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
+def _most_off(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
     """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
     what was held out, where they are far from those of a good model there alone."""
     unseen = proof.residuals
