@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -121,19 +121,30 @@ class Proof:
     def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
         """How little windows and signals agree in what an explanation changes in the base fit, or in that of a `known`
         one: what would be gained besides if each signal of each window had its own multiple of the change, over what is
-        gained. What a car has is the same everywhere; what looks like it is not."""
-        before = self.base.residuals if known is None else known.fit.residuals
-        besides, gained = _resized(before, explanation.fit.residuals, self.fitted.layout)
+        gained. What a car has is the same everywhere; what looks like it is not.
+
+        Of an effect of which every car has a little, what the base fit has taken up is gained as well: it has cost what
+        so much of it costs.
+        """
+        at = self.base if known is None else known.fit
+        besides, gained = _resized(at.residuals, explanation.fit.residuals, self.fitted.layout)
+        compared = 1.0  # of what was fitted
         if self.residuals is not None:
             before, after = self.compared(explanation.fit)
             before = before if known is None else self.compared(known.fit)[1]
             unseen = _resized(before, after, self.residuals.layout)
             besides, gained = besides + unseen[0], gained + unseen[1]
+            compared += self._share(explanation.fit, after)
+        new = explanation.sizes.keys() - (known.sizes.keys() if known is not None else ())
+        gained += compared * _paid(at, new)
         return float(besides / max(gained, 1e-12))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
-        share = sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
-        return cost(found) + fitted.weight * share * float(fitted.prior @ fitted.prior)
+        return cost(found) + fitted.weight * self._share(fitted, found) * float(fitted.prior @ fitted.prior)
+
+    def _share(self, fitted: Fit, found: list[Array]) -> float:
+        """How much was `found` over what was fitted."""
+        return sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
@@ -206,6 +217,12 @@ def _resized(before: Sequence[Array], after: Sequence[Array], layout: Sequence[S
         besides += float(np.sum(np.sum(rest * change, axis=1) ** 2 / size))
         gained += cost([old]) - cost([new])
     return besides, gained
+
+
+def _paid(fitted: Fit, names: Collection[str]) -> float:
+    """What those of the knobs cost that have these names, in squared deviations."""
+    there = np.array([knob.name in names for knob in fitted.knobs], dtype=bool)
+    return fitted.weight * float(np.sum(fitted.prior[there] ** 2))
 
 
 def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
