@@ -227,7 +227,9 @@ def examination(found: dict[str, Any]) -> list[str]:
     if earlier := found["earlier"]:
         versions = ", ".join(f"{which} by {scores['commit']}" for which, scores in earlier.items())
         of_each = {
-            f"{which}, {name}": each for which, scores in earlier.items() for name, each in _sets(scores).items()
+            f"{which}, {name.replace('_', ' ')}": each
+            for which, scores in earlier.items()
+            for name, each in _sets(scores).items()
         }
         rows += ["", EARLIER_HEAD.format(versions=versions), *_columns(of_each)]
     return [*rows, ""]

@@ -129,15 +129,15 @@ def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like
     assert at_odds(1.0, 0.0) == pytest.approx(1.0)
 
 
-def test_what_the_base_fit_has_taken_up_of_an_effect_counts_as_gained():
-    """The same drives, and a knob of the effect that the base fit has turned by three deviations at a cost of ten each
-    squared: 90 beside what the change itself gains."""
+def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
+    """The same drives, and a base parameter that was turned by three deviations at a cost of ten each squared, and no
+    longer is: 90 beside what the change itself gains."""
     change = np.random.default_rng(1).normal(size=200)
-    size = Knob("effects.drag.size", "-", 0.1, -1.0, 1.0, lambda values, amount: {})
-    turned = replace(FITTED, knobs=(size,), amounts=np.array([0.3]), weight=10.0)
+    mass = Knob("mass", "-", 0.1, -1.0, 1.0, lambda values, amount: {})
+    turned = replace(FITTED, knobs=(mass,), amounts=np.array([0.3]), weight=10.0)
     before = replace(turned, residuals=[-change, 0 * change])
-    after = replace(turned, residuals=[-0.5 * change, 0.5 * change])
-    explanation = Explanation((Candidate("drag", "", (size,), "drag"),), after, 0.5, 0.5, 0.5, 1.0, {})
+    after = replace(turned, amounts=np.zeros(1), residuals=[-0.5 * change, 0.5 * change])
+    explanation = replace(explaining("drag", 0.5, 0.5), fit=after)
     proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * 2), residuals=None)
     gained = 0.5 * float(change @ change)
     assert Proof.at_odds(proof, explanation) == pytest.approx(gained / (gained + 90))

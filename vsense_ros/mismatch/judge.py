@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,8 +123,8 @@ class Proof:
         one: what would be gained besides if each signal of each window had its own multiple of the change, over what is
         gained. What a car has is the same everywhere; what looks like it is not.
 
-        Of an effect of which every car has a little, what the base fit has taken up is gained as well: it has cost what
-        so much of it costs.
+        What it would cost that knobs are not where they were expected is gained as well: the base fit has turned some
+        of them to stand in for what is missing.
         """
         at = self.base if known is None else known.fit
         besides, gained = _resized(at.residuals, explanation.fit.residuals, self.fitted.layout)
@@ -135,12 +135,11 @@ class Proof:
             unseen = _resized(before, after, self.residuals.layout)
             besides, gained = besides + unseen[0], gained + unseen[1]
             compared += self._share(explanation.fit, after)
-        new = explanation.sizes.keys() - (known.sizes.keys() if known is not None else ())
-        gained += compared * _paid(at, new)
+        gained += compared * (_paid(at) - _paid(explanation.fit))
         return float(besides / max(gained, 1e-12))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
-        return cost(found) + fitted.weight * self._share(fitted, found) * float(fitted.prior @ fitted.prior)
+        return cost(found) + self._share(fitted, found) * _paid(fitted)
 
     def _share(self, fitted: Fit, found: list[Array]) -> float:
         """How much was `found` over what was fitted."""
@@ -219,10 +218,9 @@ def _resized(before: Sequence[Array], after: Sequence[Array], layout: Sequence[S
     return besides, gained
 
 
-def _paid(fitted: Fit, names: Collection[str]) -> float:
-    """What those of the knobs cost that have these names, in squared deviations."""
-    there = np.array([knob.name in names for knob in fitted.knobs], dtype=bool)
-    return fitted.weight * float(np.sum(fitted.prior[there] ** 2))
+def _paid(fitted: Fit) -> float:
+    """What it costs that knobs are not where they were expected, in squared deviations."""
+    return fitted.weight * float(fitted.prior @ fitted.prior)
 
 
 def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
