@@ -64,10 +64,10 @@ one effect, the first with two, the first from outside the library and the first
 looked at, one answer was mended: a small drag of a brake had been `unknown`. Seconds are of one processor, which did
 other things as well.
 """
-EARLIER_HEAD = """Earlier releases, each with other seeds, answered by earlier versions: {versions}. Their plants let
-the axle of a leaning wheel carry a part of the aligning moment, which no bearing can: with nothing hidden a
-longitudinal force that grows with cornering was left over, two to five percent of the squared error. The second release
-is mostly doubles and physics outside the library.
+EARLIER_HEAD = """Earlier releases, each with other seeds, answered by earlier versions: {versions}. Some cases
+of the first were answered once more. The plants of all of them let the axle of a leaning wheel carry a part of the
+aligning moment, which no bearing can: with nothing hidden a longitudinal force that grows with cornering was left over.
+The second release is mostly doubles and physics outside the library.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),
@@ -218,7 +218,7 @@ def _columns(sets: dict[str, Any], asked: bool = False) -> list[str]:
 
 def examination(found: dict[str, Any]) -> list[str]:
     """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
-    without a part of the method and with the labels of other cases; and the rich ones of earlier releases."""
+    without a part of the method and with the labels of other cases; and those of earlier releases."""
     sets = _sets(found)
     rows = [EXAMINATION_HEAD.format(version=found["commit"])]
     rows += _columns({name.replace("_", " "): scores for name, scores in sets.items()}, asked=True)

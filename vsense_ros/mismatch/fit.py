@@ -162,7 +162,12 @@ class Fit:
     @property
     def value(self) -> float:
         """What is minimised: the squared residuals, and what it costs that knobs are not where they were expected."""
-        return cost(self.residuals) + self.weight * float(self.prior @ self.prior)
+        return cost(self.residuals) + self.paid
+
+    @property
+    def paid(self) -> float:
+        """What it costs that knobs are not where they were expected, in squared deviations."""
+        return self.weight * float(self.prior @ self.prior)
 
 
 def cost(residuals: Sequence[Array]) -> float:

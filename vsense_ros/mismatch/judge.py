@@ -21,9 +21,9 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another.
 OWN = 0.3
-# Least share that one more effect explains of what another leaves, or of what good models do, where a signal is still
-# off: what an imperfect effect leaves looks like others. And in multiples of the least gain, if no other explains half
-# as much.
+# Least share that one more effect explains of what another leaves, but not of less than a good model does: the first
+# where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
+# the least gain, where no other explains half as much.
 FURTHER, CLEAR = 0.2, 4 / 3
 DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
@@ -35,12 +35,12 @@ RIVAL, RIVAL_LEFT = 0.65, 1.5
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
-# The same of the worst signal: something is left over, and a further effect is worth while. Of cars in which nothing is
-# hidden the model leaves half as much (public split).
+# The same of the worst signal: something is left over, and a further effect is worth while. Where nothing is hidden,
+# the model stays well below (public split).
 ASTRAY = 1.75
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
-# what it gains. Where nearly as much would be gained again, it only resembles what is there: true effects of the public
-# split that are proven otherwise have 0.9 at most, what looks like one 0.94 at least.
+# what it gains. Where nearly as much would be gained again, it only resembles what is there. Effects that are there
+# come near to it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.9
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
@@ -136,11 +136,11 @@ class Proof:
             unseen = _resized(before, after, self.residuals.layout)
             besides, gained = besides + unseen[0], gained + unseen[1]
             compared += self._share(explanation.fit, after)
-        gained += compared * (_paid(at) - _paid(explanation.fit))
+        gained += compared * (at.paid - explanation.fit.paid)
         return float(besides / max(gained, 1e-12))
 
     def _value(self, fitted: Fit, found: list[Array]) -> float:
-        return cost(found) + self._share(fitted, found) * _paid(fitted)
+        return cost(found) + self._share(fitted, found) * fitted.paid
 
     def _share(self, fitted: Fit, found: list[Array]) -> float:
         """How much was `found` over what was fitted."""
@@ -217,11 +217,6 @@ def _resized(before: Sequence[Array], after: Sequence[Array], layout: Sequence[S
         besides += float(np.sum(np.sum(rest * change, axis=1) ** 2 / size))
         gained += cost([old]) - cost([new])
     return besides, gained
-
-
-def _paid(fitted: Fit) -> float:
-    """What it costs that knobs are not where they were expected, in squared deviations."""
-    return fitted.weight * float(fitted.prior @ fitted.prior)
 
 
 def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
