@@ -45,6 +45,13 @@ def main(
 ) -> None:  # fmt: skip
     """The examination of `vsense explain`."""
     every = cases.all_cases(split)
+    for option, asked, there in (
+        ("--set", manoeuvres, {case.manoeuvres for case in every}), ("--kind", kinds, {case.kind for case in every}),
+    ):  # fmt: skip
+        if unknown := set(asked) - there:
+            raise click.BadParameter(
+                f"there is no {', '.join(sorted(unknown))}; there are {', '.join(sorted(there))}", param_hint=option
+            )
     chosen = [
         case
         for case in every

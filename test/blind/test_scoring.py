@@ -268,6 +268,15 @@ def test_changed_labels_are_not_scored(tmp_path):
     assert "missing or changed" in result.output
 
 
+@pytest.mark.parametrize(("option", "there"), [("--kind", "nothing"), ("--set", "everyday")])
+def test_a_kind_or_set_that_is_not_there_is_told_with_those_that_are(option, there, tmp_path):
+    result = CliRunner().invoke(main, ["--out", str(tmp_path), option, "nonsense", "make"])
+    assert result.exit_code == 2
+    assert option in result.output
+    assert there in result.output
+    assert not list(tmp_path.iterdir())
+
+
 def test_untold_cases_have_the_recordings_and_labels_of_those_they_come_from(tmp_path):
     source, quiet = tmp_path / "told" / "public", tmp_path / "quiet" / "public"
     every = cases.all_cases("public")
