@@ -83,8 +83,10 @@ def _apply(control, model, matrix, centre, act) -> None:
     # MuJoCo applies forces at the centre of mass of the chassis, ours act at cog of the whole car.
     moment = act.body_moment - cross(centre, act.body_force)
     cartesian[:, 1, 3:] = np.einsum("ijn,jn->ni", matrix, moment)
+    # The wheels of the tree turn about an axle that does not steer: on them acts what turns a wheel about its own, on
+    # the hubs all the rest.
     turning = act.spin_torque * np.array([0.0, 1.0, 0.0])[:, None, None]
-    held = cross(act.point - act.centre, act.force) + act.moment - act.spin_torque * act.contact.axle
+    held = cross(act.point - act.centre, act.force) + act.moment - turning
     for i in range(4):
         hub, wheel = 2 + 2 * i, 3 + 2 * i
         cartesian[:, hub, :3] = np.einsum("ijn,jn->ni", matrix, act.force[:, i])
