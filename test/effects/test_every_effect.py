@@ -152,6 +152,19 @@ def test_tyre_relaxation_lags_by_its_length_whatever_the_step(full):
     assert np.abs(coarse.u[:, 5] - fine.u[:, 5]).max() < 0.05 * effect
 
 
+def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bare):
+    soft = having(bare, Effects(tyre_underinflation={"rr": 0.4, "cornering": 0.5}))
+    car = car_of(soft)
+    side = ca.Function("side", [car.q, car.u, car.surroundings, car.inputs, car.p], [car.wheel_outputs[1, :]])
+    q, u = rolling_straight(soft, 20.0)
+    u[1] = 0.02  # 1 mrad of side slip: the linear range
+    found, as_stiff = (
+        np.array(side(q, u, np.zeros(4), np.zeros(5), soft.with_parameters(changes).parameter_vector()))[0]
+        for changes in ({}, {"effects.tyre_underinflation.cornering": 0.0})
+    )
+    assert found / as_stiff == pytest.approx([1, 1, 1, 1 - 0.5 * 0.4], rel=0.01)
+
+
 def test_without_a_compiler_a_run_is_the_same(full, monkeypatch):
     changes = sizes("sloshing_load") | sizes("steering_compliance")
     wet = np.linspace(0.0, -0.4, len(slalom()))

@@ -5,14 +5,16 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import ClassVar
 
-from vsense_ros.model.effects.base import WHEELS, Effect, changed, size
+from vsense_ros.model.effects.base import WHEELS, Effect, changed, shape, size
 
 STIFFNESS_SHARE = 0.75  # of the vertical stiffness that the pressure carries, the rest is the carcass
 RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of pressure
 
 
 class TyreUnderinflation(Effect):
-    """Less pressure: softer, so that the wheel rolls on a smaller radius, and with more resistance."""
+    """Less pressure: softer, so that the wheel rolls on a smaller radius, with more resistance, and corners less (as the
+    Magic Formula has it with pressure; Besselink, Schmeitz & Pacejka 2010).
+    """
 
     id: ClassVar[str] = "tyre_underinflation"
     sentence: ClassVar[str] = "a tyre with too little pressure"
@@ -25,10 +27,16 @@ class TyreUnderinflation(Effect):
     rl: float = size("-", "relative loss of pressure, rear left", typical=0.3, low=-0.5, high=0.9)
     rr: float = size("-", "relative loss of pressure, rear right", typical=0.3, low=-0.5, high=0.9)
 
+    cornering: float = shape(
+        "-", "relative loss of cornering stiffness per relative loss of pressure", default=0.3, typical=0.2, low=-0.5,
+        high=1.0,
+    )  # fmt: skip
+
     def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
         loss = getattr(self, WHEELS[wheel])
         return changed(
             axle,
             tyre_stiffness=axle.tyre_stiffness * (1 - STIFFNESS_SHARE * loss),
             rolling_resistance=axle.rolling_resistance * (1 + RESISTANCE * loss),
+            cornering_scale=axle.cornering_scale * (1 - self.cornering * loss),
         )
