@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Residuals, fit, tempered, untempered
+from vsense_ros.mismatch.judge import ASTRAY, Proof
 from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.search import Search
@@ -138,3 +139,16 @@ def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
     size = "effects.gyro_bias.x"
     assert 0 < found.deviations[size] < 0.1 * found.sizes[size]
     assert abs(search.settled(found).sizes[size] - 0.03) < 3 * found.deviations[size]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hidden", "astray"), [({}, False), ({"gyro_scale": {"z": 0.4}}, True)])
+def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest(hidden, astray):
+    car, vehicle = having(prototype(), **hidden), wrong(prototype())
+    evidence = gather([driven(car, "straight")], vehicle)  # says nothing of the cornering stiffness
+    unseen = gather([driven(car, "slalom", seed=1)], vehicle, evidence)
+    residuals = Residuals(Predictor(vehicle, evidence))
+    base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
+    proof = Proof(unseen, vehicle, residuals, base)
+    assert residuals.worst(base.residuals) < ASTRAY < proof.residuals.worst(proof.before)
+    assert proof.astray() == astray

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
-from vsense_ros.mismatch.fit import Fit, Residuals, cost
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
@@ -42,6 +43,7 @@ ASTRAY = 1.75
 # what it gains. Where nearly as much would be gained again, it only resembles what is there. Effects that are there
 # come near to it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.9
+JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
@@ -148,18 +150,44 @@ class Proof:
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
-        return self.worst() > ASTRAY or bool(self.fitted.predictor.evidence.left_out)
+        return self.worst > ASTRAY or bool(self.fitted.predictor.evidence.left_out)
 
+    @cached_property
     def worst(self) -> float:
-        """Of the base fit the signal that is furthest from a good model, there or here, in deviations."""
-        there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
-        return max(there, self.fitted.worst(self.base.residuals))
+        """Of the base fit the signal that is furthest from a good model, there or here, in deviations.
+
+        Where only what no fit has seen is far off, of a fit to both, if that is better: at its limit a car goes other
+        ways with base parameters that are a little different, and where some fit both, no physics is missing.
+        """
+        here = self.fitted.worst(self.base.residuals)
+        if self.residuals is None:
+            return here
+        there = self.residuals.worst(self.before)
+        if there > ASTRAY >= here:
+            return min(there, self._worst_of_both(self.residuals))
+        return max(there, here)
+
+    def _worst_of_both(self, unseen: Residuals) -> float:
+        """The same where the base parameters are fitted to all recordings."""
+        evidence, other = self.fitted.predictor.evidence, unseen.predictor.evidence
+        whole = replace(
+            evidence, windows=(*evidence.windows, *other.windows), sensors={**other.sensors, **evidence.sensors}
+        )
+        residuals = Residuals(Predictor(self.fitted.predictor.vehicle, whole))
+        residuals.deviation |= self.fitted.deviation
+        start = self.fitted.predictor.start
+        try:
+            found = fit(residuals, start, self.base.knobs, begin=self.base.amounts, iterations=JOINT).residuals
+        except DivergedError:
+            return np.inf
+        count = len(evidence.windows)
+        return max(self.fitted.worst(found[:count]), unseen.worst(found[count:]))
 
     def mends_the_worst(self, explanation: Explanation) -> bool:
         """Whether the signal that is furthest from a good model comes closer, where it is: in training or on what the
         fit has not seen. Where every signal is near, the effect gains by what base parameters need no longer stand in
         for."""
-        if self.worst() <= ASTRAY:
+        if self.worst <= ASTRAY:
             return True
         residuals, before, after = self.fitted, self.base.residuals, explanation.fit.residuals
         if self.residuals is not None:
