@@ -290,14 +290,18 @@ def _check_seal(options: dict) -> None:
 @main.command()
 @click.pass_obj
 def calibrate(options: dict) -> None:
-    """Fit the confidence of the tool to its answers: log odds of a right name over the lead of its gain; and tell how
+    """Fit the confidence of the tool to its answers: how often a name is right, by the lead of its gain; and tell how
     far off its sizes are."""
     _check_seal(options)
     results = _results(options, None)
-    leads, right = score.leads(results)
-    certain, by_lead = score.logistic(leads, right)
+    leads, right, told = score.leads(results)
+    if not told.any():
+        raise click.ClickException("no answer has a name to calibrate with; `python -m blind run` gives answers")
+    share, by_lead = score.trust(leads[told], right[told])
     CONSOLE.print(
-        f"log odds {certain:.1f} + {by_lead:.1f} · ln(lead), from {len(leads)} names of which {sum(right)} are right"
+        f"{share:.2f} of what leads clearly is right, log odds of the rest {by_lead:.1f} · ln(lead), from {sum(told)} "
+        f"names of which {sum(right & told)} are right; of {sum(~told)} effects that were refused {sum(right & ~told)} "
+        "are there"
     )
     errors = score.relative_errors(results)
     if len(errors):

@@ -194,19 +194,20 @@ def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
     return mixed
 
 
-def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray]:
-    """Of every single effect that was fitted: its gain over that of the best other or the smallest that counts, and
-    whether it is there. Cases with several effects are left out, and those of which nothing could be known."""
-    found, right = [], []
+def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every single effect that was fitted: its gain over that of the best other or the smallest that counts, whether
+    it is there, and whether the answer has it. Cases with several effects are left out."""
+    found, right, told = [], [], []
     for r in results:
-        if r.kind not in ("effect", "nothing", "outside") or (r.kind == "effect" and not r.detectable):
+        if r.kind not in ("effect", "nothing", "outside"):
             continue
         gains = {effect["id"]: reading.gain(effect) for effect in r.answer.explain.get("effects", [])}
         for name, gain in gains.items():
             others = [other for one, other in gains.items() if one != name]
             found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))
             right.append(name in r.truth)
-    return np.array(found), np.array(right)
+            told.append(name in r.answer_set)
+    return np.array(found), np.array(right, bool), np.array(told, bool)
 
 
 def relative_errors(results: list[Result]) -> np.ndarray:
@@ -220,15 +221,18 @@ def relative_errors(results: list[Result]) -> np.ndarray:
     return np.array(found)
 
 
-def logistic(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
-    """Log odds of being right at no lead, and their slope over the lead's logarithm, of greatest likelihood with a weak
-    prior, so that answers without a wrong one give a finite slope."""
+def trust(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
+    """Share of names that are right where the lead is clear, and by how much the log odds of the rest fall with the
+    lead's logarithm, of greatest likelihood with a weak prior, so that answers without a wrong one give a finite
+    slope."""
 
     def cost(x):
-        odds = x[0] + x[1] * np.log(leads)
-        return np.sum(np.logaddexp(0, np.where(right, -odds, odds))) + 0.02 * np.sum(np.square(x))
+        odds = x[1] * np.log(leads)
+        sure = -np.logaddexp(0, -x[0]) - np.logaddexp(0, -odds)  # log of how probable a right name is
+        return -np.sum(np.where(right, sure, np.log(-np.expm1(sure)))) + 0.02 * np.sum(np.square(x))
 
-    return tuple(minimize(cost, [0.0, 1.0]).x)
+    clear, slope = minimize(cost, [1.0, 4.0], method="Nelder-Mead").x
+    return float(1 / (1 + np.exp(-clear))), float(slope)
 
 
 def all_sets(results: list[Result]) -> dict[str, dict]:

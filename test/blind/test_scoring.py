@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.stats import binomtest
@@ -201,6 +202,13 @@ def test_a_split_has_what_the_examination_asks_for(split):
 def test_the_splits_share_no_case():
     seeds = [{c.seed for c in cases.all_cases(split)} for split in cases.SEEDS]
     assert not set.intersection(*seeds)
+
+
+def test_trust_finds_again_how_often_clear_and_narrow_leads_are_right():
+    rng = np.random.default_rng(4)
+    leads = np.exp(rng.normal(0.3, 0.7, 4000))
+    right = rng.random(4000) < 0.9 / (1 + leads**-3.0)
+    assert score.trust(leads, right) == (pytest.approx(0.9, abs=0.03), pytest.approx(3.0, rel=0.15))
 
 
 def test_effects_have_the_ids_that_the_tool_answers_with():

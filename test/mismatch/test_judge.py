@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.judge import THRESHOLD, Proof, confidence, interval, judge
+from vsense_ros.mismatch.judge import REFUSED, THRESHOLD, TRUSTED, Proof, confidence, interval, judge
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -29,7 +29,8 @@ def test_more_gain_makes_surer_and_a_better_rival_less_sure(gain, other, more):
 
 def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
     assert confidence(THRESHOLD, 0.0) < 0.5
-    assert confidence(10 * THRESHOLD, THRESHOLD) > 0.9
+    assert confidence(10 * THRESHOLD, THRESHOLD) == pytest.approx(TRUSTED, rel=0.01)
+    assert confidence(10 * THRESHOLD, THRESHOLD) > 0.8
 
 
 @dataclass
@@ -151,7 +152,7 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
             deviations=lambda off: off,
         )
         proof = SimpleNamespace(
-            worst=lambda: 2.5,
+            worst=2.5,
             fitted=told,
             residuals=told,
             base=SimpleNamespace(residuals={"wheels": 2.5, "yaw rate": 1.0}),
@@ -229,6 +230,7 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     assert (judged.verdict, judged.rivals) == ("named", (found,))
     assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
+    assert judged.confidence(other, "gyro") <= REFUSED
     near = explaining("bank + gyro", 0.87, 0.87)
     assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
 

@@ -48,9 +48,11 @@ COMPARED = 0.5  # least share of what was held out that must be left to compare,
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
 
 
-# Log odds that an effect is there, over the logarithm of its gain over that of the best other or the threshold: from
-# the public split of the examination by `python -m blind calibrate`.
-CERTAIN, CERTAIN_BY_LEAD = -0.8, 3.7
+# How probable it is that a name of the answer is right, from the public split of the examination by
+# `python -m blind calibrate`: of answers whose lead is clear this share, the rest being physics outside the library
+# that looks like an effect of it; and less by the logarithm of the lead. Of effects that the judge refuses, hardly any
+# is there.
+TRUSTED, BY_LEAD, REFUSED = 0.89, 8.0, 0.04
 # Standard deviation of a size, relative, by what tyres and sensors of other cars have and the model has not: windows
 # agree in it, so that their spread does not show it. How many intervals hold with it, the same command tells.
 SIZE_OFF = 0.12
@@ -58,10 +60,10 @@ NORMAL_90 = 1.645  # standard deviations to either side that hold 90 % of a norm
 
 
 def confidence(gain: float, other: float) -> float:
-    """How probable it is that an effect is there which explains `gain`, where the best that goes without it explains
-    `other`."""
+    """How probable it is that an effect of the answer is there which explains `gain`, where the best that goes without
+    it explains `other`."""
     lead = np.log(max(gain, 1e-3) / max(other, THRESHOLD))
-    return float(1 / (1 + np.exp(-CERTAIN - CERTAIN_BY_LEAD * lead)))
+    return float(TRUSTED / (1 + np.exp(-BY_LEAD * lead)))
 
 
 def interval(value: float, spread: float) -> tuple[float, float]:
@@ -219,14 +221,16 @@ class Judged:
 
     def confidence(self, explanation: Explanation, effect: str) -> float:
         """That an effect of an explanation is there: how far what it gains beyond the other effects of the explanation
-        leads what any other effect would."""
+        leads what any other effect would; next to nothing where the judge refused it."""
         rest = set(explanation.effects) - {effect}
         known = self._most(e for e in self.explanations if set(e.effects) == rest)
         others = (
             e for e in self.explanations
             if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(explanation.effects)
         )  # fmt: skip
-        return confidence(_proven(explanation, self.held_out) - known, self._most(others) - known)
+        found = confidence(_proven(explanation, self.held_out) - known, self._most(others) - known)
+        answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
+        return found if effect in answer else min(found, REFUSED)
 
     def _most(self, explanations: Iterable[Explanation]) -> float:
         return max((_proven(e, self.held_out) for e in explanations), default=0.0)

@@ -12,8 +12,8 @@ RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of p
 
 
 class TyreUnderinflation(Effect):
-    """Less pressure: softer, so that the wheel rolls on a smaller radius, with more resistance, and corners less (as the
-    Magic Formula has it with pressure; Besselink, Schmeitz & Pacejka 2010).
+    """Less pressure: softer, so that the wheel rolls on a smaller radius, with more resistance, and corners less (as
+    the Magic Formula has it with pressure; Besselink, Schmeitz & Pacejka 2010).
     """
 
     id: ClassVar[str] = "tyre_underinflation"
