@@ -152,3 +152,4 @@ def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest
     proof = Proof(unseen, vehicle, residuals, base)
     assert residuals.worst(base.residuals) < ASTRAY < proof.residuals.worst(proof.before)
     assert proof.astray() == astray
+    assert proof.fits_together != astray

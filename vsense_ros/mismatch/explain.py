@@ -157,7 +157,7 @@ def answer(
     found["out_of_reach"] = [{"id": id, "reason": reason} for id, reason in beyond.items()]
     if not search.visible:
         return nothing_said("no effect of the library would leave a trace in these recordings")
-    proof = Proof(unseen, vehicle, residuals, base)
+    proof = Proof(unseen, vehicle, residuals, base, progress)
     found["remarks"] = [*evidence.remarks, *proof.remarks]
     if proof.residuals is None and len(search.groups) == 1:
         found["remarks"].append(ALONE)
@@ -182,6 +182,11 @@ def answer(
         return nothing_said(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += proof.lost(shown)
+    if verdict == "no_mismatch" and proof.fits_together:
+        found["remarks"].append(
+            "what was held out is far off for the base parameters that fit the rest best, but not for ones that fit "
+            "all of it: that tells of no missing physics"
+        )
     if judged.besides:
         found["remarks"].append(
             f"something smaller is there besides, and the recordings cannot tell whether it is "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -75,8 +75,16 @@ def interval(value: float, spread: float) -> tuple[float, float]:
 class Proof:
     """Recordings that no fit has seen."""
 
-    def __init__(self, evidence: Evidence, vehicle: Vehicle, residuals: Residuals, base: Fit) -> None:
+    def __init__(
+        self,
+        evidence: Evidence,
+        vehicle: Vehicle,
+        residuals: Residuals,
+        base: Fit,
+        progress: Callable[[], None] = lambda: None,
+    ) -> None:
         self.residuals: Residuals | None = None
+        self._progress = progress
         self.base, self.fitted = base, residuals
         self._compared: dict[int, tuple[Fit, list[Array], list[Array]]] = {}  # by id of the fit, which stays its own
         if evidence.windows:
@@ -162,16 +170,22 @@ class Proof:
         ways with base parameters that are a little different, and where some fit both, no physics is missing.
         """
         here = self.fitted.worst(self.base.residuals)
-        if self.residuals is None:
-            return here
-        there = self.residuals.worst(self.before)
-        if there > ASTRAY >= here:
-            return min(there, self._worst_of_both(self.residuals))
-        return max(there, here)
+        there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
+        return max(here, there) if self._worst_of_both is None else min(there, self._worst_of_both)
 
-    def _worst_of_both(self, unseen: Residuals) -> float:
-        """The same where the base parameters are fitted to all recordings."""
-        evidence, other = self.fitted.predictor.evidence, unseen.predictor.evidence
+    @property
+    def fits_together(self) -> bool:
+        """Whether what no fit has seen is far off for the base fit, but not for base parameters fitted to all."""
+        return self._worst_of_both is not None and self._worst_of_both <= ASTRAY
+
+    @cached_property
+    def _worst_of_both(self) -> float | None:
+        """The same for base parameters fitted to all recordings, where only those no fit has seen are far off."""
+        if self.residuals is None or not (
+            self.residuals.worst(self.before) > ASTRAY >= self.fitted.worst(self.base.residuals)
+        ):
+            return None
+        evidence, other = self.fitted.predictor.evidence, self.residuals.predictor.evidence
         whole = replace(
             evidence, windows=(*evidence.windows, *other.windows), sensors={**other.sensors, **evidence.sensors}
         )
@@ -179,11 +193,13 @@ class Proof:
         residuals.deviation |= self.fitted.deviation
         start = self.fitted.predictor.start
         try:
-            found = fit(residuals, start, self.base.knobs, begin=self.base.amounts, iterations=JOINT).residuals
+            found = fit(
+                residuals, start, self.base.knobs, begin=self.base.amounts, iterations=JOINT, progress=self._progress
+            ).residuals
         except DivergedError:
             return np.inf
         count = len(evidence.windows)
-        return max(self.fitted.worst(found[:count]), unseen.worst(found[count:]))
+        return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
 
     def mends_the_worst(self, explanation: Explanation) -> bool:
         """Whether the signal that is furthest from a good model comes closer, where it is: in training or on what the
