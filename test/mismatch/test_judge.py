@@ -144,6 +144,23 @@ def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
     assert Proof.at_odds(proof, explanation) == pytest.approx(gained / (gained + 90))
 
 
+def test_of_many_windows_one_may_disagree():
+    """Three windows agree in a change to the last; in the fourth it should have been the opposite."""
+    change = np.random.default_rng(1).normal(size=200)
+
+    def odds(*multiples: float) -> float:
+        before = replace(FITTED, residuals=[-multiple * change for multiple in multiples])
+        after = replace(FITTED, residuals=[(1 - multiple) * change for multiple in multiples])
+        proof = SimpleNamespace(
+            base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * len(multiples)), residuals=None
+        )
+        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+
+    assert odds(1.0, 1.0, 1.0, -1.0) == pytest.approx(0.0, abs=1e-9)
+    assert odds(1.0, 1.0, -1.0, -1.0) > 1.0
+    assert odds(1.0, 1.0, -1.0) > 1.0  # these are not many
+
+
 def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
     def mends(unseen: dict[str, float], then: dict[str, float]) -> bool:
         told = SimpleNamespace(
