@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 
 THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden do not give
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
-# they take up most of an effect, a tyre formula that is a little different takes up as much of another.
-OWN = 0.3
+# they take up most of an effect, a tyre formula that is a little different takes up as much of another. Not more than
+# this multiple: cars with nothing hidden stay well below.
+OWN, AT_MOST = 0.3, 2.0
 # Least share that one more effect explains of what another leaves, but not of less than a good model does: the first
 # where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
 # the least gain, where no other explains half as much.
@@ -302,7 +303,7 @@ def judge(
 
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
-        least = threshold * max(1.0, OWN / max(e.keep, 1e-3))
+        least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, AT_MOST))
         lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5
         return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
 
