@@ -10,7 +10,7 @@ import json
 import numpy as np
 import pytest
 
-from hidden import driven, having, prototype, wrong
+from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
@@ -80,6 +80,16 @@ def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
     found = answer([driven(true, "sweep")], wrong(prototype()), [driven(true, "brake")], ablation=part).found
     assert found["effects"]
     assert found["sentence"]
+
+
+@pytest.mark.slow
+def test_what_looks_like_the_answer_and_needs_a_sensor_that_is_not_there_is_told():
+    blind = without(prototype(), "gnss_velocity")
+    train = [driven(having(blind, steering_offset={"angle": 0.02}), m) for m in ("sweep", "slalom")]
+    found = answer(train, blind, assume=["steering_offset"]).found
+    (remark,) = (r for r in found["remarks"] if "not excluded" in r)
+    assert remark.startswith("wind over the ground")
+    assert remark.endswith("it needs a GNSS velocity, which these recordings do not have")
 
 
 @pytest.mark.slow

@@ -187,6 +187,12 @@ def answer(
             "what was held out is far off for the base parameters that fit the rest best, but not for ones that fit "
             "all of it: that tells of no missing physics"
         )
+    if leader is not None and verdict != "unknown":
+        found["remarks"] += [
+            f"{BY_ID[id].sentence} may look the same and is not excluded: {reason}"
+            for id, reason in beyond.items()
+            if id not in traceless and set(BY_ID[id].mistaken_for) & set(leader.effects)
+        ]
     if judged.besides:
         found["remarks"].append(
             f"something smaller is there besides, and the recordings cannot tell whether it is "
