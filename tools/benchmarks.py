@@ -62,7 +62,7 @@ the number of cases they are of. Made by `python -m blind --split release` (`mak
 `docs/benchmarks`), answered by
 {version}.
 None of the cases had been looked at when they were answered. A look at the rich ones with one effect had shown a tyre
-relaxation that was `unknown`, because one window of twelve spoke against it, and one at those without GNSS a steering
+relaxation that was `unknown`, because a single window spoke against it, and one at those without GNSS a steering
 compliance that was refused; what was changed for that stands in the versions that answered the later ones. Of the rich
 set they are the first with one effect, the first with two, the first from outside the library and the first with
 nothing hidden. Seconds are of one processor, which did other things as well.
@@ -70,8 +70,8 @@ nothing hidden. Seconds are of one processor, which did other things as well.
 EARLIER_HEAD = """Earlier releases, each with other seeds, answered by earlier versions: {versions}. Some cases
 of the first were answered once more. The plants of the first three let the axle of a leaning wheel carry a part of the
 aligning moment, which no bearing can: with nothing hidden a longitudinal force that grows with cornering was left over.
-That on MuJoCo, of all of them, rolled by some 40 N m too much where it braked in a bend. The second release is mostly
-doubles and physics outside the library.
+That on MuJoCo, of all of them, rolled too far where it braked in a bend. The second release is mostly doubles and
+physics outside the library.
 """
 SCORES = {
     "top1": ("named first, of what can be detected", "≥ 0.90"),

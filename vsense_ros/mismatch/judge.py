@@ -22,7 +22,7 @@ THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden 
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another. Not more than
 # this multiple: cars with nothing hidden stay well below.
-OWN, AT_MOST = 0.3, 2.0
+OWN, ASKED_AT_MOST = 0.3, 2.0
 # Least share that one more effect explains of what another leaves, but not of less than a good model does: the first
 # where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
 # the least gain, where no other explains half as much.
@@ -41,8 +41,8 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # the model stays well below (public split).
 ASTRAY = 1.75
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
-# what it gains. Where much would be gained again, it only resembles what is there. On the public split most effects
-# that are there stay below 0.5, one is at 0.60; what looks like them begins at 0.67, if recordings can tell it at all.
+# what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
+# it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
 MANY = 4  # windows, of which one may disagree
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
@@ -184,7 +184,7 @@ class Proof:
 
     @cached_property
     def _worst_of_both(self) -> float | None:
-        """The same for base parameters fitted to all recordings, where only those no fit has seen are far off."""
+        """`worst` of base parameters fitted to all recordings; None unless only what no fit has seen is off."""
         if self.residuals is None or not (
             self.residuals.worst(self.before) > ASTRAY >= self.fitted.worst(self.base.residuals)
         ):
@@ -303,7 +303,7 @@ def judge(
 
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
-        least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, AT_MOST))
+        least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
         lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5
         return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
 

@@ -31,7 +31,7 @@ BEAM = 3  # explanations to which a further effect is added, and further effects
 MOST = 3  # effects at once
 ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 POLISHED = 2  # explanations that are fitted again with secants of their own
-PROMISED = 0.01  # least gain of those: an effect that base parameters have taken up is found by degrees
+WORTH_POLISHING = 0.01  # least gain of those: an effect that base parameters have taken up is found by degrees
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
 STRETCHES = 4  # of a window that is the only one, whose spread says how sure a size is
@@ -130,7 +130,7 @@ class Search:
     def singles(self) -> list[Explanation]:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
-        best = [self.polished(e) if e.gain > PROMISED else e for e in found[:POLISHED]]
+        best = [self.polished(e) if e.gain > WORTH_POLISHING else e for e in found[:POLISHED]]
         return sorted([*best, *found[POLISHED:]], key=lambda e: e.score, reverse=True)
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
