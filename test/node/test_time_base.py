@@ -40,3 +40,24 @@ def test_a_jump_of_the_clock_is_followed_at_once() -> None:
         base.tick(START + 10 * MS * i, wall=10 * MS * i)
     base.tick(START - 3_600_000 * MS, wall=1000 * MS)
     assert base.at(1005 * MS) == START - 3_600_000 * MS + 5 * MS
+
+
+@given(begin=st.integers(60, 90), length=st.integers(6, 60))
+def test_a_process_that_gets_its_ticks_in_one_go_does_not_set_its_time_back(begin: int, length: int) -> None:
+    base = TimeBase(simulated=True)
+    times = []
+    for i in range(200):
+        held_up = begin <= i < begin + length
+        base.tick(START + 10 * MS * i, wall=10 * MS * (begin + length if held_up else i) + held_up * (i - begin))
+        if not held_up:
+            times.append(base.at(10 * MS * i))
+    assert times == sorted(times)
+    assert base.at(2000 * MS) == START + 2000 * MS
+
+
+@pytest.mark.parametrize("pause", [80, 400, 3000])
+def test_a_clock_that_was_paused_is_followed(pause: int) -> None:
+    base = TimeBase(simulated=True)
+    for i in range(200):
+        base.tick(START + 10 * MS * i, wall=10 * MS * i + (pause * MS if i >= 100 else 0))
+    assert base.at((2000 + pause) * MS) == START + 2000 * MS
