@@ -165,6 +165,24 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
     assert found / as_stiff == pytest.approx([1, 1, 1, 1 - 0.5 * 0.4], rel=0.01)
 
 
+def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
+    swinging, omega, share = having(bare, Effects(sloshing_load={"mass": 1.0, "frequency": 4.0})), 4.0, 0.2
+    mass = bare.physics.chassis.mass
+    car, h = car_of(swinging), 1e-4
+    arguments = [car.q, car.u, car.memory, car.surroundings, car.inputs, car.p]
+    moved = ca.Function("moved", arguments, [car.remember(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
+    q, u = rolling_straight(swinging, 20.0)
+    parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()
+    for roll, place in ((0.0, 0.05), (0.03, 0.0)):
+        q[3] = roll
+        after, force = (np.array(x).ravel() for x in moved(q, u, [place, 0.0], np.zeros(4), np.zeros(5), parameters))
+        # Free on a cart its frequency is that of a fixed pendulum over √(1 - m/M); what holds a tilted body up from
+        # below is a force to its side.
+        across = (force[0] * np.cos(roll) + force[1] * np.sin(roll)) / mass
+        expected = -(omega**2 * place + across) / (1 - share)
+        assert after[1] / h == pytest.approx(expected, rel=0.01)
+
+
 def test_without_a_compiler_a_run_is_the_same(full, monkeypatch):
     changes = sizes("sloshing_load") | sizes("steering_compliance")
     wet = np.linspace(0.0, -0.4, len(slalom()))

@@ -10,6 +10,7 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects.base import Effect, shape, size
 
 DAMPING = 0.05  # damping ratio of the swing
+LEAST_REST = 0.2  # of the car's mass that does not swing: what a fit may try beyond has no meaning
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car
@@ -32,9 +33,12 @@ class SloshingLoad(Effect):
     frequency: float = shape("rad/s", "natural frequency of the swing", default=4.0, typical=1.5, low=1.0, high=20.0)
 
     def _acceleration(self, memory: ca.SX, car: Car) -> ca.SX:
-        """Of the load relative to the body [m/s²]."""
-        lateral = ca.sum2(car.wheel_outputs[1, :]) / car.parameters.chassis.mass
-        return -lateral - 2 * DAMPING * self.frequency * memory[1] - self.frequency**2 * memory[0]
+        """Of the load relative to the body [m/s²]: a pendulum on a cart, of whose mass it is part, so that it pushes
+        the cart away from under itself. In a body that rolls it falls to the lower side as well."""
+        mass = car.parameters.chassis.mass
+        across = ca.sum2(car.wheel_outputs[1, :]) + ca.sin(car.q[3]) * ca.sum2(car.wheel_outputs[2, :])
+        restoring = 2 * DAMPING * self.frequency * memory[1] + self.frequency**2 * memory[0]
+        return -(across / mass + restoring) / ca.fmax(1 - self.mass / mass, LEAST_REST)
 
     def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         side = -self.mass * self._acceleration(memory, car)
