@@ -280,7 +280,25 @@ class Search:
         at = explanation.fit
         fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, at, self._progress)))
         better = self._explanation(explanation.candidates, fitted, explanation.keep)
-        return better if fitted.value < at.value else explanation
+        return self._on_the_road(better if fitted.value < at.value else explanation)
+
+    def _on_the_road(self, explanation: Explanation) -> Explanation:
+        """The explanation, fitted in full from the parameters of the vehicle file if its car gets lost: there it keeps
+        the residuals of the base fit, and base parameters stay as they are bent to stand in for the effect."""
+        at = explanation.fit
+        lost = sum(self.residuals.predictor.lost(at.setting))
+        if not lost:
+            return explanation
+        begin = np.array([explanation.sizes.get(knob.name, 0.0) for knob in at.knobs])
+        try:
+            found = fit(
+                self.residuals, self.start, at.knobs, begin=begin, instead=self.base.residuals, progress=self._progress
+            )
+        except DivergedError:
+            return explanation
+        if sum(self.residuals.predictor.lost(found.setting)) >= lost:
+            return explanation
+        return self._explanation(explanation.candidates, replace(found, weight=at.weight), explanation.keep)
 
     def settled(self, explanation: Explanation) -> Explanation:
         """The explanation with its sizes fitted once more, hardly drawn to zero any longer: what they cost has told the
