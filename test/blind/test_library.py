@@ -30,9 +30,8 @@ ON_THE_MOTION = (
     "payload_offset", "sloshing_load", "aero_downforce",
 )  # fmt: skip
 
-# At the limit a shift of the slip angle, as in the plants, is less than a force that is added; and what little more
-# load does to a cornering tyre is less certain than what it does to rolling resistance.
-ELSEWHERE = {"camber_thrust": "slalom", "aero_downforce": "coast-down"}
+# What little more load does to a cornering tyre is less certain than what it does to rolling resistance.
+ELSEWHERE = {"aero_downforce": "coast-down"}
 
 
 def _hidden(name: str):

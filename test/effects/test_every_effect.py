@@ -165,6 +165,22 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
     assert found / as_stiff == pytest.approx([1, 1, 1, 1 - 0.5 * 0.4], rel=0.01)
 
 
+@pytest.mark.parametrize(("slip", "least", "most"), [(0.0, 0.95, 1.05), (0.3, -0.1, 0.25)])
+def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_grip(bare, slip, least, most):
+    pushing = having(bare, Effects(tyre_conicity={}))
+    car = car_of(pushing)
+    forces = ca.Function("forces", [car.q, car.u, car.surroundings, car.inputs, car.p], [car.wheel_outputs[1:3, :]])
+    q, u = rolling_straight(pushing, 20.0)
+    u[1] = 20.0 * slip
+    changes = {"effects.tyre_conicity.front": 0.05, "effects.tyre_conicity.rear": 0.05}
+    without, with_it = (
+        np.array(forces(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
+        for c in ({}, changes)
+    )
+    share = (with_it[0] - without[0]) / (0.05 * without[1])
+    assert np.all((share > least) & (share < most))
+
+
 def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     swinging, omega, share = having(bare, Effects(sloshing_load={"mass": 1.0, "frequency": 4.0})), 4.0, 0.2
     mass = bare.physics.chassis.mass

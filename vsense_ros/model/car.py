@@ -28,12 +28,13 @@ from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.parameter import numbers, symbols
 from vsense_ros.model.suspension import HubMotion, straight_guide, table_guide
 from vsense_ros.model.tree import Body, Tree
-from vsense_ros.model.tyres import FORCES, STEEPEST_SLOPES
+from vsense_ros.model.tyres import CORNERING_STIFFNESSES, FORCES, STEEPEST_SLOPES
 from vsense_ros.model.tyres.slip import transport_speed
 from vsense_ros.model.vehicle import Vehicle
 
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
+LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
 
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -293,6 +294,9 @@ class Car:
         friction = self.parameters.road.friction * corner.axle.grip_scale
         for effect, memory in zip(self._effects, self._memories, strict=True):
             friction = effect.friction(friction, corner, load, memory)
+        speed_y -= self._slip_of_thrust(corner, load, inclination) * transport_speed(
+            speed_x, corner.axle.tyre.standstill_speed
+        )
         force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
             corner.axle.tyre,
             load,
@@ -303,9 +307,18 @@ class Car:
             camber=inclination,
             side=corner.side,
         )
-        for effect in self._effects:
-            force_y = effect.lateral_force(force_y, corner, load, inclination)
         return force_x, force_y, moment, slip_x, slip_y
+
+    def _slip_of_thrust(self, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        """Lateral slip that would make the force which a tyre makes without any [-]: as such it fades where slip uses
+        the grip (Pacejka 2012, chapter 4: ply steer and conicity shift the slip angle)."""
+        thrust = ca.SX(0)
+        for effect in self._effects:
+            thrust = effect.thrust(thrust, corner, load, inclination)
+        if thrust.is_zero():
+            return thrust
+        stiffness = CORNERING_STIFFNESSES[corner.tyre](corner.axle.tyre, load)
+        return thrust / ca.fmax(stiffness, LEAST_STIFFNESS)
 
     def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
         """Generalized force of spring, damper and anti-roll bar on the travel [N], positive in bump."""

@@ -93,9 +93,10 @@ class Effect(Part):
         """Lateral velocity of the contact point that the tyre responds to [m/s]."""
         return speed
 
-    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
-        """Lateral force of a tyre [N] with a load [N] and an inclination [rad]."""
-        return force
+    def thrust(self, thrust: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        """Lateral force that a tyre with a load [N] and an inclination [rad] makes without slip [N]; less where slip
+        uses its grip."""
+        return thrust
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
         """What resists the compression of one wheel's suspension [N]."""

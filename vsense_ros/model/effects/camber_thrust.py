@@ -23,5 +23,5 @@ class CamberThrust(Effect):
     front: float = size("1/rad", "force over load per inclination, front", typical=0.5, low=-2.0, high=5.0)
     rear: float = size("1/rad", "force over load per inclination, rear", typical=0.5, low=-2.0, high=5.0)
 
-    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
-        return force - of_axle(self, corner) * load * inclination
+    def thrust(self, thrust: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        return thrust - of_axle(self, corner) * load * inclination

@@ -23,5 +23,5 @@ class TyreConicity(Effect):
     front: float = size("-", "force to the left over load, front axle", typical=0.01, high=0.3)
     rear: float = size("-", "force to the left over load, rear axle", typical=0.01, high=0.3)
 
-    def lateral_force(self, force: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
-        return force + of_axle(self, corner) * load
+    def thrust(self, thrust: ca.SX, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        return thrust + of_axle(self, corner) * load
