@@ -13,8 +13,9 @@ import pytest
 from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.design import NEXT
-from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
+from vsense_ros.mismatch.explain import EXTENDED, NO_COURSE, ROAD, answer
 from vsense_ros.mismatch.knobs import candidates
+from vsense_ros.model.effects import BY_ID
 from vsense_ros.vehicle_file import load_vehicle
 
 
@@ -84,12 +85,25 @@ def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
 
 @pytest.mark.slow
 def test_what_looks_like_the_answer_and_needs_a_sensor_that_is_not_there_is_told():
+    blind = without(prototype(), "wheel_torques")
+    train = [driven(having(blind, road_grade={"grade": 0.03}), m) for m in ("sweep", "slalom")]
+    found = answer(train, blind, assume=["road_grade"]).found
+    remarks = [r for r in found["remarks"] if "not excluded" in r]
+    assert [r.split(" may look")[0] for r in remarks] == [
+        BY_ID[id].sentence for id in ("aero_drag", "rolling_resistance")
+    ]
+    assert all(r.endswith("it needs wheel torques, which these recordings do not have") for r in remarks)
+
+
+@pytest.mark.slow
+def test_without_gnss_a_wind_is_told_with_directions_from_where_the_recordings_set_out():
     blind = without(prototype(), "gnss_velocity")
-    train = [driven(having(blind, steering_offset={"angle": 0.02}), m) for m in ("sweep", "slalom")]
-    found = answer(train, blind, assume=["steering_offset"]).found
-    (remark,) = (r for r in found["remarks"] if "not excluded" in r)
-    assert remark.startswith("wind over the ground")
-    assert remark.endswith("it needs a GNSS velocity, which these recordings do not have")
+    windy = having(blind, crosswind={"east": 0.0, "north": 8.0})
+    found = answer([driven(windy, m) for m in ("sweep", "slalom")], wrong(blind), [driven(windy, "brake")]).found
+    assert [effect["id"] for effect in found["effects"] if effect["accepted"]] == ["crosswind"]
+    across = next(p for p in found["effects"][0]["parameters"] if p["name"] == "north")
+    assert across["value"] == pytest.approx(8.0, rel=0.2)
+    assert NO_COURSE in found["remarks"]
 
 
 @pytest.mark.slow

@@ -53,7 +53,8 @@ class Window:
     end: float
     readings: Mapping[str, Readings]  # by sensor, those inside the window with some margin
     speed: Readings  # (n, 1) over ground [m/s]
-    heading: float  # at the beginning, as far as it is known: the course over ground [rad]
+    # At the beginning the course over ground [rad], as far as it is known: else as if each recording set out eastwards.
+    heading: float
     torques: bool  # True: wheel torques are measured
     turned: Readings  # (n, 1) to the left since the recording sets out [rad]
     place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
@@ -255,7 +256,7 @@ def _windows(
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
-                _course(inside, kinds, first), torques, _spanning(turned, first - 1.0, last + 1.0),
+                _course(inside, kinds, first, turned), torques, _spanning(turned, first - 1.0, last + 1.0),
                 _spanning(place, first - 1.0, last + 1.0),
             )  # fmt: skip
 
@@ -296,14 +297,12 @@ def _spanning(readings: Readings, first: float, last: float) -> Readings:
     return Readings(readings.t[begin:end], readings.value[begin:end])
 
 
-def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float) -> float:
+def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, turned: Readings) -> float:
     sensor = kinds.get("gnss_velocity")
-    if sensor is None or sensor not in readings:
-        return 0.0
-    velocity = readings[sensor]
-    present = np.isfinite(velocity.value).all(axis=1)
-    if not present.any():
-        return 0.0
+    velocity = readings.get(sensor) if sensor is not None else None
+    present = np.isfinite(velocity.value).all(axis=1) if velocity is not None else np.zeros(0, dtype=bool)
+    if velocity is None or not present.any():
+        return float(np.interp(at, turned.t, turned.value[:, 0]))
     nearest = np.flatnonzero(present)[np.argmin(np.abs(velocity.t[present] - at))]
     east, north = velocity.value[nearest, :2]
     return float(np.arctan2(north, east))

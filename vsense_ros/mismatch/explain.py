@@ -46,6 +46,9 @@ ALONE = (
     "all of it is one stretch of driving: nothing can be left out of the fit, and gains are those of the fit itself; "
     "add another recording, or hold one out"
 )
+NO_COURSE = (
+    "nothing tells where the car heads on the map: directions are counted as if each recording set out to the east"
+)
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
 
 # Of a profile: a number for what hangs together, metres along it, degrees, radians counter-clockwise from east.
@@ -173,6 +176,8 @@ def answer(
     if ablation == "chi2_thresholds":
         found["threshold"] = threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
     judged = judge(explanations, described, proof, threshold)
+    if judged.verdict == "no_mismatch" and not assume and not described:
+        judged = judge(explanations, search.described(), proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     if judged.leader is not None:
@@ -193,6 +198,8 @@ def answer(
             for id, reason in beyond.items()
             if id not in traceless and set(BY_ID[id].mistaken_for) & set(leader.effects)
         ]
+    if leader is not None and "gnss_velocity" not in kinds and any(EVERY[id].on_map for id in leader.effects):
+        found["remarks"].append(NO_COURSE)
     if judged.besides:
         found["remarks"].append(
             f"something smaller is there besides, and the recordings cannot tell whether it is "

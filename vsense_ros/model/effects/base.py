@@ -62,6 +62,7 @@ class Effect(Part):
     # Other forms of the effect by the words that tell where it is, each with the values of its fields.
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
+    on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     memory: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

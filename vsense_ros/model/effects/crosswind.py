@@ -26,7 +26,7 @@ class Crosswind(Effect):
     sentence: ClassVar[str] = "wind over the ground, with its side force and yaw moment"
     excited_by: ClassVar[tuple[str, ...]] = ("driving in several directions at high speed",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("road_bank", "tyre_conicity", "steering_offset", "accelerometer_bias")
-    needs: ClassVar[tuple[str, ...]] = ("gnss_velocity",)  # which tells where the car heads on the map
+    on_map: ClassVar[bool] = True
 
     east: float = size("m/s", "velocity of the air to the east", typical=4.0, high=40.0)
     north: float = size("m/s", "velocity of the air to the north", typical=4.0, high=40.0)
