@@ -27,7 +27,7 @@ OWN, ASKED_AT_MOST = 0.3, 2.0
 # where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
 # the least gain, where no other explains half as much.
 FURTHER, CLEAR = 0.2, 4 / 3
-DESCRIBED = 0.06  # least gain of a term without known physics: there are many of them
+DESCRIBED = 0.05  # least gain of a term without known physics: there are many of them
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted

@@ -191,7 +191,8 @@ class Search:
                     promised = known + adds, signature
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
-        return self._fitted([signature for _, signature in likeliest])
+        fitted = self._fitted([signature for _, signature in likeliest])
+        return [*map(self._on_the_road, fitted[:1]), *fitted[1:]]
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
