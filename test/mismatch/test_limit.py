@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Residuals, fit, tempered, untempered
+from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Residuals, fit, tempered, turned, untempered
 from vsense_ros.mismatch.judge import ASTRAY, Proof
 from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.prediction import Predictor
@@ -131,6 +133,21 @@ def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
     assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
     assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
     assert settled.gain == pytest.approx(alone.gain, abs=0.01)
+
+
+@pytest.mark.slow
+def test_an_explanation_whose_car_gets_lost_is_found_on_the_road_again():
+    search = biased("sweep", "slalom")
+    (alone,) = search.singles()
+    at = alone.fit
+    bent = np.where([knob.name == "grip, rear" for knob in at.knobs], -0.58, at.amounts)
+    setting = turned(search.start, at.knobs, bent)
+    assert all(search.residuals.predictor.lost(setting))
+    there = replace(at, setting=setting, amounts=bent, residuals=search.residuals(setting, search.base.residuals))
+    found = search.polished(replace(alone, fit=there))
+    assert not any(search.residuals.predictor.lost(found.fit.setting))
+    assert found.sizes == pytest.approx(alone.sizes, rel=0.02)
+    assert found.fit.value == pytest.approx(at.value, rel=0.05)
 
 
 def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
