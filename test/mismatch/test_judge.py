@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.judge import REFUSED, THRESHOLD, TRUSTED, Proof, confidence, interval, judge
+from vsense_ros.mismatch.judge import ASTRAY, REFUSED, THRESHOLD, TRUSTED, Proof, confidence, interval, judge
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -180,7 +180,9 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
 
     assert mends({"roll rate": 0.9}, {"roll rate": 0.95})
     assert not mends({"roll rate": 2.6}, {"roll rate": 2.7})
-    assert mends({"roll rate": 2.6}, {"roll rate": 2.5})
+    assert not mends({"roll rate": 2.6}, {"roll rate": 2.5})
+    assert mends({"roll rate": 2.6}, {"roll rate": ASTRAY - 0.01})
+    assert mends({"roll rate": 12.0}, {"roll rate": 7.0})
 
 
 def unfinished(left: float) -> Made:

@@ -40,6 +40,7 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # The same of the worst signal: something is left over, and a further effect is worth while. Where nothing is hidden,
 # the model stays well below (public split).
 ASTRAY = 1.75
+MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if that stays further off
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
@@ -206,9 +207,9 @@ class Proof:
         return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
 
     def mends_the_worst(self, explanation: Explanation) -> bool:
-        """Whether the signal that is furthest from a good model comes closer, where it is: in training or on what the
-        fit has not seen. Where every signal is near, the effect gains by what base parameters need no longer stand in
-        for."""
+        """Whether the signal that is furthest from a good model comes near one or at least much closer, where it is: in
+        training or on what the fit has not seen. Where every signal is near, the effect gains by what base parameters
+        need no longer stand in for."""
         if self.worst <= ASTRAY:
             return True
         residuals, before, after = self.fitted, self.base.residuals, explanation.fit.residuals
@@ -216,8 +217,9 @@ class Proof:
             unseen = self.compared(explanation.fit)
             if self.residuals.worst(unseen[0]) > residuals.worst(before):
                 residuals, (before, after) = self.residuals, unseen
-        worst, _ = residuals.furthest(before)
-        return residuals.deviations(after)[worst] < residuals.deviations(before)[worst]
+        worst, off = residuals.furthest(before)
+        left = residuals.deviations(after)[worst] / residuals.deviations(before)[worst]
+        return left < max(min(1.0, ASTRAY / off), MENDED)
 
 
 @dataclass(frozen=True)
