@@ -185,6 +185,21 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
     assert mends({"roll rate": 12.0}, {"roll rate": 7.0})
 
 
+@pytest.mark.parametrize(
+    ("left", "gain", "told"),
+    [([0.0, 0.0, 0.0, 6.0], 1.0, True), ([0.0, 0.0, 6.0], -2.0, False), ([1.0, 1.0, 1.0, 1.0], 0.75, False)],
+)
+def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_count(left, gain, told):
+    windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=9.0) for i in range(len(left))]
+    proof = Proof.__new__(Proof)
+    proof.base = FITTED
+    proof.residuals = SimpleNamespace(predictor=SimpleNamespace(evidence=SimpleNamespace(windows=windows)))
+    proof.compared = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
+    found = explaining("wind", 0.5, 0.5)
+    assert proof.gain(found) == pytest.approx(gain)
+    assert proof.against(found).startswith("drive 3: from 0 to 9 s") == told
+
+
 def unfinished(left: float) -> Made:
     """The same where a signal is still off after the first effect."""
     return type("Unfinished", (Made,), {"worst": lambda self, residuals=None: left})()

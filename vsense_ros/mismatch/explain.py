@@ -187,6 +187,8 @@ def answer(
         return nothing_said(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += proof.lost(shown)
+    if leader is not None and (against := proof.against(leader)):
+        found["remarks"].append(against)
     if verdict == "no_mismatch" and proof.fits_together:
         found["remarks"].append(
             "what was held out is far off for the base parameters that fit the rest best, but not for ones that fit "

@@ -46,6 +46,7 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
 MANY = 4  # windows, of which one may disagree
+REMARKABLE = 0.05  # by how much the one makes a gain smaller that it is told
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
@@ -123,12 +124,36 @@ class Proof:
         ]
 
     def gain(self, explanation: Explanation) -> float | None:
-        """Relative fall of what is minimised; None without held-out recordings."""
+        """Relative fall of what is minimised, without the one window of many that speaks most against it: at its limit
+        a car goes other ways for a small difference. None without held-out recordings."""
+        return None if self.residuals is None else float(np.max(self._gains(explanation)))
+
+    def against(self, explanation: Explanation) -> str:
+        """A remark on the window without which the gain is clearly higher, if there is one."""
         if self.residuals is None:
-            return None
+            return ""
+        whole, *rest = self._gains(explanation)
+        if not rest or max(rest) < whole + REMARKABLE:
+            return ""
+        window = self.residuals.predictor.evidence.windows[int(np.argmax(rest))]
+        return (
+            f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s what was found does not hold, as where "
+            "a car at its limit goes other ways for a small difference; with that stretch "
+            f"{100 * whole:.0f} % of what was held out would be explained"
+        )
+
+    def _gains(self, explanation: Explanation) -> Array:
+        """Of all windows, then of all but each if they are many."""
         before, after = self.compared(explanation.fit)
-        value, left = self._value(self.base, before), self._value(explanation.fit, after)
-        return (value - left) / max(value, float(sum(len(r) for r in after)))
+        rows = np.array([len(r) for r in after])
+        share = rows / sum(len(r) for r in self.base.residuals)
+        value = np.array([cost([r]) for r in before]) + share * self.base.paid
+        left = np.array([cost([r]) for r in after]) + share * explanation.fit.paid
+        windows = np.array([value, left, rows])
+        sums = np.sum(windows, axis=1, keepdims=True)
+        if np.sum(rows > 0) >= MANY:
+            sums = np.hstack([sums, sums - windows])
+        return np.asarray((sums[0] - sums[1]) / np.maximum(np.maximum(sums[0], sums[2]), 1.0))
 
     def proven(self, explanation: Explanation) -> float:
         """The smaller of what it gains where it was fitted and where it was not."""
@@ -155,9 +180,6 @@ class Proof:
         whole = windows.sum(axis=0) + np.array([0.0, compared * (at.paid - explanation.fit.paid)])
         besides, gained = (whole - (windows if len(windows) >= MANY else np.zeros((1, 2)))).T
         return float(np.min(besides / np.maximum(gained, 1e-12)))
-
-    def _value(self, fitted: Fit, found: list[Array]) -> float:
-        return cost(found) + self._share(fitted, found) * fitted.paid
 
     def _share(self, fitted: Fit, found: list[Array]) -> float:
         """How much was `found` over what was fitted."""
