@@ -61,16 +61,17 @@ wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). 
 the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
 `docs/benchmarks`), answered by
 {version}.
-None of the cases had been looked at when they were answered. A look at the rich ones with one effect had shown a tyre
-relaxation that was `unknown`, because a single window spoke against it, and one at those without GNSS a steering
-compliance that was refused; what was changed for that stands in the versions that answered the later ones. Of the rich
-set they are the first with one effect, the first with two, the first from outside the library and the first with
-nothing hidden. Seconds are of one processor, which did other things as well.
+None of the cases had been looked at when they were answered. Of each set they are the first with one effect, of the rich
+one also the first with two, the first from outside the library and the first with nothing hidden. A look at them showed
+two wrong names: a free play of the steering told as a delay, with which the worst signal stayed as far off as it was,
+and two effects told as three, because the car with the right two went another way at its limit. Later versions refuse
+the one and tell the other rightly; they are not in these figures. Seconds are of one processor, which did other things as
+well.
 """
 EARLIER_HEAD = """Earlier releases, each with other seeds, answered by earlier versions: {versions}. Some cases
 of the first were answered once more. The plants of the first three let the axle of a leaning wheel carry a part of the
 aligning moment, which no bearing can: with nothing hidden a longitudinal force that grows with cornering was left over.
-That on MuJoCo, of all of them, rolled too far where it braked in a bend. The second release is mostly doubles and
+That on MuJoCo, of the first four, rolled too far where it braked in a bend. The second release is mostly doubles and
 physics outside the library.
 """
 SCORES = {
