@@ -169,16 +169,18 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
 def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_grip(bare, slip, least, most):
     pushing = having(bare, Effects(tyre_conicity={}))
     car = car_of(pushing)
-    forces = ca.Function("forces", [car.q, car.u, car.surroundings, car.inputs, car.p], [car.wheel_outputs[1:3, :]])
+    arguments = [car.q, car.u, car.surroundings, car.inputs, car.p]
+    outputs = ca.Function("outputs", arguments, [car.wheel_outputs[[1, 2, 5], :]])
     q, u = rolling_straight(pushing, 20.0)
     u[1] = 20.0 * slip
     changes = {"effects.tyre_conicity.front": 0.05, "effects.tyre_conicity.rear": 0.05}
     without, with_it = (
-        np.array(forces(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
+        np.array(outputs(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
         for c in ({}, changes)
     )
     share = (with_it[0] - without[0]) / (0.05 * without[1])
     assert np.all((share > least) & (share < most))
+    assert_allclose(with_it[2], without[2], atol=1e-5)  # the slip angle is where the tyre goes
 
 
 def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):

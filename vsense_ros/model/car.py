@@ -294,9 +294,8 @@ class Car:
         friction = self.parameters.road.friction * corner.axle.grip_scale
         for effect, memory in zip(self._effects, self._memories, strict=True):
             friction = effect.friction(friction, corner, load, memory)
-        speed_y -= self._slip_of_thrust(corner, load, inclination) * transport_speed(
-            speed_x, corner.axle.tyre.standstill_speed
-        )
+        thrust = self._slip_of_thrust(corner, load, inclination)
+        speed_y -= thrust * transport_speed(speed_x, corner.axle.tyre.standstill_speed)
         force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
             corner.axle.tyre,
             load,
@@ -307,7 +306,7 @@ class Car:
             camber=inclination,
             side=corner.side,
         )
-        return force_x, force_y, moment, slip_x, slip_y
+        return force_x, force_y, moment, slip_x, slip_y - thrust
 
     def _slip_of_thrust(self, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
         """Lateral slip that would make the force which a tyre makes without any [-]: as such it fades where slip uses
