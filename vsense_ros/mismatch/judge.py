@@ -40,13 +40,13 @@ LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviati
 # The same of the worst signal: something is left over, and a further effect is worth while. Where nothing is hidden,
 # the model stays well below (public split).
 ASTRAY = 1.75
-MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if that stays further off
+MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if that stays further off than ASTRAY
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
 MANY = 4  # windows, of which one may disagree
-REMARKABLE = 0.05  # by how much the one makes a gain smaller that it is told
+REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
 SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
@@ -143,10 +143,10 @@ class Proof:
         )
 
     def _gains(self, explanation: Explanation) -> Array:
-        """Of all windows, then of all but each if they are many."""
+        """Of all windows, then of all but each if they are many; (1,) or (1 + windows,)."""
         before, after = self.compared(explanation.fit)
         rows = np.array([len(r) for r in after])
-        share = rows / sum(len(r) for r in self.base.residuals)
+        share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
         value = np.array([cost([r]) for r in before]) + share * self.base.paid
         left = np.array([cost([r]) for r in after]) + share * explanation.fit.paid
         windows = np.array([value, left, rows])

@@ -34,8 +34,8 @@ from vsense_ros.model.vehicle import Vehicle
 
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
-LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
+LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 
 WHEELS = ("fl", "fr", "rl", "rr")
 COORDINATES = 14
