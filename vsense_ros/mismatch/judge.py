@@ -362,8 +362,8 @@ def judge(
         if (unfinished and share > FURTHER) or share > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             likeliest = several[:1]
             leaders = [e for e in likeliest if agreed(e)] or leaders
-    terms = sorted((e for e in described if e.improved > 0.5), key=proven, reverse=True)
-    term = next((e for e in terms if proven(e) > DESCRIBED), None)
+    term = max(described, key=proven, default=None)
+    term = term if term is not None and proven(term) > DESCRIBED else None
     explained = max(map(proven, leaders), default=0.0)
     disagreed = bool(likeliest) and not leaders
     nothing_known = said("unknown" if term is not None or disagreed or proof.astray() else "no_mismatch", term)

@@ -70,7 +70,8 @@ BASE = (
     _relative("grip, rear", 0.15, "rear.grip_scale"),
     _relative("roll stiffness, front", 0.15, "front.suspension_stiffness", "front.antiroll_stiffness"),
     _relative("roll stiffness, rear", 0.15, "rear.suspension_stiffness", "rear.antiroll_stiffness"),
-    _relative("damping", 0.2, "front.suspension_damping", "rear.suspension_damping"),
+    _relative("damping, front", 0.2, "front.suspension_damping"),
+    _relative("damping, rear", 0.2, "rear.suspension_damping"),
     _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
 )
 

@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import Effect, size
+from vsense_ros.model.effects.base import WHEELS, Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car import Car, Corner
 
 SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Where a term acts: a component of the force on the chassis about `cog`, in body axes."""
+    """Where a term acts: a component of the force on the chassis about `cog`, in body axes, or against the compression
+    of one suspension."""
 
     words: str
     unit: str
-    row: int  # of moments and forces
+    row: int  # of moments and forces on the chassis, and then of the suspensions
     typical: float  # size where its feature has its usual size
 
 
@@ -47,11 +48,25 @@ def _demand(car: Car) -> ca.SX:
     return ca.sum1(car.inputs[1:5]) / (p.chassis.mass * p.front.unloaded_radius)
 
 
-CHANNELS = {
+def _travel(wheel: int) -> dict[str, Feature]:
+    """What a wheel does relative to the body."""
+    return {
+        "rate": Feature("that follows its speed, as a damper", "m/s", 0.1, lambda car: car.u[6 + wheel]),
+        "travel": Feature("that follows its travel, as a spring", "m", 0.02, lambda car: car.q[6 + wheel]),
+    }
+
+
+CHASSIS = {
     "longitudinal_force": Channel("a longitudinal force", "N", 3, 200.0),
     "lateral_force": Channel("a lateral force", "N", 4, 300.0),
     "yaw_moment": Channel("a yaw moment", "N m", 2, 300.0),
     "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
+}
+_SUSPENSIONS = [f"suspension_force_{wheel}" for wheel in WHEELS]
+_PLACES = ("front left", "front right", "rear left", "rear right")
+CHANNELS = CHASSIS | {
+    name: Channel(f"a force in the {place} suspension", "N", 6 + i, 50.0)
+    for i, (name, place) in enumerate(zip(_SUSPENSIONS, _PLACES, strict=True))
 }
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
@@ -96,7 +111,7 @@ TERMS = {
     "lateral_force": ASYMMETRIC | TURNING,
     "yaw_moment": ASYMMETRIC | TURNING,
     "roll_moment": {"constant": CONSTANT} | TURNING,
-}
+} | {name: _travel(i) for i, name in enumerate(_SUSPENSIONS)}
 
 
 def _field(channel: Channel, feature: Feature) -> Any:
@@ -106,7 +121,8 @@ def _field(channel: Channel, feature: Feature) -> Any:
 
 
 class _Unmodelled(Effect):
-    """A sum of terms, each a force or moment on the chassis in proportion to something that the car does."""
+    """A sum of terms, each a force or moment on the chassis, or a force in a suspension, that is proportional to
+    something which the car does."""
 
     id: ClassVar[str] = "unmodelled"
     sentence: ClassVar[str] = "a force for which no physics is known"
@@ -114,10 +130,16 @@ class _Unmodelled(Effect):
 
     def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
         added = ca.SX.zeros(6)
-        for channel, features in TERMS.items():
-            for feature, content in features.items():
-                added[CHANNELS[channel].row] += getattr(self, f"{channel}_{feature}") * content.value(car)
+        for name, channel in CHASSIS.items():
+            added[channel.row] += self._sum(name, car)
         return force + added
+
+    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        return force + self._sum(_SUSPENSIONS[corner.index], car)
+
+    def _sum(self, channel: str, car: Car) -> ca.SX:
+        terms = (getattr(self, f"{channel}_{feature}") * each.value(car) for feature, each in TERMS[channel].items())
+        return sum(terms, ca.SX(0))
 
 
 Unmodelled: type[Effect] = create_model(
