@@ -223,3 +223,13 @@ def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
     found = np.array(force(q, u, np.zeros(5), bare.parameter_vector()))[:, 0]
     assert_allclose(found, [20.0, 0, 0, 300.0, 500.0, 0], atol=1e-9)
+
+
+def test_terms_of_one_suspension_resist_the_compression_of_that_wheel_alone(bare):
+    car = car_of(bare)
+    terms = Unmodelled(suspension_force_fr_rate=1000.0, suspension_force_fr_travel=20_000.0)
+    forces = ca.vertcat(*(terms.suspension_force(ca.SX(0), corner, car) for corner in car.corners))
+    q, u = rolling_straight(bare, 20.0)
+    q[6:10], u[6:10] = [0.01, 0.02, 0.03, 0.04], [0.1, 0.2, 0.3, 0.4]  # fl, fr, rl, rr
+    found = np.array(ca.Function("forces", [car.q, car.u], [forces])(q, u))[:, 0]
+    assert_allclose(found, [0, 1000.0 * 0.2 + 20_000.0 * 0.02, 0, 0], atol=1e-9)

@@ -210,7 +210,7 @@ def answer(
     found |= {
         "verdict": verdict,
         "located": _located(residuals, base, proof) | {"force": _force(judged)},
-        "effects": _effects(judged, evidence),
+        "effects": _effects(judged, evidence, proof),
         "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
         "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
         "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
@@ -265,7 +265,7 @@ def _in_words(explanation: Explanation, candidate: Candidate) -> str:
     return candidate.sentence
 
 
-def _effects(judged: Judged, evidence: Evidence) -> list[dict[str, Any]]:
+def _effects(judged: Judged, evidence: Evidence, proof: Proof) -> list[dict[str, Any]]:
     """Entries of all effects that were fitted, those of the leader first."""
     entries: list[dict[str, Any]] = []
     told: set[str] = set()
@@ -274,11 +274,14 @@ def _effects(judged: Judged, evidence: Evidence) -> list[dict[str, Any]]:
             if candidate.effect not in told:
                 told.add(candidate.effect)
                 accepted = explanation is judged.leader and judged.verdict == "named"
-                entries.append(_entry(judged, explanation, candidate, evidence) | {"accepted": accepted})
+                entry = _entry(judged, explanation, candidate, evidence, proof)
+                entries.append(entry | {"accepted": accepted})
     return entries
 
 
-def _entry(judged: Judged, explanation: Explanation, candidate: Candidate, evidence: Evidence) -> dict[str, Any]:
+def _entry(
+    judged: Judged, explanation: Explanation, candidate: Candidate, evidence: Evidence, proof: Proof
+) -> dict[str, Any]:
     parameters, along = [], []
     for knob in candidate.knobs:
         value = explanation.sizes[knob.name]
@@ -300,7 +303,7 @@ def _entry(judged: Judged, explanation: Explanation, candidate: Candidate, evide
         entry["profile"] = along
     return entry | {
         "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
-        "gain_held_out": judged.held_out[id(explanation)], "keep": explanation.keep,
+        "gain_held_out": proof.gain(explanation), "keep": explanation.keep,
         "confidence": judged.confidence(explanation, candidate.effect),
     }  # fmt: skip
 

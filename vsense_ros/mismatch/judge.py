@@ -124,8 +124,12 @@ class Proof:
         ]
 
     def gain(self, explanation: Explanation) -> float | None:
-        """Relative fall of what is minimised, without the one window of many that speaks most against it: at its limit
-        a car goes other ways for a small difference. None without held-out recordings."""
+        """Relative fall of what is minimised. None without held-out recordings."""
+        return None if self.residuals is None else float(self._gains(explanation)[0])
+
+    def gain_of_most(self, explanation: Explanation) -> float | None:
+        """The same without the one window of many that speaks most against it: at its limit a car goes other ways for a
+        small difference."""
         return None if self.residuals is None else float(np.max(self._gains(explanation)))
 
     def against(self, explanation: Explanation) -> str:
@@ -138,8 +142,8 @@ class Proof:
         window = self.residuals.predictor.evidence.windows[int(np.argmax(rest))]
         return (
             f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s what was found does not hold, as where "
-            "a car at its limit goes other ways for a small difference; with that stretch "
-            f"{100 * whole:.0f} % of what was held out would be explained"
+            "a car at its limit goes other ways for a small difference; without that stretch "
+            f"{100 * max(rest):.0f} % of what was held out would be explained"
         )
 
     def _gains(self, explanation: Explanation) -> Array:
@@ -157,7 +161,7 @@ class Proof:
 
     def proven(self, explanation: Explanation) -> float:
         """The smaller of what it gains where it was fitted and where it was not."""
-        return _proven(explanation, {id(explanation): self.gain(explanation)})
+        return _proven(explanation, {id(explanation): self.gain_of_most(explanation)})
 
     def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
         """How little windows and signals agree in what an explanation changes in the base fit, or in that of a `known`
@@ -253,14 +257,14 @@ class Judged:
     rivals: tuple[Explanation, ...]  # the leader, and what is within its reach
     ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
     explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
-    held_out: dict[int, float | None]  # gains by id of the explanation
+    held_out: dict[int, float | None]  # gains of most windows by id of the explanation
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
 
     def led_by(self, leader: Explanation, proof: Proof) -> Judged:
         """The same verdict with the leader fitted further."""
         return replace(
             self, leader=leader, rivals=(leader, *self.rivals[1:]) if self.rivals else (),
-            held_out=self.held_out | {id(leader): proof.gain(leader)},
+            held_out=self.held_out | {id(leader): proof.gain_of_most(leader)},
         )  # fmt: skip
 
     def confidence(self, explanation: Explanation, effect: str) -> float:
@@ -317,7 +321,7 @@ def judge(
     explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof, threshold: float = THRESHOLD
 ) -> Judged:
     """`explanations` are effects, alone and several at once; `described` are terms without known physics."""
-    held_out = {id(e): proof.gain(e) for e in (*explanations, *described)}
+    held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
 
     def proven(e: Explanation) -> float:
         return _proven(e, held_out)
@@ -328,7 +332,8 @@ def judge(
     def holds(e: Explanation) -> bool:
         left = proof.fitted.level(e.fit.residuals)
         least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
-        lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5
+        unseen = proof.gain(e)
+        lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5 and (unseen is None or unseen > 0)
         return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
 
     best: dict[frozenset[str], Explanation] = {}
