@@ -235,6 +235,16 @@ def test_a_second_effect_counts_against_what_the_first_leaves_and_not_against_ho
     assert said(large, explaining("radius + yaw", 0.925, 0.925)) == ("named", ("radius",))
 
 
+def test_what_adds_nothing_to_another_that_adds_to_it_is_excluded():
+    drag, slope = explaining("drag", 0.5, 0.5), explaining("slope", 0.45, 0.45)
+    assert said(drag, slope) == ("ambiguous", ("drag", "slope"))
+    assert said(drag, slope, explaining("drag + slope", 0.505, 0.505)) == ("named", ("drag",))
+    both_add = explaining("drag + slope", 0.515, 0.515)
+    assert said(drag, slope, both_add) == ("ambiguous", ("drag", "slope"))
+    alike = explaining("slope", 0.492, 0.492)  # what drag adds to it might be chance
+    assert said(drag, alike, explaining("drag + slope", 0.505, 0.505)) == ("ambiguous", ("drag", "slope"))
+
+
 def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
     one, *pairs = (explaining(name, g, g) for name, g in (("drag", 0.5), ("drag + bank", 0.6), ("drag + wind", 0.59)))
     assert said(one, *pairs, explaining("drag + bank + wind", 0.61, 0.61)) == ("named", ("drag",))

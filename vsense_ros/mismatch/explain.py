@@ -178,6 +178,8 @@ def answer(
     judged = judge(explanations, described, proof, threshold)
     if judged.verdict == "no_mismatch" and not assume and not described:
         judged = judge(explanations, search.described(), proof, threshold)
+    if judged.in_doubt and not assume:
+        judged = judge([*explanations, *search.united(judged.in_doubt)], described, proof, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
     if judged.leader is not None:

@@ -34,6 +34,9 @@ LASTING = 1 / 3  # least share of the gain in training that an effect has where 
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.65, 1.5
+# Where two are fitted together, most that one may add to the other, over what that adds to it, to be excluded by it:
+# what is not there explains nothing that what is there does not.
+SURPASSED = 0.25
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
 ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
@@ -259,6 +262,7 @@ class Judged:
     explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
     held_out: dict[int, float | None]  # gains of most windows by id of the explanation
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
+    in_doubt: tuple[Explanation, ...] = ()  # between which to choose, the best first; what they share may be sure
 
     def led_by(self, leader: Explanation, proof: Proof) -> Judged:
         """The same verdict with the leader fitted further."""
@@ -320,7 +324,8 @@ def _negligible(explanation: Explanation) -> bool:
 def judge(
     explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof, threshold: float = THRESHOLD
 ) -> Judged:
-    """`explanations` are effects, alone and several at once; `described` are terms without known physics."""
+    """`explanations` are effects, alone and several at once, and united those that are in doubt; `described` are terms
+    without known physics."""
     held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
 
     def proven(e: Explanation) -> float:
@@ -383,13 +388,20 @@ def judge(
             shared = set(e.effects) & set(leader.effects)
             known = max((proven(one) for one in explanations if set(one.effects) == shared), default=0.0)
             as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
-            return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader))
+            return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader)) and not surpassed(e)
+
+        def surpassed(e: Explanation) -> bool:
+            united = best.get(frozenset((*leader.effects, *e.effects)))
+            if united is None:
+                return False
+            adds, added = ((proven(united) - proven(one)) / max(1 - proven(one), least_whole) for one in (e, leader))
+            return adds > threshold and added < SURPASSED * adds
 
         alike = (e for e in explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
         return leader, *sorted(filter(is_rival, alike), key=proven, reverse=True)
 
     leader = leaders[0]
-    rivals = within_reach(leader)
+    rivals = in_doubt = within_reach(leader)
     names = {frozenset(e.effects) for e in rivals}
     shared = frozenset.intersection(*names)
     besides: frozenset[str] = frozenset()
@@ -403,4 +415,7 @@ def judge(
             names = {frozenset(e.effects) for e in rivals}
     if len(names) > 1 and proven(leader) < ALIKE * threshold:
         return nothing_known
-    return replace(said("named" if len(names) == 1 else "ambiguous", leader, *rivals), besides=tuple(sorted(besides)))
+    verdict = "named" if len(names) == 1 else "ambiguous"
+    return replace(
+        said(verdict, leader, *rivals), besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else ()
+    )

@@ -199,6 +199,17 @@ class Search:
         found = [self._signature(self.base, (), (term,)) for term in terms(self.start.values)]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
+    def united(self, explanations: Sequence[Explanation]) -> list[Explanation]:
+        """The first of the explanations with what each other one has besides: what they add to one another."""
+        first, *others = explanations
+        besides: dict[frozenset[str], tuple[Candidate, ...]] = {}
+        for other in others:
+            new = tuple(c for c in other.candidates if c.effect not in first.effects)
+            besides.setdefault(frozenset(c.effect for c in new), new)
+        likeliest = [new for new in besides.values() if new][:BEAM]
+        fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
+        return [self.polished(e) for e in fitted]
+
     def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:
         """All candidates at once, without a search."""
         return self._fitted([self._signature(self.base, (), tuple(candidates))])
