@@ -35,6 +35,18 @@ def test_windows_without_gnss_are_simulated_like_others_and_their_car_drives_on(
         assert place[-1] - place[0] == pytest.approx(driven_on, rel=0.05)
 
 
+def test_a_window_without_gnss_heads_where_the_rest_of_its_recording_says(long_drive):
+    """Within what a slalom turns to either side."""
+    velocity = long_drive["gps/velocity"]
+    east, north, up = velocity.columns["linear"].T
+    columns = {**velocity.columns, "linear": np.column_stack([-north, east, up])}  # the same drive to the north
+    northwards = replace(
+        long_drive, channels={**long_drive.channels, velocity.topic: replace(velocity, columns=columns)}
+    )
+    evidence = gather([silent(northwards, 15.0, 50.0, "gps/fix", "gps/velocity")], prototype())
+    assert [w.heading for w in evidence.windows] == pytest.approx([np.pi / 2] * len(evidence.windows), abs=0.2)
+
+
 def test_a_torque_that_one_message_lacks_is_what_its_neighbours_say():
     recording = driven(prototype(), "sweep")
     torques = recording["vehicle/wheel_torques"]

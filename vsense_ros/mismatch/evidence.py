@@ -185,14 +185,14 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
-def _turned(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:
-    """By how much the course over ground differs from that when the car sets out; without GNSS the heading."""
+def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:
+    """Course over ground (n, 1) [rad]; without GNSS the heading, as if the recording set out eastwards."""
     if "gnss_velocity" in kinds:
         velocity = readings[kinds["gnss_velocity"]]
         moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
         if moving.sum() >= 2:
             course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
-            return Readings(velocity.t[moving], (course - np.median(course[:5]))[:, None])
+            return Readings(velocity.t[moving], course[:, None])
     if "imu" in kinds:
         imu = readings[kinds["imu"]]
         present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
@@ -245,7 +245,8 @@ def _windows(
 ) -> Iterable[Window]:
     steering = readings[kinds["steering"]]
     torques = "wheel_torques" in kinds
-    turned = _turned(readings, kinds, speed)
+    headed = _headed(readings, kinds, speed)
+    turned = Readings(headed.t, headed.value - np.median(headed.value[:5]))
     needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
     for begin, end in _driving(speed, needed):
         parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
@@ -256,7 +257,7 @@ def _windows(
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
-                _course(inside, kinds, first, turned), torques, _spanning(turned, first - 1.0, last + 1.0),
+                _course(inside, kinds, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
                 _spanning(place, first - 1.0, last + 1.0),
             )  # fmt: skip
 
@@ -297,12 +298,12 @@ def _spanning(readings: Readings, first: float, last: float) -> Readings:
     return Readings(readings.t[begin:end], readings.value[begin:end])
 
 
-def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, turned: Readings) -> float:
+def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, headed: Readings) -> float:
     sensor = kinds.get("gnss_velocity")
     velocity = readings.get(sensor) if sensor is not None else None
     present = np.isfinite(velocity.value).all(axis=1) if velocity is not None else np.zeros(0, dtype=bool)
     if velocity is None or not present.any():
-        return float(np.interp(at, turned.t, turned.value[:, 0]))
+        return float(np.interp(at, headed.t, headed.value[:, 0]))
     nearest = np.flatnonzero(present)[np.argmin(np.abs(velocity.t[present] - at))]
     east, north = velocity.value[nearest, :2]
     return float(np.arctan2(north, east))
