@@ -144,9 +144,9 @@ class Proof:
             return ""
         window = self.residuals.predictor.evidence.windows[int(np.argmax(rest))]
         return (
-            f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s what was found does not hold, as where "
-            "a car at its limit goes other ways for a small difference; without that stretch "
-            f"{100 * max(rest):.0f} % of what was held out would be explained"
+            f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s speaks most against what was found (a car "
+            f"at its limit goes other ways for a small difference); without that stretch {100 * max(rest):.0f} % of "
+            "what was held out would be explained"
         )
 
     def _gains(self, explanation: Explanation) -> Array:
