@@ -28,13 +28,14 @@ def effect(id: str, gain: float, **more: Any) -> dict[str, Any]:
         "gain_left_out": 0.9 * gain,
         "gain_held_out": 0.8 * gain,
         "confidence": gain / (gain + 0.03),
+        "adds_to_best": None,
         "keep": 0.62,
     } | more
 
 
 EFFECTS = [
     effect("imu_roll_misalignment", 0.68, accepted=True),
-    effect("accelerometer_bias", 0.61, axis="y"),
+    effect("accelerometer_bias", 0.61, axis="y", adds_to_best=0.001),
     effect("tyre_underinflation", 0.21, wheel="rl", gain_left_out=0.11, gain_held_out=0.001),
     effect("brake_drag", 0.013, wheel="fr"),
 ]

@@ -156,7 +156,7 @@ def test_without_held_out_recordings_the_page_says_what_the_proof_rests_on(tmp_p
 
 def test_each_alternative_has_a_reason_why_it_is_not_the_answer(tmp_path):
     text = read(finding("named"), [], tmp_path).text
-    assert "explains less: 90 % of what the best explains" in text
+    assert "explains less: 90 % of what the best explains, and 0.1 % besides it" in text
     assert "excluded: explains where it was fitted, but no more than chance held out" in text
     assert "Tyre underinflation, rear left" in text
 

@@ -239,6 +239,9 @@ def test_what_adds_nothing_to_another_that_adds_to_it_is_excluded():
     drag, slope = explaining("drag", 0.5, 0.5), explaining("slope", 0.45, 0.45)
     assert said(drag, slope) == ("ambiguous", ("drag", "slope"))
     assert said(drag, slope, explaining("drag + slope", 0.505, 0.505)) == ("named", ("drag",))
+    united = judge([drag, slope, explaining("drag + slope", 0.505, 0.505)], (), Made())
+    assert united.adds(slope) == pytest.approx(0.005)
+    assert united.adds(drag) is None
     both_add = explaining("drag + slope", 0.515, 0.515)
     assert said(drag, slope, both_add) == ("ambiguous", ("drag", "slope"))
     alike = explaining("slope", 0.492, 0.492)  # what drag adds to it might be chance

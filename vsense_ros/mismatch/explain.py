@@ -305,7 +305,7 @@ def _entry(
         entry["profile"] = along
     return entry | {
         "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
-        "gain_held_out": proof.gain(explanation), "keep": explanation.keep,
+        "gain_held_out": proof.gain(explanation), "adds_to_best": judged.adds(explanation), "keep": explanation.keep,
         "confidence": judged.confidence(explanation, candidate.effect),
     }  # fmt: skip
 

@@ -284,6 +284,15 @@ class Judged:
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return found if effect in answer else min(found, REFUSED)
 
+    def adds(self, explanation: Explanation) -> float | None:
+        """What an explanation gains besides the leader, where the two were fitted together."""
+        known = frozenset(self.leader.effects if self.leader is not None else ())
+        united = known.union(explanation.effects)
+        found = [e for e in self.explanations if frozenset(e.effects) == united]
+        if self.leader is None or united == known or not found:
+            return None
+        return max(0.0, self._most(found) - _proven(self.leader, self.held_out))
+
     def _most(self, explanations: Iterable[Explanation]) -> float:
         return max((_proven(e, self.held_out) for e in explanations), default=0.0)
 

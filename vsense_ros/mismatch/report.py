@@ -340,7 +340,10 @@ def _standing(
     relative = f"{percent(decisive / best)} of what the best explains"
     if within:
         return "cannot be excluded" + ("" if decisive == best else f": {relative}")
-    return f"{'explains less' if found['verdict'] in ('named', 'ambiguous') else 'not enough'}: {relative}"
+    if found["verdict"] not in ("named", "ambiguous"):
+        return f"not enough: {relative}"
+    adds = effect["adds_to_best"]
+    return f"explains less: {relative}" + ("" if adds is None else f", and {percent(adds)} besides it")
 
 
 def _with_interval(entry: Mapping[str, Any]) -> str:
