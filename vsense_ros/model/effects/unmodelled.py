@@ -115,7 +115,8 @@ TERMS = {
 
 
 def _field(channel: Channel, feature: Feature) -> Any:
-    unit = f"{channel.unit}/({feature.unit})" if feature.unit else channel.unit
+    per = f"({feature.unit})" if "/" in feature.unit else feature.unit
+    unit = f"{channel.unit}/{per}" if per else channel.unit
     typical = channel.typical / feature.usual
     return float, size(unit, f"{channel.words} {feature.words}", typical=typical, high=100 * typical)
 
