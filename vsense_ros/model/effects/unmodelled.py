@@ -24,7 +24,7 @@ class Channel:
 
     words: str
     unit: str
-    row: int  # of moments and forces on the chassis, and then of the suspensions
+    row: int  # of moments and forces on the chassis; of a suspension, of its travel among the coordinates
     typical: float  # size where its feature has its usual size
 
 
@@ -48,11 +48,11 @@ def _demand(car: Car) -> ca.SX:
     return ca.sum1(car.inputs[1:5]) / (p.chassis.mass * p.front.unloaded_radius)
 
 
-def _travel(wheel: int) -> dict[str, Feature]:
+def _travel(row: int) -> dict[str, Feature]:
     """What a wheel does relative to the body."""
     return {
-        "rate": Feature("that follows its speed, as a damper", "m/s", 0.1, lambda car: car.u[6 + wheel]),
-        "travel": Feature("that follows its travel, as a spring", "m", 0.02, lambda car: car.q[6 + wheel]),
+        "rate": Feature("that follows its speed, as a damper", "m/s", 0.1, lambda car: car.u[row]),
+        "travel": Feature("that follows its travel, as a spring", "m", 0.02, lambda car: car.q[row]),
     }
 
 
@@ -111,7 +111,7 @@ TERMS = {
     "lateral_force": ASYMMETRIC | TURNING,
     "yaw_moment": ASYMMETRIC | TURNING,
     "roll_moment": {"constant": CONSTANT} | TURNING,
-} | {name: _travel(i) for i, name in enumerate(_SUSPENSIONS)}
+} | {name: _travel(CHANNELS[name].row) for name in _SUSPENSIONS}
 
 
 def _field(channel: Channel, feature: Feature) -> Any:
