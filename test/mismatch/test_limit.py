@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -115,14 +116,18 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     assert Search(residuals, predictor.start, better, offered).better_base([]) is None
 
 
-def biased(*manoeuvres: str) -> Search:
-    """The search for a bias of 0.03 rad/s about x that is hidden in these, with wrong mass and tyres."""
-    car, vehicle = having(prototype(), gyro_bias={"x": 0.03}), wrong(prototype())
+def searched(offered: Sequence[str], *manoeuvres: str, **hidden: dict[str, float]) -> Search:
+    """Among candidates of these names, for what is hidden in the manoeuvres, with wrong mass and tyres."""
+    car, vehicle = having(prototype(), **hidden), wrong(prototype())
     evidence = gather([driven(car, name, seed=seed) for seed, name in enumerate(manoeuvres)], vehicle)
     residuals = Residuals(Predictor(vehicle, evidence))
     base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
-    offered = [c for c in candidates() if c.name == "gyro_bias x"]
-    return Search(residuals, residuals.predictor.start, base, offered)
+    return Search(residuals, residuals.predictor.start, base, [c for c in candidates() if c.name in offered])
+
+
+def biased(*manoeuvres: str) -> Search:
+    """For a bias of 0.03 rad/s about x."""
+    return searched(["gyro_bias x"], *manoeuvres, gyro_bias={"x": 0.03})
 
 
 def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
@@ -133,6 +138,16 @@ def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
     assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
     assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
     assert settled.gain == pytest.approx(alone.gain, abs=0.01)
+
+
+def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
+    search = searched(["brake_drag fl", "rolling_resistance"], "sweep", "slalom", brake_drag={"fl": 60.0})
+    hidden, other = search.singles()
+    (both,) = search.united([hidden, other, other])
+    assert both.effects == ("brake_drag", "rolling_resistance")
+    assert both.gain == pytest.approx(hidden.gain, abs=0.01)
+    assert both.gain > other.gain + 0.1
+    assert search.united([hidden, hidden]) == []
 
 
 @pytest.mark.slow
