@@ -74,7 +74,7 @@ GROWN = ("effect with which one drive goes far wrong",)
 
 def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Explanation:
     candidates = tuple(Candidate(one, "", (), one) for one in effect.split(" + "))
-    return Explanation(candidates, FITTED, keep, gain, elsewhere, 1.0, {})
+    return Explanation(candidates, FITTED, keep, gain, elsewhere, 0.0, {})
 
 
 def said(*explanations: Explanation, **proof: float) -> tuple[str, tuple[str, ...]]:
@@ -89,6 +89,12 @@ def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
 
 def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
     assert said(explaining(GROWN[0], 0.5, 0.45)) == ("no_mismatch", ())
+
+
+def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no_explanation():
+    drag = explaining("drag", 0.5, 0.45)
+    assert said(replace(drag, spoilt=0.1)) == ("named", ("drag",))
+    assert said(replace(drag, spoilt=0.3)) == ("no_mismatch", ())
 
 
 def test_what_explains_as_much_is_said_besides_even_if_it_is_itself_unproven():

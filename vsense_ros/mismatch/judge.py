@@ -31,6 +31,9 @@ DESCRIBED = 0.05  # least gain of a term without known physics: there are many o
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
+# Most that it may spoil in windows that fit worse with it, over what it gains in the others: there may be few of these,
+# where an effect shows in some manoeuvres alone. What is there spoils 0.11 at most, what is not 0.24 and more.
+SPOILT = 0.2
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
 RIVAL, RIVAL_LEFT = 0.65, 1.5
@@ -347,7 +350,7 @@ def judge(
         left = proof.fitted.level(e.fit.residuals)
         least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
         unseen = proof.gain(e)
-        lasts = proven(e) > max(least, LASTING * e.gain) and e.improved > 0.5 and (unseen is None or unseen > 0)
+        lasts = proven(e) > max(least, LASTING * e.gain) and e.spoilt < SPOILT and (unseen is None or unseen > 0)
         return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
 
     best: dict[frozenset[str], Explanation] = {}

@@ -62,7 +62,7 @@ class Explanation:
     keep: float  # of the last one
     gain: float  # relative fall of the base's value
     left_out: float  # the same on recordings that the fit did not see
-    improved: float  # share of the windows that fit better than the base
+    spoilt: float  # what windows that fit worse than the base lose, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
 
     @property
@@ -342,11 +342,11 @@ class Search:
         return fitted
 
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
-        windows = [i for i, r in enumerate(self.base.residuals) if len(r)]
-        improved = [_value(fitted, [i]) < _value(self.base, [i]) for i in windows]
+        falls = np.array([_value(self.base, [i]) - _value(fitted, [i]) for i in range(len(fitted.residuals))])
+        gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
         return Explanation(
             candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
-            self._gain_left_out(fitted), float(np.mean(improved)), _deviations(fitted, self.residuals.layout),
+            self._gain_left_out(fitted), float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
 
