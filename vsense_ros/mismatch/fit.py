@@ -28,6 +28,7 @@ FAR = 5.0
 ASTRAY_BEFORE = 1.0  # [s] that a car which gets lost is astray already
 LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
 STEP = 0.25  # of a knob's likely amount, for derivatives
+STEPS = (1.0, -1.0, 0.25)  # times that, tried in this order until the simulated car is lost nowhere
 ITERATIONS = 8
 CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
@@ -183,18 +184,26 @@ def turned(start: Setting, knobs: Sequence[Knob], amounts: Array) -> Setting:
 
 
 def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: float = STEP) -> list[Array]:
-    """Secant of the residuals by a knob that is turned by `step` likely amounts from the fit, per deviation."""
-    for sign in (1.0, -1.0):
-        by = sign * step * knob.likely
+    """Secant of the residuals by a knob that is turned by `step` likely amounts from the fit, per deviation; by less
+    where the car gets lost with that, which would tell nothing."""
+    best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
+    for share in STEPS:
+        by = share * step * knob.likely
         present = _amount(fit, knob)
         if not knob.low <= present + by <= knob.high:
             continue
+        setting = turned(start, [knob], np.array([by]))
         try:
-            changed = residuals(turned(start, [knob], np.array([by])), fit.residuals)
+            changed = residuals(setting, fit.residuals)
         except DivergedError:
             continue
-        return [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
-    return [np.zeros(len(r)) for r in fit.residuals]
+        lost = sum(residuals.predictor.lost(setting))
+        if lost < fewest:
+            best = [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
+            fewest = lost
+        if not lost:
+            break
+    return best
 
 
 def _amount(fit: Fit, knob: Knob) -> float:
