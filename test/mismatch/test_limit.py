@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Residuals, fit, tempered, turned, untempered
+from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, turned, untempered
 from vsense_ros.mismatch.judge import ASTRAY, Proof
-from vsense_ros.mismatch.knobs import base_knobs, candidates, out_of_reach
+from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
@@ -59,6 +59,16 @@ def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
     (window,), (lost,) = slalom.evidence.windows, slalom.lost_from(spinning)
     after = np.tile(grid(window) > lost - ASTRAY_BEFORE, len(residuals.layout[0]))
     assert np.array_equal(counted[after], known[0][after])
+
+
+def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slalom):
+    residuals = Residuals(slalom)
+    less_grip = Knob("less grip", "-", 1.0, 0.0, 0.95, lambda values, amount: {"rear.grip_scale": 1 - amount})
+    at = Fit(slalom.start, (), np.zeros(0), residuals(slalom.start), [], 0.0)
+    assert slalom.lost(turned(slalom.start, [less_grip], np.array([0.8]))) == [True]
+    (found,), (expected,) = (slope(residuals, at, less_grip, slalom.start, step) for step in (0.8, 0.2))
+    assert np.array_equal(found, expected)
+    assert np.any(expected)
 
 
 def test_what_a_car_measures_before_it_gets_lost_is_compared():

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from vsense_ros.evaluate.picture import MUTED, STYLE, TRUTH
+from vsense_ros.model.effects.base import CORNERS
 from vsense_ros.simplification import FULL, GUIDES, SIGNALS, SIMPLIFIED, TABLES, Comparison, Signal
 
 COLOURS = {FULL: TRUTH, TABLES: "#D55E00", GUIDES: "#56B4E9"}
@@ -21,7 +22,6 @@ SHOWN = {  # signal → wheel, for those that every wheel has
     "lateral tyre force": 0,
     "vertical tyre force": 0,
 }
-PLACES = ("front left", "front right", "rear left", "rear right")
 
 
 def draw(comparison: Comparison, path: Path) -> Path:
@@ -52,6 +52,6 @@ def _panel(above: Axes, below: Axes, comparison: Comparison, signal: Signal, whe
     below.axhline(0, color=MUTED, linewidth=0.6, zorder=0)
     name = signal.name.removesuffix(" of the wheels to the road")
     name = name[:1].upper() + name[1:]
-    above.set_title(f"{name} [{signal.unit}]" + ("" if wheel is None else f"\n{PLACES[wheel]}"))
+    above.set_title(f"{name} [{signal.unit}]" + ("" if wheel is None else f"\n{tuple(CORNERS.values())[wheel]}"))
     below.set_title("minus full car")
     below.set_xlabel("s")

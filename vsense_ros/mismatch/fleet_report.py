@@ -17,7 +17,8 @@ from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.fleet import FAILED
-from vsense_ros.mismatch.report import CORNERS, PLACES, VERDICTS, Verdict, percent, shown_value
+from vsense_ros.mismatch.report import PLACES, VERDICTS, Verdict, percent, shown_value
+from vsense_ros.model.effects.base import CORNERS
 
 TABLE, SHEET, PAGE = "fleet.parquet", "fleet.csv", "fleet.html"
 REPORT = "report.html"

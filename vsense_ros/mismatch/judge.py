@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden do not give
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another. Not more than
-# this multiple: of cars with nothing hidden no such effect has explained more than 3.7 % (public split).
+# this multiple: with nothing hidden no such effect has explained as much (public split).
 OWN, ASKED_AT_MOST = 0.3, 1.5
 # Least share that one more effect explains of what another leaves, but not of less than a good model does: the first
 # where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
@@ -32,7 +32,8 @@ CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero i
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
 # Most that it may spoil in windows that fit worse with it, over what it gains in the others: there may be few of these,
-# where an effect shows in some manoeuvres alone. What is there spoils 0.11 at most, what is not 0.24 and more.
+# where an effect shows in some manoeuvres alone. Effects that are there stay well below, what was refused above (public
+# split and the seventh release).
 SPOILT = 0.2
 # Another explanation is as good with this share of the best one's gain beyond what they share, if it leaves no more of
 # the cost than this multiple of what the best one leaves.
@@ -55,7 +56,7 @@ MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
-SUSPICIOUS = 1.0  # the same, from where on terms without known physics are tried
+SUSPICIOUS = 1.0  # root mean square of all residuals, in deviations, from where on terms are tried beside effects
 
 
 # How probable it is that a name of the answer is right, from the public split of the examination by
@@ -289,12 +290,11 @@ class Judged:
 
     def adds(self, explanation: Explanation) -> float | None:
         """What an explanation gains besides the leader, where the two were fitted together."""
-        known = frozenset(self.leader.effects if self.leader is not None else ())
-        united = known.union(explanation.effects)
-        found = [e for e in self.explanations if frozenset(e.effects) == united]
-        if self.leader is None or united == known or not found:
+        if self.leader is None or set(explanation.effects) <= set(self.leader.effects):
             return None
-        return max(0.0, self._most(found) - _proven(self.leader, self.held_out))
+        both = {*self.leader.effects, *explanation.effects}
+        united = [e for e in self.explanations if set(e.effects) == both]
+        return max(0.0, self._most(united) - _proven(self.leader, self.held_out)) if united else None
 
     def _most(self, explanations: Iterable[Explanation]) -> float:
         return max((_proven(e, self.held_out) for e in explanations), default=0.0)
@@ -397,8 +397,8 @@ def judge(
         it is itself unproven does not."""
 
         def is_rival(e: Explanation) -> bool:
-            shared = set(e.effects) & set(leader.effects)
-            known = max((proven(one) for one in explanations if set(one.effects) == shared), default=0.0)
+            shared = frozenset(e.effects) & frozenset(leader.effects)
+            known = proven(best[shared]) if shared in best else 0.0
             as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
             return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader)) and not surpassed(e)
 

@@ -27,9 +27,9 @@ from vsense_ros.mismatch.picture import (
     road_profile,
     when,
 )
+from vsense_ros.model.effects.base import CORNERS
 
 PLACES = ("wheel", "axle", "sensor", "axis")
-CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 PRINTED_SIGNALS = 6
 

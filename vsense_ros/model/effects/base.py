@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from vsense_ros.model.sensors import SensorBase
     from vsense_ros.model.vehicle import Vehicle
 
-WHEELS = ("fl", "fr", "rl", "rr")
+CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
 
 

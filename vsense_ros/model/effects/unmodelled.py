@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import WHEELS, Effect, size
+from vsense_ros.model.effects.base import CORNERS, WHEELS, Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car, Corner
@@ -63,10 +63,9 @@ CHASSIS = {
     "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
 }
 _SUSPENSIONS = [f"suspension_force_{wheel}" for wheel in WHEELS]
-_PLACES = ("front left", "front right", "rear left", "rear right")
 CHANNELS = CHASSIS | {
     name: Channel(f"a force in the {place} suspension", "N", 6 + i, 50.0)
-    for i, (name, place) in enumerate(zip(_SUSPENSIONS, _PLACES, strict=True))
+    for i, (name, place) in enumerate(zip(_SUSPENSIONS, CORNERS.values(), strict=True))
 }
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
