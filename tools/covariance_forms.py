@@ -22,7 +22,6 @@ from vsense_ros.evaluate.terminal import progress
 from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -257,7 +256,7 @@ def measure(laps: int) -> tuple[list[Record], float]:
     """All forms after so many laps, and how many predictions a second there were."""
     vehicle = load_vehicle(ROOT / "config/vehicles/prototype_model.yaml")
     recording = read_bag(ROOT / "bags/double_lane_change")
-    observer = Observer(vehicle, map_origin(recording), Watched)
+    observer = Observer(vehicle, recording.map_origin, Watched)
     reference = Record(SquareRoot(np.float64))
     forms = [kind(np.float64) for kind in (Textbook, Symmetrised, Joseph, Whitened)]
     forms += [kind(np.float32) for kind in (Textbook, Symmetrised, Joseph, Whitened, SquareRoot)]

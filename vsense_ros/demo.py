@@ -31,7 +31,6 @@ from vsense_ros.evaluate.reference import at_reference, mounting_in_words
 from vsense_ros.evaluate.report import write_report
 from vsense_ros.evaluate.terminal import in_files, progress, show_drive, waiting
 from vsense_ros.node.processes import RosRun, run_through_ros
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 from vsense_ros.shared_files import shared_folder, vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
@@ -227,7 +226,7 @@ def _through_ros(job: Job, source: Path, recording: Recording, vehicle_file: Pat
     with TemporaryDirectory(prefix="vsense_demo_") as scratch, progress(f"{job.name}: {job.road}") as done:
         feed = job.feed(source, recording, Path(scratch))
         return run_through_ros(
-            vehicle_file=vehicle_file, map_origin=map_origin(recording), out_bag=out, progress=done, **feed
+            vehicle_file=vehicle_file, map_origin=recording.map_origin, out_bag=out, progress=done, **feed
         )
 
 

@@ -168,6 +168,16 @@ class Recording:
         last = max((int(c.received.max()) for c in self.channels.values() if len(c)), default=0)
         return (last - self.start) * 1e-9
 
+    @property
+    def map_origin(self) -> tuple[float, float, float] | None:
+        """Latitude, longitude [deg] and height [m] of the map frame of the reference, if the file says so."""
+        keys = ("origin_latitude_deg", "origin_longitude_deg", "origin_altitude_m")
+        try:
+            latitude, longitude, height = (float(self.metadata[key]) for key in keys)
+        except (KeyError, ValueError):
+            return None
+        return (latitude, longitude, height) if np.isfinite((latitude, longitude, height)).all() else None
+
     def samples(self, topics: tuple[str, ...] | None = None) -> Iterator[Sample]:
         """All messages in order of arrival, ties in the order of the channels."""
         chosen = [c.in_order() for topic, c in self.channels.items() if topics is None or topic in topics]

@@ -36,7 +36,7 @@ from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.full_car_ekf import FullCarEkf
 from vsense_ros.observer.full_car_spi import FullCarSpi
-from vsense_ros.observer.run import as_recording, map_origin
+from vsense_ros.observer.run import as_recording
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.ukf import Ukf
 from vsense_ros.recording import Recording
@@ -162,7 +162,7 @@ def observe(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> tu
 
     Waiting for a busy processor does not count.
     """
-    observer = Observer(vehicle, map_origin(recording), kind.filter)
+    observer = Observer(vehicle, recording.map_origin, kind.filter)
     observer.filter.prior.deviation[[X, Y, YAW]] = 1e-6  # as in the slides, it knows where it starts
     topics = tuple(t for t in observer.topics if t in recording)
     estimates, last = [], 0

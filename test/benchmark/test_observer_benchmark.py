@@ -22,7 +22,6 @@ from vsense_ros.model import steps
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, estimate_samples, run
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -67,7 +66,7 @@ def observer(way: str, vehicle: Vehicle, lane_change: Recording) -> Observer:
 
 def _under_way(vehicle: Vehicle, recording: Recording) -> Observer:
     """An observer after two seconds."""
-    made = Observer(vehicle, map_origin(recording))
+    made = Observer(vehicle, recording.map_origin)
     for sample in recording.samples(tuple(made.topics)):
         if sample.stamp > recording.start + 2_000_000_000:
             break

@@ -82,13 +82,41 @@ def all_of(*changes: Callable[[Recording], Recording]) -> Callable[[Recording], 
     return apply
 
 
+TOPICS = ("gps/fix", "gps/velocity", "imu/data", "vehicle/steering", "vehicle/wheel_speeds", "vehicle/wheel_torques")
 NO_GNSS = without("gps/fix", "gps/velocity")
 
 
-@pytest.mark.parametrize("manoeuvre", ["sweep", "slalom", "brake"])
+@pytest.mark.parametrize("manoeuvre", ["sweep", "slalom", "brake", "brake again"])
 @pytest.mark.parametrize("change", [lambda r: r, NO_GNSS, without("vehicle/wheel_speeds")])
 def test_a_drive_with_all_sensors_right_passes(manoeuvre, change):
     assert reason(change(driven(prototype(), manoeuvre))) == ""
+
+
+def test_a_driver_may_hold_the_wheel_at_one_angle():
+    assert reason(driven(prototype(), "bend")) == ""
+
+
+def test_the_same_measurements_twice_prove_nothing():
+    recording = driven(prototype(), "slalom")
+    assert "slalom and copy hold the same measurements" in reason(
+        recording, held_out=(replace(recording, name="copy"),)
+    )
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_sensor_without_one_sound_value_is_no_error(topic, value):
+    recording = driven(prototype(), "slalom")
+    for field in recording[topic].columns:
+        recording = changed(topic, field, lambda v: np.full_like(v, value))(recording)
+    assert isinstance(reason(recording), str)
+
+
+def test_an_origin_of_the_map_that_is_no_number_is_none():
+    recording = driven(prototype(), "slalom")
+    assert recording.map_origin is not None
+    origin = {key: "north" for key in recording.metadata if key.startswith("origin_")}
+    assert replace(recording, metadata={**recording.metadata, **origin}).map_origin is None
 
 
 def test_a_coarse_gyro_that_keeps_its_value_on_a_straight_passes():
@@ -121,6 +149,8 @@ def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
         (changed("vehicle/wheel_speeds", "velocity", held(3, 500, 800)), "the speed of the wheel rr is frozen"),
         (changed("vehicle/wheel_speeds", "velocity", held(slice(None), 500, 800)), "the speed of the wheel fl is"),
         (changed("vehicle/steering", "position", held(0, 400, 800)), "the steering angle is frozen for 4.0 s"),
+        (changed("vehicle/steering", "position", lambda p: np.clip(p, -0.52, 0.51)), "of its range, 0.0"),
+        (changed("vehicle/wheel_torques", "effort", held(slice(None), 300, 800)), "the wheel torques are frozen"),
         (changed("gps/velocity", "linear", held(slice(None), 40, 90)), "GNSS velocity to the east is frozen"),
         (changed("imu/data", RATES, lambda w: np.clip(w, -0.12, 0.12)), "the yaw rate is at the end of its range"),
         (changed("imu/data", FORCES, lambda f: np.clip(f, -2.0, 20)), "acceleration is at the end of its range"),

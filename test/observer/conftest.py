@@ -8,7 +8,6 @@ from drives import feed, messages
 from vsense_ros.manoeuvre import generate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -35,4 +34,4 @@ def lane_change(plant: Vehicle) -> Recording:
 @pytest.fixture(scope="session")
 def clean(lane_change: Recording, vehicle: Vehicle) -> Observer:
     """The observer after the undisturbed drive."""
-    return feed(Observer(vehicle, map_origin(lane_change)), messages(lane_change))
+    return feed(Observer(vehicle, lane_change.map_origin), messages(lane_change))

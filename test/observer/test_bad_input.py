@@ -33,7 +33,6 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.health import Health
 from vsense_ros.observer.reading import Event, Map, Reader
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
 
 NAMES = {topic: name for name, topic in SENSORS.items()}
@@ -42,7 +41,7 @@ NAN, INFINITE, HUGE = np.nan, np.inf, 1e300
 
 @pytest.fixture
 def observer(vehicle: Vehicle, lane_change: Recording) -> Observer:
-    return Observer(vehicle, map_origin(lane_change))
+    return Observer(vehicle, lane_change.map_origin)
 
 
 @pytest.fixture
@@ -296,7 +295,7 @@ def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
 ) -> None:
     """It starts when the first velocity comes."""
     good = messages(lane_change, 0.5)
-    undisturbed, observer = (Observer(vehicle, map_origin(lane_change)) for _ in range(2))
+    undisturbed, observer = (Observer(vehicle, lane_change.map_origin) for _ in range(2))
     feed(undisturbed, good)
     velocity = next(i for i, s in enumerate(good) if s.topic == VELOCITY)
     last = max(i for i, s in enumerate(good[:velocity]) if s.topic == topic)
@@ -387,7 +386,7 @@ def test_rubbish_between_good_messages_changes_next_to_nothing(
     for i, sample in enumerate(good):
         stream.append(sample)
         stream += [corrupted(sample, *c) for c in by_index.get(i, ())]
-    undisturbed, observer = (Observer(vehicle, map_origin(lane_change)) for _ in range(2))
+    undisturbed, observer = (Observer(vehicle, lane_change.map_origin) for _ in range(2))
     feed(undisturbed, good)
     feed(observer, stream)
     assert observer.diagnostics()[0].values["faults"] == "0"

@@ -14,7 +14,6 @@ from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.full_car_ekf import FullCarEkf
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 
 pytestmark = pytest.mark.slow
@@ -64,7 +63,7 @@ def test_a_missing_force_moves_it_about_as_it_moves_the_simplified_car(known: Ve
 def test_it_follows_a_drive_and_goes_back_for_what_comes_late(known: Vehicle, lane_change: Recording) -> None:
     """GNSS in the recording is 0.1 s late."""
     samples = messages(lane_change, until=4.0)
-    observer = Observer(known, map_origin(lane_change), FullCarEkf)
+    observer = Observer(known, lane_change.map_origin, FullCarEkf)
     speed, lateral, yaw_rate = follow(observer, samples, lane_change).largest()
     assert speed < 0.15
     assert lateral < 0.15
@@ -74,7 +73,7 @@ def test_it_follows_a_drive_and_goes_back_for_what_comes_late(known: Vehicle, la
 
 
 def test_memory_is_all_of_it(known: Vehicle, lane_change: Recording) -> None:
-    observer = feed(Observer(known, map_origin(lane_change), FullCarEkf), messages(lane_change, until=1.0))
+    observer = feed(Observer(known, lane_change.map_origin, FullCarEkf), messages(lane_change, until=1.0))
     f, ends = observer.filter, []
     kept = f.memory.copy()
     for _ in range(2):

@@ -18,7 +18,6 @@ from vsense_ros.observer.full_car_ekf import LONGEST_STEP, FullCarEkf
 from vsense_ros.observer.full_car_spi import FullCarNumbers, FullCarSpi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_ukf import KAPPA
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 
 pytestmark = pytest.mark.slow
@@ -154,7 +153,7 @@ def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str
 def test_it_follows_a_drive_with_measurements_that_come_late_and_learns(
     vehicle: Vehicle, plant: Vehicle, lane_change: Recording
 ) -> None:
-    observer = Observer(estimating(vehicle, BOTH), map_origin(lane_change), FullCarSpi)
+    observer = Observer(estimating(vehicle, BOTH), lane_change.map_origin, FullCarSpi)
     feed(observer, messages(lane_change, until=5.0))
     value, deviation = observer.parameters()[FRICTION]
     assert deviation < 0.5 * BOTH[FRICTION]["deviation"]

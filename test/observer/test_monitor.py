@@ -20,7 +20,6 @@ from vsense_ros.errors import InputError
 from vsense_ros.observer import Observer
 from vsense_ros.observer.calibration import MOST, Watch, calibrate, watch
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import save_vehicle
 
@@ -87,7 +86,7 @@ def model_of(observer: Observer) -> Diagnostic:
 def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
     drive = driven("slalom", 23)
     wrong = altered(drive, "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1])
-    observer = Observer(prototype(), map_origin(drive))
+    observer = Observer(prototype(), drive.map_origin)
     observer.watch(limits())
     said: dict[float, Diagnostic] = {}
     for sample in messages(wrong):
@@ -104,7 +103,7 @@ def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
 
 @pytest.mark.slow
 def test_watching_changes_nothing_of_the_estimate() -> None:
-    plain, watched = (Observer(prototype(), map_origin(driven("slalom", 0))) for _ in range(2))
+    plain, watched = (Observer(prototype(), driven("slalom", 0).map_origin) for _ in range(2))
     watched.watch(limits())
     for sample in messages(driven("slalom", 0), until=15.0):
         plain.add(sample)

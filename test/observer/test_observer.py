@@ -31,7 +31,6 @@ from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.simulate import simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, run
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording, Sample
 
 
@@ -40,7 +39,7 @@ def settings(vehicle: Vehicle, **changes: object) -> Vehicle:
 
 
 def observer_of(vehicle: Vehicle, recording: Recording) -> Observer:
-    return Observer(vehicle, map_origin(recording))
+    return Observer(vehicle, recording.map_origin)
 
 
 # Order of arrival
@@ -301,7 +300,7 @@ def test_a_heading_that_wheels_without_a_sign_got_wrong_in_reverse_is_found_anew
 
 def turned(recording: Recording, angle: float) -> list[Sample]:
     """What the sensors would send on a map whose east lies in another direction."""
-    latitude, longitude, _ = map_origin(recording) or (0.0, 0.0, 0.0)
+    latitude, longitude, _ = recording.map_origin or (0.0, 0.0, 0.0)
     metres = 111_000.0 * np.array([np.cos(np.radians(latitude)), 1.0])  # of a degree to the east and north
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 

@@ -12,7 +12,6 @@ from vsense_ros.observer import Observer
 from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE
-from vsense_ros.observer.run import map_origin
 from vsense_ros.observer.ukf import Ukf
 from vsense_ros.recording import Recording
 
@@ -31,7 +30,7 @@ def test_without_force_errors_the_errorekf_and_the_dekf_are_one_filter(
 ) -> None:
     made = []
     for kind in (ErrorEkf, Dekf):
-        made.append(feed(Observer(believing, map_origin(lane_change), kind), messages(lane_change, until=2.0)).filter)
+        made.append(feed(Observer(believing, lane_change.map_origin, kind), messages(lane_change, until=2.0)).filter)
     one, other = made
     deviation = np.sqrt(np.diag(one.covariance))
     deviation[FORCE] = 1.0
@@ -63,7 +62,7 @@ def test_where_the_state_is_well_known_the_ukf_is_the_dekf(vehicle: Vehicle) -> 
 @pytest.mark.parametrize("kind", [Dekf, Ukf])
 def test_the_references_follow_a_lane_change(lane_change: Recording, vehicle: Vehicle, kind: type[ErrorEkf]) -> None:
     until = 3.0 if kind is Dekf else 1.0
-    observer = feed(Observer(vehicle, map_origin(lane_change), kind), messages(lane_change, until=until))
+    observer = feed(Observer(vehicle, lane_change.map_origin, kind), messages(lane_change, until=until))
     truth = lane_change["reference/odometry"]
     i = int(np.searchsorted(truth.stamp, observer.stamp))
     estimate = observer.snapshot()

@@ -223,8 +223,10 @@ def _gnss_motion(recording: Recording) -> tuple[NDArray[np.int64], Array, Array]
 
 
 def _at(stamp: NDArray[np.int64], channel: Channel, values: Array) -> Array:
-    """Values of a channel at other times."""
+    """Values of a channel at other times; NaN where it has none."""
     good = np.isfinite(values)
+    if not good.any():
+        return np.full(len(stamp), np.nan)
     order = np.argsort(channel.stamp[good], kind="stable")
     return np.interp(
         (stamp - stamp[0]) * 1e-9, (channel.stamp[good][order] - stamp[0]) * 1e-9, values[good][order], np.nan, np.nan
@@ -233,7 +235,10 @@ def _at(stamp: NDArray[np.int64], channel: Channel, values: Array) -> Array:
 
 def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
     wheels, motion = _channel(recording, "vehicle/wheel_speeds"), _gnss_motion(recording)
-    if wheels is None or motion is None or wheels.columns["velocity"].shape[1] == 0:
+    if wheels is None or motion is None:
+        return
+    wheels = wheels.select(np.isfinite(wheels.columns["velocity"]).any(axis=1))
+    if not len(wheels):
         return
     stamp, speed, _ = motion
     turning = _at(stamp, wheels, np.nanmean(wheels.columns["velocity"], axis=1))
@@ -353,6 +358,8 @@ def _fixes(recording: Recording) -> Iterator[str]:
     if channel is None:
         return
     latitude, longitude = channel.columns["latitude"][:, 0], channel.columns["longitude"][:, 0]
+    if not (np.isfinite(latitude) & np.isfinite(longitude)).any():
+        return
     if np.nanmax(np.abs(latitude)) > 90 or np.nanmax(np.abs(longitude)) > 180:
         yield "latitude or longitude is out of range: expected degrees"
         return

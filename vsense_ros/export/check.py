@@ -24,7 +24,6 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE
-from vsense_ros.observer.run import map_origin
 from vsense_ros.observer.spi import Spi
 from vsense_ros.recording import Recording
 
@@ -247,7 +246,7 @@ def compare(
 ) -> Difference:
     """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
     kind = _SpiTwin if vehicle.observer.parameters else _Twin
-    observer, difference = Observer(vehicle, map_origin(recording), kind), Difference()
+    observer, difference = Observer(vehicle, recording.map_origin, kind), Difference()
     assert isinstance(observer.filter, _Twin)
     observer.filter.join(Exported(vehicle, library), difference)
     topics = tuple(topic for topic in observer.topics if topic in recording)

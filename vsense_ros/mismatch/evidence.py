@@ -59,10 +59,6 @@ class Window:
     turned: Readings  # (n, 1) to the left since the recording sets out [rad]
     place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
 
-    @property
-    def duration(self) -> float:
-        return self.end - self.begin
-
 
 @dataclass(frozen=True)
 class Evidence:
@@ -75,6 +71,16 @@ class Evidence:
     road: Road  # with all places where the car has been
     on_map: Map
     left_out: tuple[Window, ...] = ()  # of which nothing can be said
+
+    @property
+    def driven(self) -> float:
+        """Duration of all windows [s]; what two have in common, where one begins before the other ends, counts once."""
+        until: dict[int, float] = {}
+        whole = 0.0
+        for w in self.windows:
+            whole += w.end - max(w.begin, until.get(w.recording, w.begin))
+            until[w.recording] = w.end
+        return whole
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
@@ -93,7 +99,7 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
     """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
     those of `seen` where the car comes there again."""
     road = Road() if seen is None else seen.road
-    origins = [origin for recording in recordings if (origin := _origin(recording)) is not None]
+    origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
     on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
     windows: list[Window] = []
     remarks: list[str] = []
@@ -140,14 +146,6 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
     return Readings((stamps[order] - start) * 1e-9, np.array([events[i].value for i in order]))
-
-
-def _origin(recording: Recording) -> tuple[float, float, float] | None:
-    keys = ("origin_latitude_deg", "origin_longitude_deg", "origin_altitude_m")
-    if not all(key in recording.metadata for key in keys):
-        return None
-    latitude, longitude, height = (float(recording.metadata[key]) for key in keys)
-    return latitude, longitude, height
 
 
 def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: Vehicle) -> Readings | None:

@@ -114,7 +114,7 @@ def answer(
         "remarks": list(evidence.remarks),
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
-        "base": {}, "threshold": THRESHOLD, "driven_s": sum(w.duration for e in (evidence, unseen) for w in e.windows),
+        "base": {}, "threshold": THRESHOLD, "driven_s": evidence.driven + unseen.driven,
     }  # fmt: skip
 
     def nothing_said(reason: str) -> Answer:

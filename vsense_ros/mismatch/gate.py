@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,15 @@ GENTLE = 0.15  # [m/s²] lateral and longitudinal, below which nothing can be sa
 SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
 SLIDE = 0.7  # [rad] by which nobody's side slip changes …
 SLIDE_TIME = 3.0  # [s] … in so long, unless the car spins
-STILL = {"imu": 1.0, "wheel_speeds": 2.0, "gnss_velocity": 3.0}  # [s] of exactly the same value from a moving car
+# [s] of exactly the same value from a moving car
+STILL = {"imu": 1.0, "wheel_speeds": 2.0, "gnss_velocity": 3.0, "suspension": 3.0}
 COARSE = 100  # values that a signal takes; one with fewer may well keep its value …
 STILL_COARSE = 10.0  # [s] … for so long
 SATURATED = 8  # samples at the end of a range, and as many times longer than it stays at other values
-STEERING_STILL = 2.0  # [s] of the same steering angle …
-TURNING = 1.5  # [m/s²] … during which the car's turning changes by this lateral acceleration
+CLIPPED = 3  # times that a steering angle does so, which may be held at one end once
+INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques …
+TURNING = 1.5  # [m/s²] … during which the car's turning changes by this lateral acceleration …
+PUSHED = 2.5  # [m/s²] … or its specific force along by this, more than cornering or a slope does
 GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
 TURNED = 0.3  # [rad] beyond which an inertial sensor's axes are not taken for those of the car
 SMOOTH = 0.5  # [s] of the means between which relations are judged
@@ -53,6 +57,7 @@ _COMPONENTS = {
     ),
     "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
     "gnss_velocity": ("GNSS velocity to the east", "GNSS velocity to the north"),
+    "suspension": tuple(f"suspension travel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
 }  # fmt: skip
 _ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
 
@@ -65,12 +70,14 @@ def hindrance(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidenc
 
 def _hindrances(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidence, vehicle: Vehicle) -> Iterator[str]:
     sensors = {**fitted.sensors, **unseen.sensors}
+    yield from _given_twice(recordings)
     yield from _of_several_cars(recordings, sensors)
     yield from _twins(sensors)
     drives = [*fitted.by_recording(), *unseen.by_recording()]
     for windows in drives:
         yield from _standing_still(windows, sensors)
         yield from _saturated(windows, sensors)
+        yield from _clipped(windows, sensors)
         yield from _spinning(windows, sensors)
     yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
     means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
@@ -123,9 +130,8 @@ def _too_little(evidence: Evidence, drives: Sequence[_Drive]) -> Iterator[str]:
     if not evidence.windows:
         yield "; ".join(evidence.remarks) or "there is no recording"
         return
-    driven = sum(w.duration for w in evidence.windows)
-    if driven < LEAST:
-        yield f"only {driven:.1f} s of driving can be used, {LEAST:g} s are needed"
+    if evidence.driven < LEAST:
+        yield f"only {evidence.driven:.1f} s of driving can be used, {LEAST:g} s are needed"
     lateral, longitudinal = (max(found) for found in zip(*(drive.strongest for drive in drives), strict=True))
     if lateral < GENTLE and longitudinal < GENTLE:
         yield (
@@ -152,6 +158,25 @@ def _of_several_cars(recordings: Sequence[Recording], sensors: Mapping[str, Sens
                     f"the recordings are of different cars: the {what} is {said[what]!r} in one and {value!r} in "
                     f"{recording.name}; explain each car by itself"
                 )
+
+
+def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
+    """The same measurements in two recordings: one would seem to prove what was found in the other."""
+    names: dict[bytes, str] = {}
+    for recording in recordings:
+        content = _content(recording)
+        if content in names:
+            yield f"{names[content]} and {recording.name} hold the same measurements; leave one of them out"
+        names[content] = recording.name
+
+
+def _content(recording: Recording) -> bytes:
+    digest = sha256()
+    for topic, channel in sorted(recording.channels.items()):
+        digest.update(topic.encode() + channel.stamp.tobytes())
+        for field, values in sorted(channel.columns.items()):
+            digest.update(field.encode() + values.tobytes())
+    return digest.digest()
 
 
 def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
@@ -205,28 +230,34 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
                 coarse = kind != "gnss_velocity" and 1 < len(np.unique(value)) < COARSE
                 if length[long] >= 10 and duration >= (STILL_COARSE if coarse else STILL[kind]):
                     yield f"the {what} is frozen for {duration:.1f} s from {t[first[long]]:.1f} s on in {window.name}"
-            if kind == "steering":
-                yield from _steering_still(window, readings, sensors)
+            if kind in ("steering", "wheel_torques"):
+                yield from _input_still(window, readings, kind, sensors)
 
 
-def _steering_still(window: Window, steering: Readings, sensors: Mapping[str, SensorBase]) -> Iterator[str]:
-    """A driver may well hold the wheel, but then the car does not begin to turn otherwise."""
+def _input_still(window: Window, driven: Readings, kind: str, sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """A driver may well hold wheel and pedals, but then the car does not begin to move otherwise."""
     imu = next((found for name, found in window.readings.items() if sensors[name].kind == "imu"), None)
-    value, t = _present(steering, 0)
-    if imu is None or len(value) < 2 or not np.isfinite(imu.value[:, 2]).any():
+    present = np.isfinite(driven.value).all(axis=1)
+    value, t = driven.value[present], driven.t[present]
+    felt = 2 if kind == "steering" else 3
+    if imu is None or len(t) < 2 or np.isfinite(imu.value[:, felt]).sum() < 2:
         return
-    rate, at = _present(imu, 2)
-    speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
-    turning = _averaged(at, rate * speed)
-    bend = turning / np.maximum(speed, 1.0) ** 2
+    response, at = _present(imu, felt)
+    if kind == "steering":
+        speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
+        response = _averaged(at, response * speed)
+        shape, least, what = response / np.maximum(speed, 1.0) ** 2, TURNING, "the steering angle is"
+    else:
+        response = shape = _averaged(at, response)
+        least, what = PUSHED, "the wheel torques are"
     for first, length in zip(*_runs(value), strict=True):
         begin, end = t[first], t[first + length - 1]
-        # The car needs a while to follow the steering that went before.
-        inside = (at >= begin + 0.5) & (at <= end)
-        if end - begin < STEERING_STILL or not inside.any():
+        # The car needs a while to follow what went before, and means and clocks reach beyond the end.
+        inside = (at >= begin + 0.5) & (at <= end - 0.3)
+        if end - begin < INPUT_STILL or not inside.any():
             continue
-        if np.ptp(turning[inside]) > TURNING and np.ptp(bend[inside]) > 0.5 * np.max(np.abs(bend)):
-            yield f"the steering angle is frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
+        if np.ptp(response[inside]) > least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
+            yield f"{what} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
 
 
 def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
@@ -249,6 +280,23 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
             for end, longest in at_end.items():
                 if longest >= SATURATED * usual:
                     yield f"the {what} is at the end of its range, {end:.4g}, in {windows[0].name}"
+
+
+def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """A steering angle that stays again and again at the ends of its range, and nowhere else."""
+    for name in {name for window in windows for name in window.readings if sensors[name].kind == "steering"}:
+        parts = [_present(w.readings[name], 0)[0] for w in windows if name in w.readings]
+        parts = [part for part in parts if len(part)]
+        if not parts:
+            continue
+        ends = max(part.max() for part in parts), min(part.min() for part in parts)
+        runs = [(part[first], length) for part in parts for first, length in [_runs(part)]]
+        value, length = (np.concatenate(joined) for joined in zip(*runs, strict=True))
+        held = np.isin(value, ends)
+        longest = int(length[~held].max(initial=1))
+        for end in ends:
+            if np.sum(length[value == end] >= SATURATED * longest) >= CLIPPED:
+                yield f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"
 
 
 def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
@@ -396,7 +444,8 @@ def _present(readings: Readings, column: int) -> tuple[Array, Array]:
 
 def _runs(value: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First index and length of each stretch of equal values."""
-    first = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0.0) + 1])
+    changes = np.diff(value, axis=0) != 0.0
+    first = np.concatenate([[0], np.flatnonzero(changes if value.ndim == 1 else changes.any(axis=1)) + 1])
     return first, np.diff(np.append(first, len(value)))
 
 

@@ -328,7 +328,7 @@ def abscissae(rows: Sequence[tuple[float, float, float, float]], evidence: Evide
 
 def _middle(window: Window) -> Array:
     """Times in the middle of each step [s]."""
-    return np.asarray(window.begin + (np.arange(np.ceil(window.duration / STEP)) + 0.5) * STEP, dtype=float)
+    return np.asarray(window.begin + (np.arange(np.ceil((window.end - window.begin) / STEP)) + 0.5) * STEP, dtype=float)
 
 
 def _of_the_car(rolling: Array) -> Array:

@@ -12,7 +12,6 @@ from vsense_ros.errors import InputError
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range
 from vsense_ros.observer.observer import Observer
-from vsense_ros.observer.run import map_origin
 from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
@@ -57,7 +56,7 @@ def watch(
 
     Raises `InputError` where there is no window to be judged.
     """
-    observer = Observer(vehicle, map_origin(recording))
+    observer = Observer(vehicle, recording.map_origin)
     stamps: list[int] = []
     kept: list[Array] = []
 

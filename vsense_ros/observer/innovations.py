@@ -16,7 +16,7 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.observer import Observer
-from vsense_ros.observer.run import map_origin, topics_in
+from vsense_ros.observer.run import topics_in
 from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
     The filter is the errorEKF. Messages are taken in order of measurement, not of arrival, so that each innovation is
     given all that was measured before it. Raises `InputError` if the observer never starts.
     """
-    observer = Observer(vehicle, map_origin(recording), _Watched)
+    observer = Observer(vehicle, recording.map_origin, _Watched)
     assert isinstance(observer.filter, _Watched)
     topics = topics_in(recording, observer)
     for sample in _as_measured(recording, observer.sensors).samples(topics):

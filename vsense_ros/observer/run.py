@@ -40,7 +40,7 @@ def run(
     `progress` is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's
     sensors, or never tells how the car moves.
     """
-    observer = Observer(vehicle, map_origin(recording))
+    observer = Observer(vehicle, recording.map_origin)
     present = topics_in(recording, observer)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)
@@ -83,15 +83,6 @@ def topics_in(recording: Recording, observer: Observer) -> tuple[str, ...]:
             f"found {', '.join(sorted(recording.channels)) or 'nothing'}"
         )
     return present
-
-
-def map_origin(recording: Recording) -> tuple[float, float, float] | None:
-    """Latitude, longitude [deg] and height [m] of the map frame of a recording's reference, if it says so."""
-    keys = ("origin_latitude_deg", "origin_longitude_deg", "origin_altitude_m")
-    if not all(key in recording.metadata for key in keys):
-        return None
-    latitude, longitude, height = (float(recording.metadata[key]) for key in keys)
-    return latitude, longitude, height
 
 
 def as_recording(estimates: Sequence[Estimate], name: str, metadata: Mapping[str, str]) -> Recording:
