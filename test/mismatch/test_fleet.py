@@ -16,7 +16,7 @@ from distributed import Client
 from rich.console import Console
 
 from hidden import driven, having, prototype, wrong
-from synthetic_findings import finding
+from synthetic_findings import effect, finding
 from vsense_ros.bag import write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch import fleet, fleet_report
@@ -241,6 +241,20 @@ def test_the_summary_says_which_effect_on_which_vehicle(tmp_path):
     said = console.export_text()
     assert "imu_roll_misalignment: 2 of 4 vehicles (a, b)" in said
     assert "Not used: b/two.mcap: no steering angle" in said
+
+
+def test_form_and_range_of_an_effect_are_told_of_a_fleet(tmp_path):
+    folder_of(tmp_path, "a", "one.mcap", "two.mcap")
+    (a,) = fleet.members(tmp_path)
+    places = [{"stretch": 0.0, "distance": d, "value": v, "interval_90": [v, v]} for d, v in ((0, -0.08), (50, 0.06))]
+    bank = effect("road_bank", 0.5, accepted=True, form="on a plane", profile=places)
+    results = [result_of(a, finding("named") | {"effects": [bank]})]
+    fleet_report.write(results, tmp_path / "out")
+    told = "road_bank on a plane (angle between −3.9° and +4.1° along the road)"
+    assert told in (tmp_path / "out" / "fleet.html").read_text(encoding="utf-8")
+    assert told in (tmp_path / "out" / "fleet.csv").read_text(encoding="utf-8")
+    row = pq.read_table(tmp_path / "out" / "fleet.parquet").to_pylist()[1]
+    assert (row["effect"], row["place"]) == ("road_bank", "on a plane")
 
 
 @pytest.mark.slow

@@ -17,8 +17,7 @@ from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.fleet import FAILED
-from vsense_ros.mismatch.report import PLACES, VERDICTS, Verdict, percent, shown_value
-from vsense_ros.model.effects.base import CORNERS
+from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
 
 TABLE, SHEET, PAGE = "fleet.parquet", "fleet.csv", "fleet.html"
 REPORT = "report.html"
@@ -32,7 +31,7 @@ SCHEMA = pa.schema(
         pa.field("verdict", _TEXT, nullable=False),
         pa.field("reason", _TEXT),  # the verdict in words; why a recording was not used
         pa.field("effect", _TEXT),
-        pa.field("place", _TEXT),  # wheel, axle, sensor or axis
+        pa.field("place", _TEXT),  # wheel, axle, sensor or axis, and form
         pa.field(
             "parameters",
             pa.list_(
@@ -57,7 +56,7 @@ def in_answer(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     if found["verdict"] not in ("named", "ambiguous"):
         return []
     answer = set(found["answer_set"]) if found["verdict"] == "ambiguous" else set()
-    return [e for e in found["effects"] if e.get("accepted") or {e["id"], f"{e['id']} {_place(e)}"} & answer]
+    return [e for e in found["effects"] if e.get("accepted") or {e["id"], f"{e['id']} {place_of(e)}"} & answer]
 
 
 def rows(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -99,11 +98,7 @@ def _columns(effect: Mapping[str, Any]) -> dict[str, Any]:
         for entry in effect["parameters"]
     ]
     figures = {key: effect[key] for key in ("gain_training", "gain_left_out", "gain_held_out", "keep", "confidence")}
-    return {"effect": effect["id"], "place": _place(effect), "parameters": parameters, **figures}
-
-
-def _place(effect: Mapping[str, Any]) -> str | None:
-    return next((str(effect[key]) for key in PLACES if effect.get(key)), None)
+    return {"effect": effect["id"], "place": place_of(effect) or None, "parameters": parameters, **figures}
 
 
 def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
@@ -174,9 +169,8 @@ def _line(result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _shown(effect: Mapping[str, Any]) -> str:
-    place = _place(effect)
-    sizes = ", ".join(shown_value(p["value"], p["unit"]) for p in effect["parameters"])
-    return " ".join(filter(None, (effect["id"], CORNERS.get(place, place) if place else "", f"({sizes})")))
+    """An effect with its place, its form and its size."""
+    return " ".join(filter(None, (effect["id"], place_in_words(effect), f"({sizes_in_words(effect)})")))
 
 
 def _headline(results: Sequence[Mapping[str, Any]]) -> str:

@@ -34,6 +34,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "-": ("", 1.0),
 }  # what people read a parameter in, and the factor to it
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
+NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
 DRIFTING = {signal.name for signal in SIGNALS if signal.drifting}
 SHORT = ("fl", "fr", "rl", "rr", "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
@@ -92,6 +93,16 @@ def heading(name: str) -> str:
     """A name of the files in words, with a capital."""
     words = label(name)
     return words[:1].upper() + words[1:]
+
+
+def is_share(name: str, unit: str) -> bool:
+    """Whether people read a size of an effect in percent."""
+    return unit == "-" and not name.endswith(NO_SHARES)
+
+
+def size_unit(size: Mapping[str, Any]) -> tuple[str, float]:
+    """What people read a size of an effect in, and the factor to it."""
+    return ("%", 100.0) if is_share(size["name"], size["unit"]) else UNITS.get(size["unit"], (size["unit"], 1.0))
 
 
 def most_affected(traces: Sequence[Trace], signals: Sequence[str]) -> Trace | None:
@@ -198,7 +209,7 @@ def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> byte
 def road_profile(effect: Mapping[str, Any]) -> bytes:
     """An effect that is another at every place: its size along the way, with the 90 % interval."""
     size = effect["parameters"][0]
-    unit, factor = UNITS.get(size["unit"], (size["unit"], 1.0))
+    unit, factor = size_unit(size)
     stretches: dict[float, list[Mapping[str, Any]]] = {}
     for place in effect["profile"]:
         stretches.setdefault(place["stretch"], []).append(place)
@@ -216,7 +227,8 @@ def road_profile(effect: Mapping[str, Any]) -> bytes:
             begin = at[-1] + APART
         axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
         axes.set_xlabel("way along the road [m]")
-        axes.set_ylabel(f"{heading(size['name'])}{f' [{unit}]' if unit else ''}")
+        name = effect["id"] if size["name"] == "relative" else size["name"]
+        axes.set_ylabel(f"{heading(name)}{f' [{unit}]' if unit else ''}")
         axes.margins(x=0.005)
         return _svg(figure)
 

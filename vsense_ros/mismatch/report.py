@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import floor, inf, isfinite, log10
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jinja2 import Environment
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -21,17 +23,23 @@ from vsense_ros.mismatch.picture import (
     Trace,
     before_and_after,
     heading,
+    is_share,
     label,
     most_affected,
     other_signals,
     road_profile,
+    size_unit,
     when,
 )
 from vsense_ros.model.effects.base import CORNERS
 
-PLACES = ("wheel", "axle", "sensor", "axis")
+PLACES = ("wheel", "axle", "sensor", "axis", "form")
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 PRINTED_SIGNALS = 6
+TOGETHER = {2: "both", 3: "all three"}
+
+
+NEXT_TEST = re.compile(r'<p id="next-test">.*?</p>', re.DOTALL)  # the paragraph of a page
 
 
 class Verdict(NamedTuple):
@@ -105,15 +113,33 @@ class Bar:
 
 
 @dataclass(frozen=True)
+class Size:
+    """How large an effect is, as people read it; `known`: its 90 % interval, or where it is."""
+
+    name: str
+    value: str
+    known: str
+    figure: str = ""  # the value in short, where it is a range
+
+    @property
+    def words(self) -> str:
+        return f"{self.name} {self.value}".strip()
+
+    def __str__(self) -> str:
+        return f"{self.words} ({self.known})"
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect as the page shows it."""
 
     name: str
     sentence: str
-    parameters: list[tuple[str, str]]
+    parameters: list[Size]
     more: int  # parameters that are not listed
     bars: list[Bar]
     mark: float  # the length that chance reaches
+    together: str  # with which other effects it was fitted, to which its gains belong as well
     keep: str
     confidence: str
     answer: bool
@@ -126,34 +152,51 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
     signals = [signal["name"] for signal in located["signals"]]
     shown = most_affected(traces, signals)
     verdict = VERDICTS[found["verdict"]]
-    environment = page_environment("vsense_ros.mismatch")
-    page = environment.get_template("explain.html.j2").render(
-        found=found,
-        verdict=verdict,
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        headlines=_headlines(found, shown),
-        shown=shown,
-        caption=_caption(shown) if shown else "",
-        picture=_embedded(before_and_after(shown)) if shown else "",
-        beside=_embedded(other_signals(traces, shown, signals)) if shown else "",
-        timeline=_embedded(when(located["segments"], traces)),
-        region=_described(located["region"]),
-        force=_described(located["force"]),
-        candidates=_candidates(found),
-        profiles=[
-            (effect["sentence"], _embedded(road_profile(effect)))
-            for effect in found["effects"]
-            if "profile" in effect and effect["id"] in found["answer_set"]
-        ],
-        threshold=percent(found["threshold"]),
-        signals=_signal_rows(found),
-        proven=_proven(found),
-        changed=_changed(found),
-        base=[(name, shown_value(entry["value"], entry["unit"], change=True)) for name, entry in found["base"].items()],
-        next_test=_next_test(found),
+    candidates = _candidates(found)
+    page = (
+        _templates()
+        .get_template("explain.html.j2")
+        .render(
+            found=found,
+            verdict=verdict,
+            written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            headlines=_headlines(found, shown),
+            shown=shown,
+            caption=_caption(shown) if shown else "",
+            picture=_embedded(before_and_after(shown)) if shown else "",
+            beside=_embedded(other_signals(traces, shown, signals)) if shown else "",
+            timeline=_embedded(when(located["segments"], traces)),
+            region=_described(located["region"]),
+            force=_described(located["force"]),
+            candidates=candidates,
+            profiles=[
+                (_sentence(effect), _embedded(road_profile(effect)))
+                for effect in found["effects"]
+                if "profile" in effect and effect["id"] in found["answer_set"]
+            ],
+            threshold=percent(found["threshold"]),
+            signals=_signal_rows(found),
+            proven=_proven(found),
+            changed=_changed(found),
+            acting=_acting(found),
+            together=any(one.together for one in candidates),
+            base=_base_rows(found),
+            next_test=_next_test(found),
+        )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
+
+
+def write_next_test(found: Mapping[str, Any], path: Path) -> None:
+    """Say the next test of `found` on the page at `path`, which else stays as it is; nothing where there is no page.
+
+    The curves of the page are not stored, so that it cannot be written anew.
+    """
+    if path.is_file():
+        words = _templates().get_template("next_test.html.j2").render(found=found, next_test=_next_test(found)).strip()
+        page = path.read_text(encoding="utf-8")
+        path.write_text(NEXT_TEST.sub(lambda _: words, page, count=1), encoding="utf-8")
 
 
 def printed(found: Mapping[str, Any], console: Console) -> None:
@@ -166,11 +209,12 @@ def printed(found: Mapping[str, Any], console: Console) -> None:
     if candidates := _candidates(found):
         table = _table("squared error explained by", *(f">{bar.name}" for bar in candidates[0].bars), "")
         for one in candidates:
-            _add(table, one.name, *(bar.figure for bar in one.bars), one.standing)
+            standing = "; ".join(filter(None, (one.standing, one.together)))
+            _add(table, one.name, *(bar.figure for bar in one.bars), standing)
         console.print(table)
     for one in candidates:
         if one.answer:
-            console.print(Text(f"{one.name}: {', '.join(f'{name} {value}' for name, value in one.parameters)}"))
+            console.print(Text(f"{one.name}: {', '.join(map(str, one.parameters))}"))
     if rows := _signal_rows(found):
         headings = (">before", ">after", ">change") if _changed(found) else (">error",)
         proof = tuple(f"{words}, held out" for words in headings) if _proven(found) else ()
@@ -189,13 +233,36 @@ def printed(found: Mapping[str, Any], console: Console) -> None:
     console.print(Text(f"{found['cpu_s']:.0f} s of computing for {found['driven_s']:.0f} s of driving", style="dim"))
 
 
-def shown_number(value: float, *, signed: bool = False) -> str:
-    """Three digits that count, without an exponent unless there is no other way."""
+def in_words(effect: Mapping[str, Any]) -> str:
+    """An effect of explain.json, as the end of "the model leaves out …": what it is, where, and how large."""
+    return f"{_sentence(effect)} ({sizes_in_words(effect)})"
+
+
+def sizes_in_words(effect: Mapping[str, Any]) -> str:
+    """How large an effect is; the range where that changes along the road."""
+    sizes = [_size(entry) for entry in effect["parameters"]]
+    if "profile" in effect:
+        sizes[:1] = [_along_road(effect)]
+    return ", ".join(size.words for size in sizes)
+
+
+def place_of(effect: Mapping[str, Any]) -> str:
+    """Where an effect is, and in which form, as explain.json has it; empty where it has no place."""
+    return ", ".join(str(effect[key]) for key in PLACES if effect.get(key))
+
+
+def place_in_words(effect: Mapping[str, Any]) -> str:
+    """The same as people read it."""
+    return ", ".join(CORNERS.get(str(effect[key]), str(effect[key])) for key in PLACES if effect.get(key))
+
+
+def shown_number(value: float, *, signed: bool = False, digits: int = 3) -> str:
+    """The digits that count, without an exponent unless there is no other way."""
     if not isfinite(value):
         return "–"
     if value == 0.0:
         return "0"
-    decimals = 2 - floor(log10(abs(value)))
+    decimals = digits - 1 - floor(log10(abs(value)))
     if not -4 <= decimals <= 8:
         return f"{value:{'+' if signed else ''}.2e}".replace("-", "−")
     return f"{round(value, decimals):{'+' if signed else ''}.{max(decimals, 0)}f}".replace("-", "−")
@@ -214,7 +281,16 @@ def percent(share: float | None, *, signed: bool = False) -> str:
     if share is None or not isfinite(share):
         return "–"
     decimals = 0 if abs(share) >= 0.0995 else 1
+    if round(100 * share, decimals) == 0.0:
+        return "0 %"
     return f"{100 * share:{'+' if signed else ''}.{decimals}f} %".replace("-", "−")
+
+
+def probability(share: float) -> str:
+    """In percent, and never certain."""
+    if share < 0.01:
+        return "< 1 %"
+    return "> 99 %" if share > 0.99 else percent(share)
 
 
 def _behind(unit: str) -> str:
@@ -246,16 +322,19 @@ def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str,
     named = found["verdict"] == "named"
     answer = [one for one in _candidates(found) if one.answer]
     if answer and (named or found["verdict"] == "ambiguous"):
-        proof = answer[0].bars[-1]
-        result.append((proof.figure, f"of the squared error of all signals explained, {proof.name}"))
+        proof, several = answer[0].bars[-1], TOGETHER.get(len(_fitted_with(found, found["effects"][0]["id"])))
+        by = f", by {several} together" if several else ""
+        result.append((proof.figure, f"of the squared error of all signals explained, {proof.name}{by}"))
     if named:
         for one in answer:
-            name, value = one.parameters[0] if one.parameters else ("", "–")
-            size, _, interval = value.partition(" (")
-            result.append(
-                (size, f"{one.name}: {name}" + (f", 90 % interval {interval.rstrip(')')}" if interval else ""))
-            )
-        result.append((answer[0].confidence, "confidence in the name"))
+            size = one.parameters[0] if one.parameters else Size("", "–", "")
+            what = f"{one.name}: {size.name}" if size.name else one.name
+            known = f"along the road, {size.known}" if size.figure else f"90 % interval {size.known}"
+            result.append((size.figure or size.value, f"{what}, {known}" if size.known else what))
+        least = min(effect["confidence"] for effect in _accepted(found))
+        of = "confidence in the name" if len(answer) == 1 else "confidence in the less certain name"
+        calibrated = "how often such names were right on the public split of the examination"
+        result.append((probability(least), f"{of}: {calibrated}"))
     if rest := _remainder(found):
         times, signal = rest
         remains = "what remains of the largest error" if _changed(found) else "the largest error"
@@ -287,34 +366,43 @@ def _caption(shown: Trace) -> str:
 def _candidates(found: Mapping[str, Any]) -> list[Candidate]:
     """All effects that were fitted, ranked, with what speaks for and against them."""
     effects = found["effects"]
-    accepted = [effect for effect in effects if effect.get("accepted")] or effects[:1]
+    accepted = _accepted(found)
     gains = [_gains(effect, held_out=bool(found["held_out"])) for effect in effects]
     widest = max(found["threshold"], 1e-12, *(gain for one in gains for gain in one.values()))
     best = min(gains[0].values()) if gains else 0.0
     result = []
     for effect, gain in zip(effects, gains, strict=True):
-        place = next((str(effect[key]) for key in PLACES if effect.get(key)), "")
+        place = place_of(effect)
         answer = found["verdict"] == "named" and any(effect is one for one in accepted)
         within = {effect["id"], f"{effect['id']} {place}"} & set(found["answer_set"])
         rival = found["verdict"] == "ambiguous" and bool(within)
-        parameters = [(entry["name"].replace("_", " "), _with_interval(entry)) for entry in effect["parameters"]]
+        parameters = [_size(entry) for entry in effect["parameters"]]
         if "profile" in effect:
-            parameters.append(("along the road", _along_road(effect)))
+            everywhere = replace(parameters[0], name="of it everywhere")
+            parameters[:1] = [_along_road(effect), everywhere]
         result.append(
             Candidate(
-                name=", ".join(filter(None, (heading(effect["id"]), CORNERS.get(place, place)))),
+                name=", ".join(filter(None, (heading(effect["id"]), place_in_words(effect)))),
                 sentence=effect["sentence"],
                 parameters=parameters[:MOST_PARAMETERS],
                 more=max(0, len(parameters) - MOST_PARAMETERS),
                 bars=[Bar(name, percent(share), max(share, 0.0) / widest) for name, share in gain.items()],
                 mark=found["threshold"] / widest,
+                together=_together(found, effect),
                 keep=percent(effect["keep"]),
-                confidence="> 99 %" if effect["confidence"] > 0.99 else percent(effect["confidence"]),
+                confidence=probability(effect["confidence"]),
                 answer=answer or rival,
-                standing="the answer" if answer else _standing(effect, gain, best, found, within=bool(within)),
+                standing=_naming(effect, found)
+                if answer
+                else _standing(effect, gain, best, found, within=bool(within)),
             )
         )
     return result
+
+
+def _accepted(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The effects that are the answer where one is named."""
+    return [effect for effect in found["effects"] if effect.get("accepted")] or found["effects"][:1]
 
 
 def _gains(effect: Mapping[str, Any], *, held_out: bool) -> dict[str, float]:
@@ -326,6 +414,38 @@ def _gains(effect: Mapping[str, Any], *, held_out: bool) -> dict[str, float]:
     return {name: -inf if effect[key] is None else effect[key] for name, key in keys.items()}
 
 
+def _fitted_with(found: Mapping[str, Any], id: str) -> list[str]:
+    """Ids of the effects that were fitted together with one of the answer, itself among them; else itself alone."""
+    answers = found.get("rivals") or [[one["id"] for one in _accepted(found)]]
+    if found["verdict"] not in ("named", "ambiguous"):
+        return [id]
+    return next((list(ids) for ids in answers if id in ids), [id])
+
+
+def _together(found: Mapping[str, Any], effect: Mapping[str, Any]) -> str:
+    """To which other effects the gains of an effect belong as well."""
+    ids = _fitted_with(found, effect["id"])
+    others = " and ".join(label(id) for id in ids if id != effect["id"])
+    return f"gains of {TOGETHER.get(len(ids), 'all')} together, with {others}" if others else ""
+
+
+def _naming(effect: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """The standing of an effect that is named, with what may be there instead of it and the test that would tell."""
+    named = {one["id"] for one in _accepted(found)}
+    others = " or ".join(label(id) for id in effect.get("answer_set", ()) if id not in named)
+    test = _next_test(effect) if others and effect.get("would_separate") else ""
+    doubt = f"it may be {others} instead" if others else ""
+    return "; ".join(filter(None, ("the answer", doubt, f"to tell them apart: {test}" if test else "")))
+
+
+def _acting(found: Mapping[str, Any]) -> str:
+    """On which part of the car, or of its surroundings, what was found acts."""
+    return "; ".join(
+        f"{label(part['effect'])} acts on the {', '.join(filter(None, (label(part['acts_on']), place_in_words(part))))}"
+        for part in found["located"].get("parts") or ()
+    )
+
+
 def _standing(
     effect: Mapping[str, Any], gains: Mapping[str, float], best: float, found: Mapping[str, Any], *, within: bool
 ) -> str:
@@ -333,32 +453,66 @@ def _standing(
     decisive, threshold = min(gains.values()), found["threshold"]
     weakest = min(gains, key=lambda name: gains[name])
     if decisive < threshold or best <= 0.0:
-        words = "chance" if decisive > 0.0 else "nothing"
+        words = "no more than chance" if decisive > 0.0 else "nothing"
         if gains["fitted"] > threshold:
-            return f"excluded: explains where it was fitted, but no more than {words} {weakest}"
-        return f"excluded: explains no more than {words}"
+            return f"excluded: explains where it was fitted, but {words} {weakest}"
+        return f"excluded: explains {words}"
     relative = f"{percent(decisive / best)} of what the best explains"
     if within:
         return "cannot be excluded" + ("" if decisive == best else f": {relative}")
     if found["verdict"] not in ("named", "ambiguous"):
         return f"not enough: {relative}"
     adds = effect["adds_to_best"]
-    return f"explains less: {relative}" + ("" if adds is None else f", and {percent(adds)} besides it")
+    besides = "" if adds is None else f", and {percent(adds) if adds > 0.0 else 'nothing'} besides it"
+    return f"explains less: {relative}{besides}"
 
 
-def _with_interval(entry: Mapping[str, Any]) -> str:
-    low, high = entry["interval_90"]
-    _, factor = UNITS.get(entry["unit"], (entry["unit"], 1.0))
-    return (
-        f"{shown_value(entry['value'], entry['unit'])} ({shown_number(low * factor)} to {shown_number(high * factor)})"
+def _sentence(effect: Mapping[str, Any]) -> str:
+    """The physics of an effect, with its form."""
+    return ", ".join(filter(None, (effect["sentence"], effect.get("form", ""))))
+
+
+def _size(entry: Mapping[str, Any]) -> Size:
+    """A parameter of an effect with its 90 % interval; in percent, with its sign, where it is a share."""
+    name, unit, (low, high) = entry["name"], entry["unit"], entry["interval_90"]
+    words = "" if name == "relative" else CORNERS.get(name, label(name))
+    if is_share(name, unit):
+        low, high = (percent(value, signed=True) for value in (low, high))
+        return Size(words, percent(entry["value"], signed=True), f"{low.removesuffix(' %')} to {high}")
+    _, factor = UNITS.get(unit, (unit, 1.0))
+    low, high = (shown_number(value * factor) for value in (low, high))
+    return Size(words, shown_value(entry["value"], unit), f"{low} to {high}")
+
+
+def _along_road(effect: Mapping[str, Any]) -> Size:
+    """Between which values a size varies along the road."""
+    size, places = effect["parameters"][0], effect["profile"]
+    unit, factor = size_unit(size)
+    values = [factor * (size["value"] + place["value"]) for place in places]
+    low, high = (f"{shown_number(value, signed=True, digits=2)}{_behind(unit)}" for value in (min(values), max(values)))
+    return Size(
+        _size(size).name, f"between {low} and {high} along the road", f"at {len(places)} places", f"{low} to {high}"
     )
 
 
-def _along_road(effect: Mapping[str, Any]) -> str:
-    """Between which values a size varies along the road."""
-    everywhere, unit = effect["parameters"][0]["value"], effect["parameters"][0]["unit"]
-    values = [everywhere + place["value"] for place in effect["profile"]]
-    return f"{shown_value(min(values), unit)} to {shown_value(max(values), unit)}, at {len(values)} places"
+def _base_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """The base parameters in words with their amounts in the fit without what was found, and in that with it; the
+    latter empty where nothing tells them."""
+    explained = any(entry.get("explained") is not None for entry in found["base"].values())
+    rows = []
+    for name, entry in found["base"].items():
+        unit = entry["unit"]
+
+        def amount(value: float | None, name: str = name, unit: str = unit) -> str:
+            if value is None:
+                return "–"
+            if unit == "-" and not is_share(name, unit):
+                return shown_number(value, signed=True)
+            return shown_value(value, unit, change=True)
+
+        words = ", ".join(map(label, name.split(".")[1:])) if name.startswith("effects.") else name
+        rows.append((words, amount(entry["value"]), amount(entry.get("explained")) if explained else ""))
+    return rows
 
 
 def _signal_rows(found: Mapping[str, Any]) -> list[SignalRow]:
@@ -393,7 +547,10 @@ def _signal_rows(found: Mapping[str, Any]) -> list[SignalRow]:
 def _next_test(found: Mapping[str, Any]) -> str:
     """The manoeuvre that would tell the remaining answers apart, in words."""
     separating = found["would_separate"]
-    return f"{separating['manoeuvre']}; watch the {label(separating['signal'])}" if separating else ""
+    if not separating:
+        return ""
+    predicted = f" (d′ {separating['d_prime']:.1f} predicted)" if "d_prime" in separating else ""
+    return f"{separating['manoeuvre']}; watch the {label(separating['signal'])}{predicted}"
 
 
 def _described(where: Mapping[str, Any] | None) -> str:
@@ -402,6 +559,10 @@ def _described(where: Mapping[str, Any] | None) -> str:
         return ""
     sizes = ", ".join(shown_value(size["value"], size["unit"]) for size in where.get("sizes", []))
     return f"{where['description']} ({sizes})" if sizes else str(where["description"])
+
+
+def _templates() -> Environment:
+    return page_environment("vsense_ros.mismatch")
 
 
 def _embedded(picture: bytes | None) -> str:
