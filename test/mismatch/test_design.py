@@ -11,12 +11,14 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from hidden import prototype, without
-from synthetic_findings import finding
+from synthetic_findings import finding, traces
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.mismatch import design
 from vsense_ros.mismatch.design import Option, Rival, Separation, left_open, separations
+from vsense_ros.mismatch.knobs import base_knobs, out_of_reach
+from vsense_ros.mismatch.report import NEXT_TEST, write_report
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.vehicle_file import save_vehicle
 
@@ -103,7 +105,10 @@ def test_of_several_effects_each_the_rivals_are_those_that_stand_together():
     found = ambiguous(prototype()) | {"rivals": [["aero_drag", "tyre_relaxation"], ["aero_drag", "sensor_delay"]]}
     found["effects"][2]["form"] = "on a plane"
     rivals, _ = left_open(found, prototype())
-    assert [r.name for r in rivals] == ["aero_drag + tyre_relaxation front", "aero_drag + sensor_delay imu"]
+    assert [r.name for r in rivals] == [
+        "aero_drag on a plane + tyre_relaxation front",
+        "aero_drag on a plane + sensor_delay imu",
+    ]
     assert rivals[0].sizes == {"effects.aero_drag.area": 0.1, "effects.tyre_relaxation.front": 0.4}
     assert rivals[0].forms == {"effects.aero_drag.area": "on a plane", "effects.tyre_relaxation.front": ""}
 
@@ -135,6 +140,46 @@ def test_the_best_test_is_said_and_stands_in_the_answer(tmp_path):
     assert "None of these tests would tell them apart" in said(found[1:])
     design.written(found[1:], [], tmp_path)
     assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["would_separate"] is None
+
+
+def test_the_car_of_the_next_test_is_as_it_was_fitted_with_what_was_found():
+    base = {"mass": {"unit": "-", "value": -0.05, "explained": 0.01}, "grip": {"unit": "-", "value": 0.2}}
+    base["yaw inertia"] = {"unit": "-", "value": 0.3, "explained": None}
+    _, amounts = left_open(ambiguous(prototype()) | {"base": base}, prototype())
+    assert amounts == {"mass": 0.01, "grip": 0.2, "yaw inertia": 0.3}
+
+
+@pytest.mark.parametrize(
+    "lacking", [(), ("wheel_torques",), ("wheel_torques", "wheel_speeds")], ids=["all", "no torques", "GNSS alone"]
+)
+def test_the_next_test_has_the_sensors_and_the_base_parameters_of_the_recordings(lacking):
+    had = without(prototype(), *lacking)
+    kinds = {sensor.kind for sensor in had.sensors.values()}
+    fitted = [knob.name for knob in base_knobs(had, out_of_reach(kinds), kinds)]
+    vehicle, knobs = design._as_recorded(prototype(), dict.fromkeys(fitted, 0.0))
+    assert vehicle.sensors == had.sensors
+    assert [knob.name for knob in knobs] == fitted
+
+
+def test_the_page_says_the_test_that_was_designed_and_nothing_else_on_it_changes(tmp_path):
+    found, page = finding("ambiguous"), tmp_path / "report.html"
+    found["effects"] = [
+        one | {"answer_set": ["a", "b"], "would_separate": found["would_separate"]} for one in found["effects"]
+    ]
+    (tmp_path / "explain.json").write_text(json.dumps(found), encoding="utf-8")
+    write_report(found, traces("ambiguous"), page)
+    before = page.read_text(encoding="utf-8")
+    assert "steady turn on a banked road; watch the lateral acceleration" in before
+    (sweep,) = choice("steering_sweep")
+    design.written([Separation(sweep, 12.0, "yaw_rate", ("a", "b"))], [], tmp_path)
+    after = page.read_text(encoding="utf-8")
+    assert "Steering sweep; watch the yaw rate (d′ 12.0 predicted)" in after
+    assert "steady turn on a banked road" not in after
+    answer = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))
+    assert {one["would_separate"]["manoeuvre"] for one in answer["effects"]} == {"Steering sweep"}
+    assert NEXT_TEST.split(before) == NEXT_TEST.split(after)
+    design.written([], [], tmp_path)
+    assert "No test is known that would tell them apart." in page.read_text(encoding="utf-8")
 
 
 def said(found: list[Separation]) -> str:

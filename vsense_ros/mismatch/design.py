@@ -1,11 +1,11 @@
 """The next test: which manoeuvre would tell effects apart that the recordings at hand leave open.
 
-Each manoeuvre is driven with the car as it was fitted, recorded with the vehicle's own sensors, and simulated with each
-effect at its fitted size. What the signals of two effects differ by counts as far as the base parameters, and the other
-effect's size within its interval, cannot make up for it (the projection of `search`), in units of what sensors and a
-good model leave. That is the distance between two hypotheses about a Gaussian residual, d′ (Green & Swets 1966); half
-its square is the information, the expected log-likelihood ratio (Kullback & Leibler 1951). Residuals of neighbouring
-instants err together, which makes both too large, of all tests alike.
+Each manoeuvre is driven with the car as it was fitted, recorded with those sensors of the vehicle that its recordings
+had, and simulated with each effect at its fitted size. What the signals of two effects differ by counts as far as the
+base parameters, and the other effect's size within its interval, cannot make up for it (the projection of `search`), in
+units of what sensors and a good model leave. That is the distance between two hypotheses about a Gaussian residual, d′
+(Green & Swets 1966); half its square is the information, the expected log-likelihood ratio (Kullback & Leibler 1951).
+Residuals of neighbouring instants err together, which makes both too large, of all tests alike.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, solve, strength, turned
 from vsense_ros.mismatch.judge import NORMAL_90
-from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates
+from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import label
 from vsense_ros.mismatch.prediction import Predictor, Setting
+from vsense_ros.mismatch.report import place_of, write_next_test
 from vsense_ros.model.car import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulate import Trajectory, rolling_straight
@@ -40,7 +41,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-ANSWER, NEXT = "explain.json", "next.json"
+ANSWER, NEXT, PAGE = "explain.json", "next.json", "report.html"
 TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
 SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
 
@@ -116,7 +117,8 @@ def answered(report: Path) -> dict[str, Any]:
 
 
 def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
-    """The rivals of explain.json with their sizes, and what was fitted besides, by name of the base parameter.
+    """The rivals of explain.json with their sizes, and what was fitted besides, by name of the base parameter: the car
+    as it was fitted with the best of them, where explain.json tells that.
 
     Raises `InputError` where there is nothing to tell apart.
     """
@@ -132,14 +134,18 @@ def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], 
     rivals = [_of_entries([entries[id] for id in ids]) for ids in found["rivals"]]
     if len(rivals) < 2:
         raise InputError(f"the answer leaves {len(rivals)} explanations, two are needed to be told apart")
-    return rivals, {name: float(entry["value"]) for name, entry in found["base"].items()}
+    return rivals, {name: _fitted(entry) for name, entry in found["base"].items()}
+
+
+def _fitted(entry: Mapping[str, Any]) -> float:
+    explained = entry.get("explained")
+    return float(entry["value"] if explained is None else explained)
 
 
 def _of_entries(entries: Sequence[Mapping[str, Any]]) -> Rival:
     names, sizes, deviations, forms = [], {}, {}, {}
     for entry in entries:
-        place = next((entry[key] for key in ("wheel", "axle", "sensor", "axis") if entry.get(key)), "")
-        names.append(f"{entry['id']} {place}".strip())
+        names.append(f"{entry['id']} {place_of(entry)}".strip())
         for parameter in entry["parameters"]:
             dotted, (low, high) = f"effects.{entry['id']}.{parameter['name']}", parameter["interval_90"]
             sizes[dotted] = float(parameter["value"])
@@ -157,14 +163,16 @@ def separations(
 ) -> list[Separation]:
     """What each test would tell, the most telling first; those that the car cannot drive are left out.
 
-    `base` are the fitted amounts of the base parameters by name. Raises `InputError` for a size that no effect has.
+    `base` are the fitted amounts of the base parameters by name; their names tell as well what the recordings had.
+    Raises `InputError` for a size that no effect has.
     """
+    vehicle, fitted = _as_recorded(vehicle, base)
     library = candidates((), Setting.of(vehicle).values)
     knobs = {(knob.name, knob.form): knob for candidate in library for knob in candidate.knobs}
     if unknown := [name for rival in rivals for name in rival.sizes if (name, "") not in knobs]:
         raise InputError(f"no effect of the library has {', '.join(unknown)}")
     own = {name for rival in rivals for name in rival.sizes}
-    common = tuple(knob for knob in base_knobs(vehicle) if knob.name not in own)
+    common = tuple(knob for knob in fitted if knob.name not in own)
     amounts = np.array([base.get(knob.name, 0.0) for knob in common])
     found = []
     for i, test in enumerate(choice):
@@ -174,8 +182,23 @@ def separations(
     return sorted((one for one in found if one is not None), key=lambda one: one.distance, reverse=True)
 
 
+def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[Knob, ...]]:
+    """The car without sensors that its recordings lacked, as far as the names of the fitted `base` parameters tell, and
+    these parameters; all that a fit would have, where there are none."""
+    kinds = {sensor.kind for sensor in vehicle.sensors.values()}
+    by_torque = tuple(f"effects.{id}." for id, effect in BY_ID.items() if "wheel_torques" in effect.needs)
+    if base and not any(name.startswith(by_torque) for name in base):
+        kinds -= {"wheel_torques"}
+        if not {knob.name for knob in UNKNOWN_TORQUES} & base.keys():
+            kinds -= {"wheel_speeds"}
+    sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind in kinds}
+    knobs = base_knobs(vehicle, out_of_reach(kinds), kinds)
+    return vehicle.model_copy(update={"sensors": sensors}), tuple(k for k in knobs if not base or k.name in base)
+
+
 def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> None:
-    """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json."""
+    """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and onto its
+    page."""
     content = {
         "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
         "telling": TELLING,
@@ -183,8 +206,12 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
     }
     (report / NEXT).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     best = found[0].as_json() if found and found[0].distance >= TELLING else None
-    answer = json.loads((report / ANSWER).read_text(encoding="utf-8"))
-    (report / ANSWER).write_text(json.dumps(answer | {"would_separate": best}, indent=1) + "\n", encoding="utf-8")
+    answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
+    for effect in answer["effects"]:
+        if effect.get("would_separate"):
+            effect["would_separate"] = best
+    (report / ANSWER).write_text(json.dumps(answer, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_next_test(answer, report / PAGE)
 
 
 def printed(found: Sequence[Separation], console: Console) -> None:
