@@ -20,6 +20,22 @@ CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "re
 WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
 
+# What of a car an effect acts on, by the method with which it does.
+_ACTS_ON = {
+    "chassis": "chassis",
+    "chassis_force": "chassis",
+    "suspension_force": "suspension",
+    "toe": "suspension",
+    "front_angle": "steering",
+    "wheel": "wheel",
+    "wheel_torque": "wheel",
+    "friction": "tyre",
+    "lateral_speed": "tyre",
+    "thrust": "tyre",
+    "slope": "road",
+    "sensors": "sensor",
+}
+
 
 def size(unit: str, description: str, *, typical: float, low: float | None = None, high: float) -> Any:
     """A field for how large an effect is, zero where it is absent.
@@ -64,12 +80,18 @@ class Effect(Part):
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
+    each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
     memory: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def usual(cls, vehicle: Vehicle) -> dict[str, float]:
         """How much of it every such car has, as standard deviations of sizes by field name."""
         return {}
+
+    @classmethod
+    def acts_on(cls) -> str:
+        """Chassis, suspension, steering, wheel, tyre, road or sensor."""
+        return next(part for method, part in _ACTS_ON.items() if getattr(cls, method) is not getattr(Effect, method))
 
     def chassis(self, mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass [kg], first moment (3) [kg m] and inertia (3×3) [kg m²] of the sprung mass about `cog`."""

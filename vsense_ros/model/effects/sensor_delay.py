@@ -18,6 +18,7 @@ class SensorDelay(Effect):
     sentence: ClassVar[str] = "measurements that are older than their stamps say"
     excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "fast steering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation",)
+    each: ClassVar[str] = "sensor"
 
     imu: float = size("s", "additional age of the inertial measurements", typical=0.03, low=-0.2, high=1.0)
     steering: float = size("s", "additional age of the steering angle", typical=0.03, low=-0.2, high=1.0)
