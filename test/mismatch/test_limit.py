@@ -66,7 +66,7 @@ def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slal
     less_grip = Knob("less grip", "-", 1.0, 0.0, 0.95, lambda values, amount: {"rear.grip_scale": 1 - amount})
     at = Fit(slalom.start, (), np.zeros(0), residuals(slalom.start), [], 0.0)
     assert slalom.lost(turned(slalom.start, [less_grip], np.array([0.8]))) == [True]
-    (found,), (expected,) = (slope(residuals, at, less_grip, slalom.start, step) for step in (0.8, 0.2))
+    (found,), (expected,) = (slope(residuals, slalom.start, at, less_grip, step) for step in (0.8, 0.2))
     assert np.array_equal(found, expected)
     assert np.any(expected)
 

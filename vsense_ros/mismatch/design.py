@@ -244,7 +244,8 @@ def _separation(
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    fitted = turned(Setting.of(vehicle), common, amounts)
+    start = Setting.of(vehicle)
+    fitted = turned(start, common, amounts)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
     evidence = gather([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
@@ -256,7 +257,7 @@ def _separation(
     for name, error in residuals.by_signal(base.residuals).items():  # of the true model: what the sensors leave
         residuals.deviation[name] = max(residuals.deviation[name], error)
     base = replace(base, residuals=residuals(fitted))
-    absorbing = [slope(residuals, base, knob, fitted) for knob in common]
+    absorbing = [slope(residuals, start, base, knob) for knob in common]
     fits = [_rival(residuals, fitted, rival, knobs, test) for rival in rivals]
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
@@ -285,7 +286,7 @@ def _rival(
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     setting = turned(fitted, turning, sizes)
     fit = Fit(setting, turning, sizes, residuals(setting), [], 0.0)
-    columns = [slope(residuals, fit, knob, setting) for knob in turning]
+    columns = [slope(residuals, fitted, fit, knob) for knob in turning]
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])
 
 

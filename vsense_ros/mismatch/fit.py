@@ -183,16 +183,19 @@ def turned(start: Setting, knobs: Sequence[Knob], amounts: Array) -> Setting:
     return start
 
 
-def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: float = STEP) -> list[Array]:
-    """Secant of the residuals by a knob that is turned by `step` likely amounts from the fit, per deviation; by less
-    where the car gets lost with that, which would tell nothing."""
+def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: float = STEP) -> list[Array]:
+    """Secant of the residuals by a knob that is turned by `step` likely amounts from a fit that began at `start`, per
+    deviation; by less where the car gets lost with that, which would tell nothing."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
+    amounts = dict(zip((known.name for known in fit.knobs), fit.amounts, strict=True))
+    present = float(amounts.get(knob.name, 0.0))
+    knobs = (*(known for known in fit.knobs if known.name != knob.name), knob)
     for share in STEPS:
         by = share * step * knob.likely
-        present = _amount(fit, knob)
         if not knob.low <= present + by <= knob.high:
             continue
-        setting = turned(start, [knob], np.array([by]))
+        amounts[knob.name] = present + by
+        setting = turned(start, knobs, np.array([amounts[known.name] for known in knobs]))
         try:
             changed = residuals(setting, fit.residuals)
         except DivergedError:
@@ -204,11 +207,6 @@ def slope(residuals: Residuals, fit: Fit, knob: Knob, start: Setting, step: floa
         if not lost:
             break
     return best
-
-
-def _amount(fit: Fit, knob: Knob) -> float:
-    names = [k.name for k in fit.knobs]
-    return float(fit.amounts[names.index(knob.name)]) if knob.name in names else 0.0
 
 
 def solve(
@@ -256,7 +254,7 @@ def fit(
     low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
     setting = turned(start, knobs, amounts)
     best = Fit(setting, tuple(knobs), amounts, residuals(setting, instead), [], 0.0)
-    best = replace(best, slopes=first.slopes if first else slopes_at(residuals, best, progress))
+    best = replace(best, slopes=first.slopes if first else slopes_at(residuals, start, best, progress))
     fall = 0.0
     for iteration in range(iterations):
         best = replace(best, weight=first.weight if first else strength(best.residuals))
@@ -277,7 +275,7 @@ def fit(
         if fall < SETTLED:
             break
         if first is None and iteration in (0, 2, 4):
-            best = replace(best, slopes=slopes_at(residuals, best, progress))
+            best = replace(best, slopes=slopes_at(residuals, start, best, progress))
     weight = first.weight if first else strength(best.residuals)
     return replace(best, weight=weight, converged=fall < UNSETTLED)
 
@@ -298,11 +296,11 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
     return min(found, key=lambda one: one[0])[2]
 
 
-def slopes_at(residuals: Residuals, at: Fit, progress: Callable[[], None]) -> list[Array]:
-    """By window, (rows, k): secants by the knobs of a fit from where it is, per deviation."""
+def slopes_at(residuals: Residuals, start: Setting, at: Fit, progress: Callable[[], None]) -> list[Array]:
+    """By window, (rows, k): secants by the knobs of a fit from where it is, per deviation; it began at `start`."""
     slopes = [np.zeros((len(r), len(at.knobs))) for r in at.residuals]
     for i, knob in enumerate(at.knobs):
-        for window, column in zip(slopes, slope(residuals, at, knob, at.setting), strict=True):
+        for window, column in zip(slopes, slope(residuals, start, at, knob), strict=True):
             window[:, i] = column
         progress()
     return slopes

@@ -23,7 +23,7 @@ from vsense_ros.mismatch.signals import grid
 
 Array = NDArray[np.float64]
 
-SHORTLIST = 4  # by the fall of the cost, and as many by its fall on what was left out
+SHORTLIST = 4  # by the fall of the cost, as many by its fall on what was left out, and without the likeliest window
 WORTH = 0.06  # of the cost that a size must explain which is another at every place, beyond what one size does
 PROMISING = 0.5  # of the best score, below which no such size is fitted: each of its places costs a simulation
 SECANT = 1.0  # deviations: some effects have no slope at zero
@@ -47,6 +47,8 @@ class Signature:
     keep: float  # share of the signature that is left after the other knobs have been fitted to it [-]
     gain: float  # relative fall of the base's value, linearly
     left_out: float  # the same on recordings that the fit did not see
+    # The gain without the window that promises most: where a car is at its limit, lines promise what no fit keeps.
+    elsewhere: float
 
     @property
     def score(self) -> float:
@@ -140,11 +142,11 @@ class Search:
             at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect, self.start.values)
             if not knobs or explanation.gain < ENOUGH:
                 continue
-            columns = [slope(self.residuals, at, knob, at.setting) for knob in knobs]
+            columns = [slope(self.residuals, self.start, at, knob) for knob in knobs]
             slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
             signature = Signature(
                 explanation.candidates, _joined(at, knobs, slopes), explanation.keep, explanation.gain,
-                explanation.left_out,
+                explanation.left_out, explanation.gain,
             )  # fmt: skip
             found[i : i + 1] = self._fitted([signature]) or [explanation]
         return sorted(found, key=lambda e: e.score, reverse=True)
@@ -215,15 +217,16 @@ class Search:
         return self._fitted([self._signature(self.base, (), tuple(candidates))])
 
     def _screened(self, at: Fit, present: tuple[Candidate, ...], count: int) -> list[Signature]:
-        """The likeliest candidates besides those present: `count` by what they gain, and as many by what they gain
-        where they are left out."""
+        """The likeliest candidates besides those present: `count` by what they gain, as many by what they gain where
+        they are left out, and by what they gain elsewhere than where they promise most."""
         names = {candidate.effect for candidate in present}
         found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
         found = [s for s in found if s.keep > 0]
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
-        chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain)}
+        elsewhere = sorted(single, key=lambda s: s.elsewhere, reverse=True)[:count]
+        chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain, *elsewhere)}
         best = max((s.score for s in single), default=0.0)
         # Beside another effect, which is never quite right, a size that is free at every place would mend everything.
         for free in (s for s in found if s.candidates[-1].along_road and not present):
@@ -238,7 +241,7 @@ class Search:
         """Secants in the place of what `at_place` takes for them."""
         for knob in candidate.knobs:
             if knob.place is not None:
-                secant = slope(self.residuals, self.base, knob, self.base.setting, SECANT)
+                secant = slope(self.residuals, self.start, self.base, knob, SECANT)
                 self._columns[knob.name, knob.form] = [part / knob.deviation for part in secant]
         self._progress()
 
@@ -248,10 +251,11 @@ class Search:
         slopes = [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
         joint = _joined(at, knobs, slopes)
         free, change = _within_bounds(joint, knobs)
-        fall = self.base.value - _value(free, range(len(free.residuals)), change)
+        falls = [_value(self.base, [i]) - _value(free, [i], change) for i in range(len(free.residuals))]
         return Signature(
-            (*present, *new), joint, _keep(at, knobs, slopes), fall / self.whole, self._gain_left_out(free)
-        )
+            (*present, *new), joint, _keep(at, knobs, slopes), sum(falls) / self.whole, self._gain_left_out(free),
+            (sum(falls) - max(falls)) / self.whole,
+        )  # fmt: skip
 
     def _column(self, knob: Knob) -> list[Array]:
         """Secant per unit of a knob."""
@@ -260,7 +264,7 @@ class Search:
             size, abscissa = knob.place
             self._columns[key] = at_place(self.residuals, self._columns[size, knob.form], abscissa)
         elif key not in self._columns:
-            secant = slope(self.residuals, self.base, knob, self.base.setting, SECANT)
+            secant = slope(self.residuals, self.start, self.base, knob, SECANT)
             self._columns[key] = [part / knob.deviation for part in secant]
             self._progress()
         return self._columns[key]
@@ -290,7 +294,7 @@ class Search:
         if any(candidate.along_road for candidate in explanation.candidates):
             return explanation  # each place would cost a simulation
         at = explanation.fit
-        fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, at, self._progress)))
+        fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
         better = self._explanation(explanation.candidates, fitted, explanation.keep)
         return self._on_the_road(better if fitted.value < at.value else explanation)
 
