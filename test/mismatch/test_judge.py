@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.judge import ASTRAY, REFUSED, THRESHOLD, TRUSTED, Proof, confidence, interval, judge
+from vsense_ros.mismatch.judge import ASTRAY, REFUSED, THRESHOLD, TRUSTED, Judged, Proof, confidence, interval, judge
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -313,6 +313,26 @@ def test_a_small_gain_that_several_effects_give_alike_is_chance():
     assert said(*(explaining(name, 0.05, 0.05) for name in ("wind", "bank"))) == ("no_mismatch", ())
     assert said(explaining("wind", 0.05, 0.05)) == ("named", ("wind",))
     assert said(*(explaining(name, 0.5, 0.5) for name in ("wind", "bank")))[0] == "ambiguous"
+
+
+def test_a_small_gain_that_several_effects_give_alike_is_in_doubt_where_a_term_proves_that_something_is_there():
+    alike = [explaining(name, 0.055, 0.055) for name in ("drag", "slope")]
+    judged = judge(alike, [explaining("force", 0.06, 0.06)], Made())
+    assert (judged.verdict, [e.name.strip() for e in judged.rivals]) == ("ambiguous", ["drag", "slope"])
+    assert judge(alike, [explaining("force", 0.12, 0.12)], Made()).verdict == "unknown"
+
+
+def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
+    drag = {wheel: Knob(wheel, "N m", 10.0, 0.0, 500.0, lambda values, amount: {}) for wheel in ("fl", "fr", "rl")}
+    found = [
+        replace(explaining("drag", gain, gain), candidates=(Candidate("drag", where, knobs, "drag"),))
+        for gain, where, knobs in (
+            (0.5, "fl", (drag["fl"],)), (0.5, "fl and fr", (drag["fl"], drag["fr"])), (0.49, "fr", (drag["fr"],)),
+            (0.2, "rl", (drag["rl"],)),
+        )
+    ]  # fmt: skip
+    judged = Judged("named", found[0], (found[0],), (found[0],), tuple(found), {id(e): e.gain for e in found})
+    assert judged.other_places() == ("fr",)
 
 
 def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_over():

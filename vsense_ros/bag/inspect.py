@@ -237,7 +237,7 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
     wheels, motion = _channel(recording, "vehicle/wheel_speeds"), _gnss_motion(recording)
     if wheels is None or motion is None:
         return
-    wheels = wheels.select(np.isfinite(wheels.columns["velocity"]).any(axis=1))
+    wheels = wheels.select(np.flatnonzero(np.isfinite(wheels.columns["velocity"]).any(axis=1)))
     if not len(wheels):
         return
     stamp, speed, _ = motion

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.mismatch.road import ALONG, Road
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.reading import Map, Reader
@@ -119,12 +120,13 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
         if "steering" not in kinds:
             remarks.append(f"{name}: no steering angle, which drives the model; the recording is left out")
             continue
-        speed = _speed(readings, kinds, vehicle)
+        of_car = readings | {name: in_axes_of_car(found, sensors[name]) for name, found in readings.items()}
+        speed = _speed(of_car, kinds, vehicle)
         if speed is None:
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; the recording is left out")
             continue
         place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
-        stretches = list(_windows(index, name, readings, kinds, speed, place))
+        stretches = list(_windows(index, name, readings, kinds, speed, _headed(of_car, kinds, speed), place))
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap")
         windows += stretches
@@ -146,6 +148,20 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
     return Readings((stamps[order] - start) * 1e-9, np.array([events[i].value for i in order]))
+
+
+def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
+    """Inertial measurements, (n, 6) rates [rad/s] and specific forces [m/s²], in the axes of the car, from which the
+    vehicle file says that the sensor is turned; others as they are."""
+    if not isinstance(sensor, Imu) or not any(sensor.attitude):
+        return readings
+    to_car = to_axes_of_car(sensor)
+    return Readings(readings.t, np.hstack([readings.value[:, :3] @ to_car.T, readings.value[:, 3:] @ to_car.T]))
+
+
+def to_axes_of_car(sensor: Imu) -> Array:
+    """What turns vectors (3) in the axes of a sensor into those of the car, (3, 3)."""
+    return np.asarray(Rotation.from_euler("xyz", sensor.attitude).as_matrix())
 
 
 def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: Vehicle) -> Readings | None:
@@ -239,11 +255,11 @@ def _windows(
     readings: Mapping[str, Readings],
     kinds: Mapping[str, str],
     speed: Readings,
+    headed: Readings,
     place: Readings,
 ) -> Iterable[Window]:
     steering = readings[kinds["steering"]]
     torques = "wheel_torques" in kinds
-    headed = _headed(readings, kinds, speed)
     turned = Readings(headed.t, headed.value - np.median(headed.value[:5]))
     needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
     for begin, end in _driving(speed, needed):

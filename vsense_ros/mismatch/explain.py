@@ -28,7 +28,7 @@ from vsense_ros.mismatch.judge import ASTRAY, SUSPICIOUS, THRESHOLD, Judged, Pro
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor, Setting, abscissae
-from vsense_ros.mismatch.report import shown_value, write_report
+from vsense_ros.mismatch.report import in_words, write_report
 from vsense_ros.mismatch.road import STRETCH, place_of, points, profile
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.signals import SIGNALS, grid
@@ -112,7 +112,7 @@ def answer(
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
         "remarks": list(evidence.remarks),
-        "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None},
+        "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
         "base": {}, "threshold": THRESHOLD, "driven_s": evidence.driven + unseen.driven,
     }  # fmt: skip
@@ -204,20 +204,29 @@ def answer(
         ]
     if leader is not None and "gnss_velocity" not in kinds and any(EVERY[id].on_map for id in leader.effects):
         found["remarks"].append(NO_COURSE)
+    if leader is not None and (elsewhere := judged.other_places()):
+        place = leader.candidates[0].where
+        found["remarks"].append(f"where it is, is not sure: {' or '.join(elsewhere)} explains about as much as {place}")
     if judged.besides:
         found["remarks"].append(
             f"something smaller is there besides, and the recordings cannot tell whether it is "
             f"{' or '.join(BY_ID[id].sentence for id in judged.besides)}"
         )
+    effects = _effects(judged, evidence, proof)
+    answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
+    separating = _separating(residuals, judged.rivals) if verdict == "ambiguous" else None
+    for effect in effects:
+        within = effect["id"] in answer_set
+        effect |= {"answer_set": answer_set if within else [], "would_separate": separating if within else None}
     found |= {
         "verdict": verdict,
-        "located": _located(residuals, base, proof) | {"force": _force(judged)},
-        "effects": _effects(judged, evidence, proof),
-        "answer_set": list(dict.fromkeys(id for e in judged.rivals for id in e.effects)),
+        "located": _located(residuals, base, proof) | {"force": _force(judged), "parts": _parts(effects, answer_set)},
+        "effects": effects,
+        "answer_set": answer_set,
         "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
-        "would_separate": _separating(residuals, judged.rivals) if verdict == "ambiguous" else None,
+        "would_separate": separating,
         "fit": _errors(residuals, base, shown, proof),
-        "base": {k.name: {"unit": k.unit, "value": float(a)} for k, a in zip(base.knobs, base.amounts, strict=True)},
+        "base": _base(base, leader.fit if leader is not None else None),
         "misfit": residuals.level(base.residuals),
     }
     found["sentence"] = _sentence(found, [e.effects for e in judged.rivals])
@@ -258,13 +267,20 @@ def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:
 
 def _in_words(explanation: Explanation, candidate: Candidate) -> str:
     """The physics of a candidate; of a force with a moment that follows the same, where it acts."""
+    arm = _lever_arm(explanation)
+    if arm is None:
+        return candidate.sentence
+    return f"{candidate.sentence}, {abs(arm):.1f} m {'ahead of' if arm > 0 else 'behind'} the centre of gravity"
+
+
+def _lever_arm(explanation: Explanation) -> float | None:
+    """How far ahead of the centre of gravity a lateral force acts that has a moment [m]."""
     sizes = {name.rsplit(".", 1)[-1]: size for name, size in explanation.sizes.items()}
     for name, force in sizes.items():
-        if name.startswith("lateral_force_") and force:
-            moment = sizes.get(name.replace("lateral_force", "yaw_moment"), 0.0)
-            where = "ahead of" if moment * force > 0 else "behind"
-            return f"{candidate.sentence}, {abs(moment / force):.1f} m {where} the centre of gravity"
-    return candidate.sentence
+        moment = name.replace("lateral_force", "yaw_moment")
+        if moment != name and moment in sizes and force:
+            return sizes[moment] / force
+    return None
 
 
 def _effects(judged: Judged, evidence: Evidence, proof: Proof) -> list[dict[str, Any]]:
@@ -279,6 +295,17 @@ def _effects(judged: Judged, evidence: Evidence, proof: Proof) -> list[dict[str,
                 entry = _entry(judged, explanation, candidate, evidence, proof)
                 entries.append(entry | {"accepted": accepted})
     return entries
+
+
+def _parts(effects: Sequence[Mapping[str, Any]], answer_set: Sequence[str]) -> list[dict[str, str]]:
+    """What of the car, its road or its sensors the effects of the answer act on, and which of them where there are
+    several."""
+    where = ("wheel", "axle", "sensor", "axis")
+    return [
+        {"effect": e["id"], "acts_on": EVERY[e["id"]].acts_on(), **{key: e[key] for key in where if key in e}}
+        for e in effects
+        if e["id"] in answer_set
+    ]
 
 
 def _entry(
@@ -300,7 +327,7 @@ def _entry(
     elif candidate.knobs[0].form:
         entry["form"] = candidate.knobs[0].form
     elif place in EVERY[candidate.effect].model_fields:
-        entry["sensor" if candidate.effect == "sensor_delay" else "axis"] = place
+        entry[EVERY[candidate.effect].each] = place
     if along:
         entry["profile"] = along
     return entry | {
@@ -358,7 +385,10 @@ def _force(judged: Judged) -> dict[str, Any] | None:
         {"name": knob.name.rsplit(".", 1)[-1], "unit": knob.unit, "value": judged.leader.sizes[knob.name]}
         for knob in term.knobs
     ]
-    return {"description": _in_words(judged.leader, term), "sizes": sizes, "gain": judged.leader.gain}
+    return {
+        "description": _in_words(judged.leader, term), "sizes": sizes, "lever_arm": _lever_arm(judged.leader),
+        "gain": judged.leader.gain,
+    }  # fmt: skip
 
 
 def _most_off(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
@@ -397,6 +427,19 @@ def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] |
     if abs(found[strongest]) < 0.3:
         text = f"the error of the {signal.replace('_', ' ')}{of} is about the same everywhere"
     return {"description": text, "correlation": found}
+
+
+def _base(base: Fit, explained: Fit | None) -> dict[str, Any]:
+    """Amounts of the base parameters, in the fit without what was found and in that with it."""
+    after = {} if explained is None else dict(zip((k.name for k in explained.knobs), explained.amounts, strict=True))
+    return {
+        knob.name: {"unit": knob.unit, "value": float(amount), "explained": _number(after.get(knob.name))}
+        for knob, amount in zip(base.knobs, base.amounts, strict=True)
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:
@@ -440,11 +483,7 @@ def _sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
         return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
     accepted = [effect for effect in found["effects"] if effect["accepted"]]
 
-    def sizes(effect: Mapping[str, Any]) -> str:
-        words = [f"{p['name']} {shown_value(p['value'], p['unit'])}" for p in effect["parameters"]]
-        return ", ".join([*words, *(["changing along the road"] if "profile" in effect else [])])
-
-    named = " and ".join(f"{effect['sentence']} ({sizes(effect)})" for effect in accepted)
+    named = " and ".join(map(in_words, accepted))
     said = (
         f"The model leaves out {named}; with it the squared error falls by {100 * accepted[0]['gain_training']:.0f} %"
     )

@@ -14,10 +14,9 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.inspect import doubts
-from vsense_ros.mismatch.evidence import SLOWEST, Evidence, Readings, Window
+from vsense_ros.mismatch.evidence import SLOWEST, Evidence, Readings, Window, in_axes_of_car, to_axes_of_car
 from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
 from vsense_ros.mismatch.knobs import BASE
 from vsense_ros.model.sensors import Imu, SensorBase
@@ -42,7 +41,6 @@ INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques …
 TURNING = 1.5  # [m/s²] … during which the car's turning changes by this lateral acceleration …
 PUSHED = 2.5  # [m/s²] … or its specific force along by this, more than cornering or a slope does
 GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
-TURNED = 0.3  # [rad] beyond which an inertial sensor's axes are not taken for those of the car
 SMOOTH = 0.5  # [s] of the means between which relations are judged
 RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
 STRANGE = 2.0  # standard deviations left over from which on several cars are thought of
@@ -202,16 +200,12 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
     turned away from them."""
     channels = dict(recording.channels)
     for sensor in sensors.values():
-        if isinstance(sensor, Imu) and sensor.topic in channels and max(map(abs, sensor.attitude)) > TURNED:
+        if isinstance(sensor, Imu) and sensor.topic in channels and any(sensor.attitude):
             channel = channels[sensor.topic]
             fields = ("angular_velocity", "linear_acceleration")
-            turned = {field: channel.columns[field] @ _to_car(sensor).T for field in fields}
+            turned = {field: channel.columns[field] @ to_axes_of_car(sensor).T for field in fields}
             channels[sensor.topic] = replace(channel, columns={**channel.columns, **turned})
     return replace(recording, channels=channels)
-
-
-def _to_car(sensor: Imu) -> Array:
-    return np.asarray(Rotation.from_euler("xyz", sensor.attitude).as_matrix())
 
 
 def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
@@ -236,7 +230,8 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
 
 def _input_still(window: Window, driven: Readings, kind: str, sensors: Mapping[str, SensorBase]) -> Iterator[str]:
     """A driver may well hold wheel and pedals, but then the car does not begin to move otherwise."""
-    imu = next((found for name, found in window.readings.items() if sensors[name].kind == "imu"), None)
+    inertial = (in_axes_of_car(r, sensors[name]) for name, r in window.readings.items() if sensors[name].kind == "imu")
+    imu = next(inertial, None)
     present = np.isfinite(driven.value).all(axis=1)
     value, t = driven.value[present], driven.t[present]
     felt = 2 if kind == "steering" else 3
@@ -301,7 +296,7 @@ def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> It
 
 def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
     for window in windows:
-        by_kind = {sensors[name].kind: readings for name, readings in window.readings.items()}
+        by_kind = {sensors[name].kind: in_axes_of_car(found, sensors[name]) for name, found in window.readings.items()}
         rate, t = _present(by_kind["imu"], 2) if "imu" in by_kind else (np.zeros(0), np.zeros(0))
         if len(t) < 2:
             continue
@@ -346,9 +341,7 @@ class _Drive:
             t = np.arange(window.begin, window.end, SMOOTH / 2)
             by_kind = {sensors[name].kind: (readings, sensors[name]) for name, readings in window.readings.items()}
             readings, imu = by_kind.get("imu", (Readings(np.zeros(0), np.zeros((0, 6))), Imu()))
-            value = readings.value
-            if isinstance(imu, Imu) and max(map(abs, imu.attitude)) > TURNED:
-                value = np.hstack([value[:, :3] @ _to_car(imu).T, value[:, 3:] @ _to_car(imu).T])
+            value = in_axes_of_car(readings, imu).value
             speed = _mean(t, window.speed.t, window.speed.value[:, 0])
             parts["speed"].append(speed)
             parts["speed_rate"].append(np.gradient(speed, SMOOTH / 2))

@@ -42,7 +42,9 @@ RIVAL, RIVAL_LEFT = 0.65, 1.5
 # what is not there explains nothing that what is there does not.
 SURPASSED = 0.25
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
-ALIKE = 2.0  # in multiples of the least gain, below which several effects that gain alike are chance
+# In multiples of the least gain, below which several effects that gain alike are chance, unless a term is proven that
+# describes what they explain.
+ALIKE = 2.0
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
 # The same of the worst signal: something is left over, and a further effect is worth while. Where nothing is hidden,
 # the model stays well below (public split).
@@ -288,6 +290,18 @@ class Judged:
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return found if effect in answer else min(found, REFUSED)
 
+    def other_places(self) -> tuple[str, ...]:
+        """Where else the only effect of the leader would explain about as much, besides where it explains most."""
+        if self.leader is None or len(self.leader.candidates) > 1:
+            return ()
+        own = {knob.name for knob in self.leader.candidates[0].knobs}
+        most = _proven(self.leader, self.held_out)
+        return tuple(
+            e.candidates[0].where for e in self.explanations
+            if e.effects == self.leader.effects and own.isdisjoint(knob.name for knob in e.candidates[0].knobs)
+            and _as_good(_proven(e, self.held_out), most)
+        )  # fmt: skip
+
     def adds(self, explanation: Explanation) -> float | None:
         """What an explanation gains besides the leader, where the two were fitted together."""
         if self.leader is None or set(explanation.effects) <= set(self.leader.effects):
@@ -298,6 +312,11 @@ class Judged:
 
     def _most(self, explanations: Iterable[Explanation]) -> float:
         return max((_proven(e, self.held_out) for e in explanations), default=0.0)
+
+
+def _as_good(gain: float, most: float, shared: float = 0.0) -> bool:
+    """Whether a gain is within reach of another one, both of which are `shared` in part."""
+    return gain - shared >= RIVAL * (most - shared) and 1 - gain <= RIVAL_LEFT * (1 - most)
 
 
 def _resized(
@@ -399,8 +418,7 @@ def judge(
         def is_rival(e: Explanation) -> bool:
             shared = frozenset(e.effects) & frozenset(leader.effects)
             known = proven(best[shared]) if shared in best else 0.0
-            as_good = proven(e) - known >= RIVAL * (proven(leader) - known)
-            return as_good and 1 - proven(e) <= RIVAL_LEFT * (1 - proven(leader)) and not surpassed(e)
+            return _as_good(proven(e), proven(leader), known) and not surpassed(e)
 
         def surpassed(e: Explanation) -> bool:
             united = best.get(frozenset((*leader.effects, *e.effects)))
@@ -425,7 +443,7 @@ def judge(
             leader = max(sure, key=proven)
             rivals = within_reach(leader)
             names = {frozenset(e.effects) for e in rivals}
-    if len(names) > 1 and proven(leader) < ALIKE * threshold:
+    if len(names) > 1 and term is None and proven(leader) < ALIKE * threshold:
         return nothing_known
     verdict = "named" if len(names) == 1 else "ambiguous"
     return replace(

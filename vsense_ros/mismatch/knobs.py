@@ -129,11 +129,11 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
     limits = {type(m).__name__: m for m in info.metadata}
     dotted = f"effects.{effect}.{field}"
     present = values.get(dotted, float(info.default))
+    low, high = float(limits["Ge"].ge), float(limits["Le"].le)
     values_of_form = {f"effects.{effect}.{n}": value for n, value in EVERY[effect].variants.get(form, {}).items()}
     return Knob(
-        dotted, str(extra["unit"]), float(str(extra["typical"])),
-        float(limits["Ge"].ge) - present, float(limits["Le"].le) - present,
-        lambda values, amount: {dotted: values[dotted] + amount, **values_of_form}, form,
+        dotted, str(extra["unit"]), float(str(extra["typical"])), low - present, high - present,
+        lambda values, amount: {dotted: min(max(values[dotted] + amount, low), high), **values_of_form}, form,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ SURE = 6  # points in a row that begin or end a stretch that was driven before
 STEADY = 20  # points over which the shift between two passes is averaged
 AGAIN = 60.0  # [m] after which a car may come to a place again
 SPACING = 50.0  # [m] between the points of a profile
-STRETCH = 1e5  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
+STRETCH = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
 
 
 @dataclass

@@ -1,0 +1,27 @@
+"""What a fit turns, and how far."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from hidden import having, prototype
+from vsense_ros.mismatch.knobs import candidates
+from vsense_ros.model.effects import EVERY, Effects
+
+CAR = having(prototype(), tyre_underinflation={"fl": 0.3}, accelerometer_bias={"y": 0.7})
+VALUES = {f"effects.{id}.{name}": f.default for id, kind in EVERY.items() for name, f in kind.model_fields.items()}
+VALUES |= CAR.values()
+KNOBS = {f"{k.name} {k.form}": k for c in candidates(values=CAR.values()) for k in c.knobs}
+
+
+@given(st.sampled_from(sorted(KNOBS)), st.floats(0.0, 1.0))
+def test_an_effect_that_is_turned_to_its_bound_is_one_that_a_vehicle_file_may_have(name, share):
+    knob = KNOBS[name]
+    amount = knob.high if share == 1.0 else knob.low + share * (knob.high - knob.low)
+    effects: dict[str, dict[str, float]] = {}
+    for dotted, value in knob.turn(VALUES, amount).items():
+        _, effect, field = dotted.split(".")
+        effects.setdefault(effect, {})[field] = value
+    assert TypeAdapter(Effects).validate_python(effects)
