@@ -59,13 +59,7 @@ EXAMINATION_HEAD = """## Examination of `vsense explain`
 The release split: cars that are not our model, with one effect hidden, two, none, or something outside the library, and
 wrong mass, tyres and centre of gravity ([how it works](test/blind/README.md)). Shares with Wilson intervals of 95 % and
 the number of cases they are of. Made by `python -m blind --split release` (`make`, `run`, and `score --json` into
-`docs/benchmarks`), answered by
-{version}.
-None of the cases had been looked at when they were answered: the first with one effect, from outside the library, and
-with nothing hidden; those with two were not answered. A look at those with one effect showed that bump stops were not
-named because they showed in three windows of eight alone, and a compliance of the steering not because it gained 5 %
-where 6 % were asked for; both rules were changed, which is not in these figures. Seconds are of one processor, which
-did other things as well.
+`docs/benchmarks`), {which}. {note}
 """
 EARLIER_HEAD = """Earlier releases, each with other seeds, answered by earlier versions: {versions}. Some cases
 of the first were answered once more. The plants of the first three let the axle of a leaning wheel carry a part of the
@@ -105,7 +99,7 @@ ABLATIONS = {
 PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
 
-Made by `make bench`; the figures are those of the machine they were made on, single thread. Median and smallest of all
+Made by `make bench`; the figures of times are those of the machine they were made on, single thread. Median and smallest of all
 rounds: where the two are far apart, the machine was busy with something else.
 
 """
@@ -224,7 +218,10 @@ def examination(found: dict[str, Any]) -> list[str]:
     """The scores of `python -m blind score`: a column for each set of manoeuvres; of the rich one what is left of them
     without a part of the method and with the labels of other cases; and those of earlier releases."""
     sets = _sets(found)
-    rows = [EXAMINATION_HEAD.format(version=found["commit"])]
+    which = f"answered by {found['commit']}"
+    if seed := found.get("seed"):
+        which = f"with the seed {seed}, {which}"
+    rows = [EXAMINATION_HEAD.format(which=which, note=found.get("note", ""))]
     rows += _columns({name.replace("_", " "): scores for name, scores in sets.items()}, asked=True)
     parts = {ABLATIONS[name]: _sets(part)["rich"] for name, part in found["ablations"].items() if "rich" in _sets(part)}
     if parts:

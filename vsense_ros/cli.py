@@ -496,8 +496,8 @@ def demo(out: Path, without_ros: bool) -> None:
 def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
     """Examine the observer on the third Genesis lap, or identify the car from the two others.
 
-    Identification takes minutes and gives the same values every time. It does not look at the third lap, so that
-    nothing is chosen by what comes out there.
+    Identification takes a quarter of an hour and gives the same values every time. It does not look at the third lap,
+    so that nothing is chosen by what comes out there.
 
     \b
     Examples:

@@ -216,8 +216,9 @@ def _answers(ablation: str | None) -> str:
 @main.command(name="score")
 @click.option("--json", "target", type=click.Path(path_type=Path), default=Path("out/blind.json"), show_default=True)
 @click.option("--of", "commit", default="", help="Commit of the tool that answered, to stand beside the scores.")
+@click.option("--note", default="", help="What else to know of these scores, to stand beside them.")
 @click.pass_obj
-def score_command(options: dict, target: Path, commit: str) -> None:
+def score_command(options: dict, target: Path, commit: str, note: str) -> None:
     """Compare the answers that are there with the labels; print the tables, write the figures."""
     _check_seal(options)
     results = _results(options, None)
@@ -226,7 +227,9 @@ def score_command(options: dict, target: Path, commit: str) -> None:
     sets = score.all_sets(results)
     figures = sets | {
         "split": options["split"],
+        "seed": cases.SEEDS[options["split"]],
         "commit": commit,
+        "note": note,
         "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
         "confusion": score.confusion(results),
     }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +28,17 @@ def _drive(plant: str, lanes, formula: str = "brush", hidden=None):
     batch = cars.side_by_side([car for car, _ in lanes])
     values = knobs.side_by_side(hidden or [{} for _ in lanes])
     return PLANTS[plant](batch, values, [course for _, course in lanes], FORMULAS[formula])
+
+
+@pytest.mark.parametrize("folder", ["plants", "physics", "tyres"])
+def test_a_plant_shares_nothing_with_the_tool(folder):
+    modules = sorted((Path(cars.__file__).parent / folder).glob("*.py"))
+    assert modules
+    for module in modules:
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [name for name in names if name.startswith("vsense_ros")], module.name
 
 
 @pytest.mark.slow

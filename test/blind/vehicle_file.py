@@ -1,4 +1,4 @@
-"""The vehicle file that a case gives to the tool: what an engineer would have of this car, and 10 to 15 % wrong.
+"""The vehicle file that a case gives to the tool: what an engineer would have of this car, and up to 15 % wrong.
 
 Geometry, springs and sensors are known. The tyre is one of the tool's models, fitted to the plant's tyre by least
 squares of the pure-slip curves at the nominal load and at twice that load, slips up to 0.3, small slips weighing more.

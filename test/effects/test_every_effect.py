@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from vsense_ros import mismatch
 from vsense_ros.model.car import car_of
 from vsense_ros.model.effects import BY_ID, Effects
 from vsense_ros.model.effects.unmodelled import Unmodelled
@@ -100,6 +103,18 @@ def sizes(id: str) -> dict[str, float]:
 
 def test_the_library_has_exactly_the_effects_that_are_promised():
     assert sorted(BY_ID) == sorted(IDS)
+
+
+def test_nothing_that_looks_for_a_mismatch_names_an_effect():
+    folder = Path(mismatch.__file__).parent
+    literals = {
+        (path.name, node.value)
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    assert len(literals) > 100
+    assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in IDS}
 
 
 def test_effects_of_size_zero_change_nothing(bare, full):
