@@ -99,8 +99,8 @@ ABLATIONS = {
 PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
 
-Made by `make bench`; the figures of times are those of the machine they were made on, single thread. Median and smallest of all
-rounds: where the two are far apart, the machine was busy with something else.
+Made by `make bench`; times are those of the machine they were made on, single thread. Median and smallest of all rounds:
+where the two are far apart, the machine was busy with something else.
 
 """
 
