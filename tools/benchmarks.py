@@ -99,7 +99,7 @@ ABLATIONS = {
 PICTURE = Path("docs/benchmarks/bodies.png")
 HEAD = """# Benchmarks
 
-Made by `make bench`; times are those of the machine they were made on, single thread. Median and smallest of all rounds:
+Made by `make bench`; times are those of the machine they were made on, one thread. Median and smallest of all rounds:
 where the two are far apart, the machine was busy with something else.
 
 """

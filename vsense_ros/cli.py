@@ -246,10 +246,11 @@ def explain(
         raise click.UsageError("expected --vehicle and RECORDINGS, or --vehicle and --next, or --fleet")
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
-    if recordings:
-        design &= _explain(recordings, vehicle, held_out, assume, ablation or "", report) == "ambiguous"
-    if design:
+    verdict = _explain(recordings, vehicle, held_out, assume, ablation or "", report) if recordings else "ambiguous"
+    if design and verdict == "ambiguous":
         _design(vehicle, report)
+    elif design:
+        click.echo(f"No next test: it would tell apart what an ambiguous answer leaves open; this one is {verdict}.")
 
 
 def _explain(

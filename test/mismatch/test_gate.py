@@ -249,6 +249,23 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     assert "are they recordings of one car?" in found["sentence"]
 
 
+def test_a_fit_that_is_still_changing_is_none_to_start_from():
+    restless = Fit(Setting({}), (), np.zeros(0), [np.full(10, 1.5)], [np.zeros((10, 0))], 0.0, converged=False)
+    assert "the base parameters do not settle: after 8 steps" in misfit(
+        restless, SimpleNamespace(level=Residuals.level)
+    )
+    near = replace(restless, residuals=[np.full(10, 0.9)])
+    assert misfit(near, SimpleNamespace(level=Residuals.level)) == ""
+
+
+@pytest.mark.slow
+def test_a_file_of_another_car_that_leaves_the_road_with_the_recorded_inputs_is_asked_about():
+    ice = prototype().with_parameters({"front.grip_scale": 0.05, "rear.grip_scale": 0.02})
+    found = answer([driven(prototype(), "slalom")], ice).found
+    assert found["verdict"] in ("not_assessable", "unknown")
+    assert not [effect for effect in found["effects"] if effect["accepted"]]
+
+
 def test_a_fit_of_no_parameters_is_none_of_another_car():
     base = Fit(Setting({}), (), np.zeros(0), [np.full(10, 9.0)], [np.zeros((10, 0))], 0.0)
     assert not misfit(base, SimpleNamespace(level=Residuals.level))

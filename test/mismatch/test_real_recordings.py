@@ -12,6 +12,7 @@ from scipy.signal import savgol_filter
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import build, import_recording
 from vsense_ros.mismatch.explain import answer
+from vsense_ros.model.effects import BY_ID
 from vsense_ros.shared_files import vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
 
@@ -41,6 +42,15 @@ def genesis_claims() -> dict:
     assert found["recordings"] == list(LAPS[:2])
     assert found["held_out"] == list(LAPS[2:])
     return {effect["id"]: effect for effect in found["effects"] if effect["id"] in found["answer_set"]}
+
+
+def test_on_the_lap_of_the_genesis_that_was_held_out_named_physics_halves_the_largest_mismatch():
+    found = json.loads(GENESIS.read_text(encoding="utf-8"))
+    assert found["verdict"] == "named"
+    assert set(found["answer_set"]) <= BY_ID.keys()
+    largest, *_ = found["located"]["signals"]
+    held_out = found["fit"][largest["name"]]["held_out"]
+    assert held_out["after"] < 0.5 * held_out["before"]
 
 
 def genesis_lap(name: str) -> dict[str, np.ndarray]:

@@ -1,0 +1,49 @@
+"""`vsense explain` as its users call it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from hidden import driven, prototype
+from vsense_ros.bag.mcap import write_bag
+from vsense_ros.cli import main
+from vsense_ros.vehicle_file import save_vehicle
+
+
+@pytest.fixture
+def called(tmp_path, monkeypatch):
+    """The result of `vsense explain` for manoeuvres and further words, in a folder with these bags and car.yaml."""
+    monkeypatch.chdir(tmp_path)
+    save_vehicle(tmp_path / "car.yaml", prototype())
+
+    def call(manoeuvres: tuple[str, ...], *words: str):
+        for name in manoeuvres:
+            write_bag(tmp_path / name, driven(prototype(), name))
+        return CliRunner().invoke(main, ["explain", *manoeuvres, "--vehicle", "car.yaml", "--report", "answer", *words])
+
+    return call
+
+
+def test_recordings_that_tell_nothing_give_an_answer_that_says_why(called, tmp_path):
+    result = called(("straight",), "--next")
+    assert result.exit_code == 0
+    assert "straight ahead at constant speed" in result.output
+    assert "No next test" in result.output
+    assert json.loads((tmp_path / "answer/explain.json").read_text())["verdict"] == "not_assessable"
+    assert "straight ahead" in (tmp_path / "answer/report.html").read_text()
+    assert not (tmp_path / "answer/vehicle.extended.yaml").exists()
+
+
+def test_a_recording_that_proves_itself_is_refused(called):
+    assert "hold the same measurements" in called(("slalom",), "--hold-out", "slalom").output
+
+
+def test_what_cannot_be_read_is_an_error_without_a_traceback(called, tmp_path):
+    (tmp_path / "broken.mcap").write_bytes(b"no recording")
+    result = called((), "broken.mcap")
+    assert result.exit_code != 0
+    assert isinstance(result.exception, SystemExit)
+    assert "broken.mcap" in result.output
