@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
+_PROFILE = "its profile along the road"
 ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # kinds of sensors that know north
 
 
@@ -161,18 +162,14 @@ class RoadEffect(Effect):
     )
 
     def left_out_of_simulation(self) -> str:
-        return f"{self._surveyed}, as the simulated road is none of them" if self.profile else ""
+        return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
 
     def left_out_of_observer(self, kinds: Collection[str]) -> str:
         slopes, plane = type(self).slope is not Effect.slope, self.has_size and not any(self.usual_slope)
-        parts = [self._surveyed] if self.profile else []
+        parts = [_PROFILE] if self.profile else []
         parts += ["its plane, as it does not know how the car set out on it"] if slopes and plane else []
         estimated = ["the slope is estimated on the way"] if slopes and parts else []
         return "; ".join([*parts, *estimated])
-
-    @property
-    def _surveyed(self) -> str:
-        return f"its profile of {len(self.profile)} places"
 
 
 def _role(extra: Any) -> Any:
