@@ -11,6 +11,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 ARGUMENTS = {
     "bag": (None, "bag to replay"),
     "vehicle": (None, "vehicle file, or the name of one in config/vehicles"),
+    "monitor": ("", "limits that vsense monitor --calibrate wrote; empty: the fit of the model is not judged"),
     "out": ("vsense_output", "folder for the recorded bag"),
     "rate": ("0.0", "times real time; 0: as fast as observer and recorder can"),
     "loop": ("false", "begin again at the end"),
@@ -54,7 +55,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *declared,
-            node("observer", vehicle=value("vehicle", str), publish_all=True),
+            node("observer", vehicle=value("vehicle", str), monitor=value("monitor", str), publish_all=True),
             node("recorder", bag=value("out", str), overwrite=True),
             replay,
             RegisterEventHandler(OnProcessExit(target_action=replay, on_exit=[EmitEvent(event=Shutdown())])),

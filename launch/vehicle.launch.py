@@ -9,6 +9,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 ARGUMENTS = {
     "vehicle": (None, "vehicle file, or the name of one in config/vehicles"),
+    "monitor": ("", "limits that vsense monitor --calibrate wrote; empty: the fit of the model is not judged"),
     "can_interface": ("socketcan", "python-can interface: socketcan, udp_multicast, slcan"),
     "can_channel": ("can0", "of the interface"),
     "dbc": ("", "CAN database; empty: no CAN driver"),
@@ -74,7 +75,7 @@ def generate_launch_description() -> LaunchDescription:
                 protocol=value("gnss_protocol", str),
                 baud_rate=value("gnss_baud_rate", int),
             ),
-            node("observer", vehicle=value("vehicle", str)),
+            node("observer", vehicle=value("vehicle", str), monitor=value("monitor", str)),
             node("recorder", needs="record", bag=value("record", str)),
         ]
     )

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from vsense_ros import simplification
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES, STANDARD
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.gyro_bias import GyroBias
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.simplification import GUIDES, SIGNALS, SIMPLIFIED, TABLES, compare
 from vsense_ros.vehicle_file import load_vehicle
@@ -51,3 +54,13 @@ def test_every_manoeuvre_has_its_table_and_its_picture(manoeuvre):
 def test_a_vehicle_without_tables_is_refused(vehicle):
     with pytest.raises(InputError, match="has no section `suspension`; the comparison needs linkages and the tables"):
         next(compare(vehicle.model_copy(update={"suspension": None})))
+
+
+def test_effects_of_the_file_are_left_out_of_all_three_cars(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    driven: list[Vehicle] = []
+    for name in ("simulate", "simulate_full_car"):
+        monkeypatch.setattr(simplification, name, lambda car, *_, **__: driven.append(car))
+    effects = Effects(gyro_bias=GyroBias(z=0.01))
+    physics = vehicle.physics.model_copy(update={"effects": effects})
+    simplification.drive(vehicle.model_copy(update={"physics": physics}), MANOEUVRES["step_steer"])
+    assert [car.physics.effects.present() for car in driven] == [(), (), ()]

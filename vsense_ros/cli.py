@@ -57,6 +57,12 @@ def _options(_: click.Context, __: click.Parameter, pairs: tuple[str, ...]) -> d
     return found
 
 
+def _warn(text: str) -> None:
+    """One line on stderr, if there is something to be said."""
+    if text:
+        click.echo(f"warning: {text}", err=True)
+
+
 _EXISTING = click.Path(exists=True, path_type=Path)
 _vehicle_option = click.option(
     "--vehicle",
@@ -327,11 +333,13 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate import tuning_report
     from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_changes
 
     path = vehicle_path(vehicle)
     car = load_vehicle(path)
+    _warn(left_out_of_observer(car))
     drives, proof = ([import_recording(recording) for recording in paths] for paths in (recordings, held_out))
     with progress("tuning") as done:
         result = job.tune(car, drives, proof, own_noise=own_noise, progress=done)
@@ -368,12 +376,14 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.observer import calibration
     from vsense_ros.observer.monitor import load_limits, save_limits
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
+    _warn(left_out_of_observer(car))
     limits = load_limits(limits_file) if limits_file is not None else None
     watched = []
     with progress("watching") as done:
@@ -430,10 +440,12 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
     from vsense_ros.bag.inspect import inspect
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
     from vsense_ros.manoeuvre import generate
+    from vsense_ros.model.vehicle import left_out_of_simulation
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
+    _warn(left_out_of_simulation(car))
     with waiting(f"driving {manoeuvre}"):
         recording = generate(manoeuvre, car, seed)
         write_bag(out, recording, overwrite=overwrite)
@@ -513,6 +525,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
     from vsense_ros import genesis as job
     from vsense_ros.demo import dataset
     from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_vehicle
 
@@ -528,6 +541,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
     folder = folder if folder.is_dir() else folder.parent
     if identify is None:
         car = load_vehicle(vehicle_path(vehicle))
+        _warn(left_out_of_observer(car))
         with progress("estimating the third lap") as done:
             results = job.examine(folder, car, done)
         job.write_results(results, out)
@@ -537,6 +551,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
         )
         return
     before = load_vehicle(vehicle_path(start))
+    _warn(left_out_of_observer(before))
     with progress("identifying from the slow and the fast lap") as done:
         found = job.identify(before, job.identification_laps(folder), done)
     identify.parent.mkdir(parents=True, exist_ok=True)
@@ -650,12 +665,14 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     """
     from vsense_ros.evaluate.terminal import console, progress, waiting
     from vsense_ros.export import c
+    from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     if sensors:
         car = c.with_sensors(car, sensors)
+    _warn(left_out_of_observer(car))
     with waiting("writing C"):
         files = c.write(car, output)
     console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)
@@ -763,6 +780,8 @@ def simplification(vehicle: str, out: Path) -> None:
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
+    if ids := [effect.id for effect in car.physics.effects.present()]:
+        _warn(f"the comparison leaves out {', '.join(ids)} (physics.effects), which the full car cannot have")
     with progress("driving") as done:
         document = job.write(car, out, done)
     click.echo(document)

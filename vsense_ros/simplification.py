@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import STANDARD, Manoeuvre
+from vsense_ros.model.effects import Effects
 from vsense_ros.model.full_car import FullCar
 from vsense_ros.model.full_car_simulation import simulate_full_car
 from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
@@ -96,7 +97,8 @@ def compare(
 
 
 def drive(vehicle: Vehicle, manoeuvre: Manoeuvre) -> dict[str, Trajectory]:
-    """A manoeuvre with each of the three cars, at the same instants."""
+    """A manoeuvre with each of the three cars, at the same instants; without effects, which the full car lacks."""
+    vehicle = vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": Effects()})})
     if manoeuvre.friction is not None:
         vehicle = vehicle.with_parameters({"road.friction": manoeuvre.friction})
     q, u = rolling_straight(vehicle, manoeuvre.speed)

@@ -10,6 +10,9 @@ import numpy as np
 
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.model.car import car_of
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.aero_drag import AeroDrag
+from vsense_ros.model.effects.crosswind import Crosswind
 from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.simulate import Trajectory, rolling_straight
@@ -36,20 +39,42 @@ def prototype() -> Vehicle:
 
 
 @cache
-def driven(name: str, seed: int, duration: float = 40.0, drag: float = 0.0, begin: float = 0.0) -> Recording:
-    """A drive in which the front left brake drags with a torque [N m] from a time [s] on."""
+def afflicted() -> Vehicle:
+    """The same car with effects that its vehicle file lacks, of size zero."""
+    vehicle = prototype()
+    physics = vehicle.physics.model_copy(update={"effects": Effects(aero_drag=AeroDrag(), crosswind=Crosswind())})
+    return vehicle.model_copy(update={"physics": physics})
+
+
+@cache
+def driven(
+    name: str,
+    seed: int,
+    duration: float = 40.0,
+    drag: float = 0.0,
+    begin: float = 0.0,
+    effect: str = "",
+    size: float = 0.0,
+    grade: float = 0.0,
+) -> Recording:
+    """A drive in which, from a time [s] on, the front left brake drags with a torque [N m], an effect has this size
+    (`crosswind.north`), or the road goes uphill [rad]."""
     speed, angle, acceleration = DRIVES[name]
     vehicle = prototype()
     t = (np.arange(round(duration / STEP)) + 0.5) * STEP
     told = np.zeros((len(t), 5))
     told[:, 0] = angle(t)
     told[:, 1:] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
-    felt = told.copy()
+    felt, around = told.copy(), np.zeros((len(t), 4))
     felt[t > begin, 1] -= drag
-    motion = OpenLoop(car_of(vehicle), keep=1).run(
-        *rolling_straight(vehicle, speed), Inputs(STEP, felt, np.zeros((len(t), 4))), vehicle.parameter_vector()
+    around[t > begin, 0] = grade
+    plant, varying = (afflicted(), {f"effects.{effect}": size * (t > begin)}) if effect else (vehicle, {})
+    motion = OpenLoop(car_of(plant), keep=1).run(
+        *rolling_straight(vehicle, speed), Inputs(STEP, felt, around, varying), plant.parameter_vector()
     )
-    trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), told)
+    trajectory = Trajectory(
+        motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), told, surroundings=around
+    )
     return record(trajectory, vehicle, seed, name=f"{name} {seed}", biased=False)
 
 

@@ -49,6 +49,44 @@ def test_a_brake_that_begins_to_drag_is_named_with_its_wheel_before_all_else_and
     assert BEGIN < found["torque of wheel fl"] < BEGIN + WINDOW
 
 
+@pytest.mark.slow
+def test_a_wind_from_the_side_is_named_as_a_lateral_force_and_a_yaw_moment_to_its_side() -> None:
+    """16 m/s to the north act on the left of a car that goes east, ahead of its centre of gravity."""
+    seen = watch(driven("traffic", 30, effect="crosswind.north", size=16.0, begin=BEGIN), prototype(), limits())
+    assert set(list(seen.beyond)[:2]) == {"lateral force", "yaw moment"}
+    assert BEGIN < seen.beyond["yaw moment"] < BEGIN + WINDOW
+    assert BEGIN < seen.beyond["lateral force"] < BEGIN + WINDOW
+    assert "longitudinal force" not in seen.beyond
+    assert strongest(seen, "lateral force") > 0
+    assert strongest(seen, "yaw moment") > 0
+
+
+@pytest.mark.slow
+def test_more_air_drag_is_named_as_a_longitudinal_force_before_all_else() -> None:
+    seen = watch(driven("traffic", 30, effect="aero_drag.area", size=1.6, begin=BEGIN), prototype(), limits())
+    assert next(iter(seen.beyond)) == "longitudinal force"
+    assert BEGIN < seen.beyond["longitudinal force"] < BEGIN + WINDOW
+    assert not {"lateral force", "yaw moment"} & set(seen.beyond)
+    assert strongest(seen, "longitudinal force") < 0
+
+
+@pytest.mark.slow
+def test_a_hill_is_named_as_a_slope_and_not_as_a_force() -> None:
+    """The accelerometer tells them apart."""
+    seen = watch(driven("traffic", 30, grade=0.05, begin=BEGIN), prototype(), limits())
+    assert next(iter(seen.beyond)) == "estimated grade"
+    assert BEGIN < seen.beyond["estimated grade"] < BEGIN + WINDOW
+    assert "longitudinal force" not in seen.beyond
+    assert strongest(seen, "estimated grade") == pytest.approx(0.05, abs=0.02)
+
+
+def strongest(seen: Watch, name: str) -> float:
+    """The mean of a quantity over a window that is largest in magnitude, once something is wrong."""
+    column = [quantity.name for quantity in seen.quantities].index(name)
+    means = seen.statistics[seen.t > BEGIN, 0, column]
+    return float(means[np.abs(means).argmax()])
+
+
 def turned(recording: Recording, begin: float) -> Recording:
     """With a gyro that tells 0.03 rad/s too much from a time [s] on."""
     return altered(recording, "imu/data", "angular_velocity", begin, lambda rates: rates + np.array([0.0, 0.0, 0.03]))

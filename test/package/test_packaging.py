@@ -135,6 +135,7 @@ def test_launch_files_start_nodes_with_parameters_that_these_have(name: str) -> 
         (parameters,) = node.kwargs["parameters"]
         unknown = set(parameters) - {"use_sim_time"} - set(models[node.kwargs["executable"]].model_fields)
         assert not unknown, f"{node.kwargs['executable']}: {unknown}"
+        assert node.kwargs["executable"] != "observer" or "monitor" in parameters
     used = set(re.findall(r'(?:value|argument|LaunchConfiguration)\("(\w+)"', source))
     used |= set(re.findall(r'needs="(\w+)"', source))
     assert used == set(scope["ARGUMENTS"])  # type: ignore[call-overload]

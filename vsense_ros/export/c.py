@@ -227,7 +227,8 @@ class _Contents:
         fields = self.observer.fields()
         prior = Prior.of(self.vehicle, self.observer.sensors)
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
-        tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation, prior.rate[28:], prior.density[28:]]
+        tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
+        tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.usual[U.stop :]]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
             "states": self._states(),
@@ -239,6 +240,10 @@ class _Contents:
             "estimates": self._estimates(),
             "fields": [{"name": k, "size": size, "meaning": _FIELDS[k]} for k, size in fields.items()],
             "sensors": [self._sensor(name) for name in self.observer.correcting],
+            "latencies": [
+                {"name": identifier(name), "latency": number(sensor.latency)}
+                for name, sensor in self.observer.sensors.items()
+            ],
             "calls": {f.name(): self._call(f, _RESULTS[f.name()]) for f in self.functions} | self._learning_calls(),
             "gamma": number(steps.GAMMA),
             "longest_step": self.vehicle.observer.longest_step,
@@ -248,6 +253,7 @@ class _Contents:
             "start_variance": _table(prior.deviation**2),
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
+            "usual": _table(prior.usual[U.stop :]),
             "example_speed": number(_EXAMPLE_SPEED),
             "example_step": number(_EXAMPLE_STEP),
             "struct_doubles": sum(fields.values()),

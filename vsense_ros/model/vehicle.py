@@ -253,6 +253,24 @@ class Vehicle(Part):
         return self.model_copy(update={"physics": with_values(self.physics, changes)})
 
 
+def left_out_of_observer(vehicle: Vehicle) -> str:
+    """What of its effects the observer of a vehicle and its sensors leaves out, in words; empty for nothing."""
+    kinds = {sensor.kind for sensor in vehicle.sensors.values()}
+    parts = {effect.id: effect.left_out_of_observer(kinds) for effect in vehicle.physics.effects.present()}
+    return _left_out("the observer", parts)
+
+
+def left_out_of_simulation(vehicle: Vehicle) -> str:
+    """What of its effects a simulation of a vehicle leaves out, in words; empty for nothing."""
+    parts = {effect.id: effect.left_out_of_simulation() for effect in vehicle.physics.effects.present()}
+    return _left_out("the simulation", parts)
+
+
+def _left_out(who: str, parts: dict[str, str]) -> str:
+    found = [f"of {id} {words}" for id, words in parts.items() if words]
+    return f"{who} leaves out {', and '.join(found)} (physics.effects)" if found else ""
+
+
 def _reason(error: ValueError) -> str:
     """What the schema has against a value."""
     faults = error.errors() if isinstance(error, ValidationError) else []

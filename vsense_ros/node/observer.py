@@ -58,6 +58,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
         self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin)
+        if self._observer.left_out:
+            self.get_logger().warning(self._observer.left_out)
         if p.monitor:
             self._observer.watch(load_limits(p.monitor))
         # The topics are those of any estimate, also of one before the start.

@@ -22,7 +22,7 @@ _ADDRESS, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double
 _KERNELS = ("linearize", "kinematics", "advance", "force", "remember")
 _ARRAYS = (
     *("memory", "state", "inputs", "effects", "length"),
-    *("coordinates", "velocities", "remembered", "added", "largest"),
+    *("coordinates", "velocities", "remembered", "added", "largest", "usual"),
 )
 
 

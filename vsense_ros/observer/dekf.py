@@ -24,7 +24,7 @@ class Dekf(WholeState):
         moved = f @ self.covariance[self._block] @ f.T + np.diag(self.noise(h))
         self.covariance[self._block] = 0.5 * (moved + moved.T)
         self.state[Q], self.state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
-        self.state[FORCE.start :] *= self._process(h).decay
+        self._relax(self.state[FORCE.start :], self._process(h))
 
     def _transition(self, h: float) -> Array:
         """(k, k) derivative of the state after a step by that before it."""

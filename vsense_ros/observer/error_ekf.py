@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.model.car import INPUTS, PITCH, ROLL, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
 from vsense_ros.model.codegen import Kernel
+from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
@@ -29,7 +30,6 @@ from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kal
 Array = NDArray[np.float64]
 
 
-ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # sensors that know north
 _OPERATIONS = {"linearize", "predict", "correct"}
 
 
@@ -62,6 +62,7 @@ class Prior:
     deviation: Array  # (n,) standard deviations of the errors at start
     rate: Array  # (n,) [1/s] at which errors decay, 0: not at all
     density: Array  # (n,) variance added in one second where they do not
+    usual: Array  # (n,) what the state goes back to, and where that behind the velocities starts
 
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
@@ -92,7 +93,9 @@ class Prior:
             deviation[part] = [b.deviation for b in biases]
             drift[part] = [b.drift for b in biases]
             time_constant[part] = [b.time_constant for b in biases]
-        return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0))
+        usual = np.zeros(where.size)
+        usual[SURROUND][:2] = np.sum([effect.usual_slope for effect in vehicle.physics.effects.present()], axis=0)
+        return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), usual)
 
 
 def rolling_state(vehicle: Vehicle, speed: float) -> Array:
@@ -179,6 +182,8 @@ class ErrorEkf:
                 mounting = np.asarray(sensor.mounting(), dtype=float)
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
+        self.prior = Prior.of(vehicle, sensors)
+        self._usual = self.prior.usual[U.stop :].copy()
         self.largest = largest_state(n)
         coordinates, velocities = (r.reshape(-1, order="F") for r in self._advance.results)
         remembered = np.zeros(0) if self._remember is None else self._remember.results[0].reshape(-1, order="F")
@@ -188,6 +193,7 @@ class ErrorEkf:
             {
                 **{name: getattr(self, name) for name in ("memory", "state", "inputs", "largest")},
                 "effects": self._effects,
+                "usual": self._usual,
                 "length": self._h,
                 "remembered": remembered,
                 "coordinates": coordinates,
@@ -196,7 +202,6 @@ class ErrorEkf:
             },
             list(zip(self._sense, self._uses_acceleration, self.layout.biases, strict=True)),
         )
-        self.prior = Prior.of(vehicle, sensors)
         self._processes: dict[int, Process] = {}
 
     def _process(self, h: float) -> Process:
@@ -216,8 +221,8 @@ class ErrorEkf:
 
     def start(self, speed: float) -> None:
         """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
-        self.state[:] = 0.0
         self.state[: U.stop] = rolling_state(self.vehicle, speed)
+        self.state[U.stop :] = self._usual
         self.inputs[:] = 0.0
         self._effects[:] = 0.0
         self.covariance[:] = np.diag(self.prior.deviation**2)
@@ -245,7 +250,13 @@ class ErrorEkf:
         self._kalman.propagate(h, process.decay, process.noise)
         state = self.state
         state[Q], state[U] = self._advance.results[0][:, 0], self._advance.results[1][:, 0]
-        state[28:] *= process.decay
+        self._relax(state[U.stop :], process)
+
+    def _relax(self, slow: Array, process: Process) -> None:
+        """Let states behind the velocities (…, n - 28) go back to what they usually are."""
+        slow -= self._usual
+        slow *= process.decay
+        slow += self._usual
 
     def _move_effects(self, h: float) -> None:
         """What effects remember, after a step of `h` [s] that has not been made yet."""

@@ -64,7 +64,7 @@ class FullCarEkf(ErrorEkf):
             raise FloatingPointError(str(error)) from None
         kalman.propagate(h, process.decay, process.noise)
         state[Q], state[U] = plant.q, plant.u
-        state[28:] *= process.decay
+        self._relax(state[U.stop :], process)
         self._keep()
 
     def present(self) -> tuple[Array, Array]:

@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
 from vsense_ros.model.car import YAW, X, Y
+from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
 from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
-from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer.compiled_step import Backup, Replayed
-from vsense_ros.observer.error_ekf import ON_MAP, ErrorEkf
+from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.monitor import Limits, Monitor
@@ -83,6 +84,7 @@ class Observer:
         if kind is None:
             kind = Spi if vehicle.observer.parameters else ErrorEkf
         self.filter = kind(vehicle, self.sensors)
+        self.left_out = left_out_of_observer(vehicle)
         self.names = tuple(self.sensors)
         self._list = tuple(self.sensors.values())
         self._by_topic: dict[str, list[int]] = {}
@@ -554,6 +556,8 @@ class Observer:
         """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
         now = self._newest_arrival if now is None else now
         lines = [self._own_diagnostic()]
+        if self.left_out:
+            lines.append(Diagnostic("effects", Level.WARN, self.left_out))
         if isinstance(self.filter, Spi):
             lines.append(self._parameter_diagnostic(self.filter))
         if self.monitor is not None and self.monitor.limits is not None:

@@ -27,6 +27,7 @@ struct filter {
     double *memory, *state, *inputs, *effects, *length;            /* length: of the step that is advanced by */
     const double *coordinates, *velocities, *remembered, *added;   /* after the step; forces of a correction */
     const double *largest;                                         /* n: amounts beyond which no car's state is */
+    const double *usual;                                           /* what the states behind the velocities go back to */
     const struct learning *learning;                               /* or 0 */
 };
 
@@ -85,7 +86,8 @@ int vsense_predict(const struct filter *filter, double h, const double *decay, c
     vsense_propagate(&filter->model, h, decay, noise);
     memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
     memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
-    for (int i = 2 * MODEL; i < n; i++) filter->state[i] *= decay[i - 2 * MODEL];
+    double *const slow = filter->state + 2 * MODEL;
+    for (int i = 0; i < n - 2 * MODEL; i++) slow[i] = filter->usual[i] + decay[i] * (slow[i] - filter->usual[i]);
     if (filter->learning) spread(filter, decay);
     return 1;
 }

@@ -73,7 +73,7 @@ class Ukf(WholeState):
         self._step.call()
         q, u = self._step.results
         points[:, Q], points[:, U] = q.T, u.T
-        points[:, FORCE.start :] *= self._process(h).decay
+        self._relax(points[:, FORCE.start :], self._process(h))
         self.state[:] = points.mean(axis=0)
         apart = (points - self.state)[:, self.kept]
         self.covariance[self._block] = apart.T @ apart / self._count + np.diag(self.noise(h))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
+_PROFILE = "its profile along the road"
+ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # kinds of sensors that know north
 
 # What of a car an effect acts on, by the method with which it does.
 _ACTS_ON = {
@@ -147,6 +149,28 @@ class Effect(Part):
         """The settings of the sensors by name, with what the effect does to them."""
         return sensors
 
+    @property
+    def usual_slope(self) -> tuple[Any, Any]:
+        """`slope` of a road that turns as the car does; zero for a plane, as whoever drives on it must know from which
+        direction it came to it."""
+        return here if (here := self.slope(0.0)) == self.slope(1.0) else (0.0, 0.0)
+
+    @property
+    def has_size(self) -> bool:
+        """Whether any of its sizes is not zero."""
+        fields = type(self).model_fields.items()
+        return any(getattr(self, name) for name, field in fields if _role(field.json_schema_extra) == "size")
+
+    def left_out_of_simulation(self) -> str:
+        """What of it a simulation on a road of its own cannot have, in words; empty for nothing."""
+        return ""
+
+    def left_out_of_observer(self, kinds: Collection[str]) -> str:
+        """What of it an observer with these kinds of sensors cannot have, in words; empty for nothing."""
+        if self.on_map and self.has_size and not ON_MAP & set(kinds):
+            return "its direction on the map, as no sensor knows north"
+        return ""
+
 
 class RoadEffect(Effect):
     """An effect of the road: its one size may be another at every place, and then is a recorded input of the car rather
@@ -158,6 +182,20 @@ class RoadEffect(Effect):
         "and what the size is there beyond what it is everywhere",
         json_schema_extra={"unit": "", "role": "profile"},
     )
+
+    def left_out_of_simulation(self) -> str:
+        return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
+
+    def left_out_of_observer(self, kinds: Collection[str]) -> str:
+        slopes, plane = type(self).slope is not Effect.slope, self.has_size and not any(self.usual_slope)
+        parts = [_PROFILE] if self.profile else []
+        parts += ["its plane, as it does not know how the car set out on it"] if slopes and plane else []
+        estimated = ["the slope is estimated on the way"] if slopes and parts else []
+        return "; ".join([*parts, *estimated])
+
+
+def _role(extra: Any) -> Any:
+    return extra.get("role") if isinstance(extra, dict) else None
 
 
 def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:

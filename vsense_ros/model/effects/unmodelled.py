@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -36,6 +36,7 @@ class Feature:
     unit: str  # of what the term is divided by; empty for none
     usual: float
     value: Callable[[Car], ca.SX]
+    by_torque: bool = False  # whether it needs the wheel torques
 
 
 def _lateral(car: Car) -> ca.SX:
@@ -70,8 +71,8 @@ CHANNELS = CHASSIS | {
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
 SQUARE = Feature("that grows with the square of the speed", "m²/s²", 500.0, lambda car: car.u[0] ** 2)
-DRIVING = Feature("that grows with the drive torque", "m/s²", 2.0, lambda car: ca.fmax(_demand(car), 0))
-BRAKING = Feature("that grows with the brake torque", "m/s²", 3.0, lambda car: ca.fmax(-_demand(car), 0))
+DRIVING = Feature("that grows with the drive torque", "m/s²", 2.0, lambda car: ca.fmax(_demand(car), 0), True)
+BRAKING = Feature("that grows with the brake torque", "m/s²", 3.0, lambda car: ca.fmax(-_demand(car), 0), True)
 EVEN = {
     "constant": CONSTANT,
     "speed": SPEED,
@@ -91,11 +92,11 @@ TURNING = {
     ),
     "lateral_driving": Feature(
         "that follows the lateral acceleration under drive torque", "m²/s⁴", 6.0,
-        lambda car: _lateral(car) * ca.fmax(_demand(car), 0),
+        lambda car: _lateral(car) * ca.fmax(_demand(car), 0), True,
     ),
     "lateral_braking": Feature(
         "that follows the lateral acceleration under brake torque", "m²/s⁴", 10.0,
-        lambda car: _lateral(car) * ca.fmax(-_demand(car), 0),
+        lambda car: _lateral(car) * ca.fmax(-_demand(car), 0), True,
     ),
     "steering": Feature("that follows the steering angle", "rad", 0.05, lambda car: car.inputs[0]),
     "side_slip": Feature(
@@ -136,6 +137,17 @@ class _Unmodelled(Effect):
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
         return force + self._sum(_SUSPENSIONS[corner.index], car)
+
+    def left_out_of_observer(self, kinds: Collection[str]) -> str:
+        if "wheel_torques" in kinds:
+            return ""
+        asking = [
+            f"{channel}_{name}"
+            for channel, features in TERMS.items()
+            for name, feature in features.items()
+            if feature.by_torque and getattr(self, f"{channel}_{name}")
+        ]
+        return f"{', '.join(asking)}, as no sensor tells the wheel torques" if asking else ""
 
     def _sum(self, channel: str, car: Car) -> ca.SX:
         terms = (getattr(self, f"{channel}_{feature}") * each.value(car) for feature, each in TERMS[channel].items())
