@@ -235,6 +235,13 @@ def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_woul
     assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
 
 
+def test_what_explains_half_as_much_beside_the_first_effect_does_not_count_if_the_second_leaves_it_nothing():
+    gyro, both = explaining("gyro", 0.44, 0.44), explaining("gyro + offset", 0.78, 0.78)
+    pair, all_three = explaining("gyro + cone", 0.68, 0.68), explaining("gyro + cone + offset", 0.78, 0.78)
+    assert said(gyro, both, pair) == ("named", ("gyro",))
+    assert said(gyro, both, pair, all_three) == ("named", ("gyro + offset",))
+
+
 def test_a_second_effect_counts_against_what_the_first_leaves_and_not_against_how_far_off_the_car_was():
     large = explaining("radius", 0.92, 0.92)
     assert said(large, explaining("radius + yaw", 0.94, 0.94)) == ("named", ("radius + yaw",))

@@ -383,13 +383,22 @@ def judge(
         known = (best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
         return all(proof.at_odds(e, one) < AT_ODDS for one in known if one is not None)
 
+    size = float(sum(len(r) for r in proof.base.residuals))
+    least_whole = size / max(proof.base.value, size)
+
+    def surpassed(e: Explanation, by: Explanation) -> bool:
+        """Whether the two were fitted together and one adds next to nothing to what it is surpassed by."""
+        united = best.get(frozenset((*by.effects, *e.effects)))
+        if united is None:
+            return False
+        adds, added = ((proven(united) - proven(one)) / max(1 - proven(one), least_whole) for one in (e, by))
+        return adds > threshold and added < SURPASSED * adds
+
     ranked: dict[str, Explanation] = {}
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
         ranked.setdefault(e.effects[0], e)
     likeliest = [e for e in ranked.values() if holds(e)][:1]
     leaders = [e for e in likeliest if agreed(e)]
-    size = float(sum(len(r) for r in proof.base.residuals))
-    least_whole = size / max(proof.base.value, size)
     for count in (2, 3):
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
         if not several:
@@ -399,7 +408,10 @@ def judge(
         share = (proven(several[0]) - explained) / left
         unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > ASTRAY
         added = set(several[0].effects) - {effect for leader in leaders for effect in leader.effects}
-        others = [(proven(e) - explained) / left for e in several if not added & set(e.effects)]
+        others = [
+            (proven(e) - explained) / left for e in several
+            if not added & set(e.effects) and not surpassed(e, several[0])
+        ]  # fmt: skip
         if (unfinished and share > FURTHER) or share > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             likeliest = several[:1]
             leaders = [e for e in likeliest if agreed(e)] or leaders
@@ -418,14 +430,7 @@ def judge(
         def is_rival(e: Explanation) -> bool:
             shared = frozenset(e.effects) & frozenset(leader.effects)
             known = proven(best[shared]) if shared in best else 0.0
-            return _as_good(proven(e), proven(leader), known) and not surpassed(e)
-
-        def surpassed(e: Explanation) -> bool:
-            united = best.get(frozenset((*leader.effects, *e.effects)))
-            if united is None:
-                return False
-            adds, added = ((proven(united) - proven(one)) / max(1 - proven(one), least_whole) for one in (e, leader))
-            return adds > threshold and added < SURPASSED * adds
+            return _as_good(proven(e), proven(leader), known) and not surpassed(e, leader)
 
         alike = (e for e in explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
         return leader, *sorted(filter(is_rival, alike), key=proven, reverse=True)

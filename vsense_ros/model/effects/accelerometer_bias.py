@@ -26,9 +26,11 @@ class AccelerometerBias(Effect):
     )
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 
-    x: float = size("m/s²", "added by the sensor along x", typical=0.1, high=5.0)
-    y: float = size("m/s²", "added by the sensor along y", typical=0.1, high=5.0)
-    z: float = size("m/s²", "added by the sensor along z", typical=0.1, high=5.0)
+    # More than the rest of the bias that every such sensor has, and as much as a likely error of mounting (0.03 rad)
+    # makes of gravity: of two that look alike, none is the likelier.
+    x: float = size("m/s²", "added by the sensor along x", typical=0.3, high=5.0)
+    y: float = size("m/s²", "added by the sensor along y", typical=0.3, high=5.0)
+    z: float = size("m/s²", "added by the sensor along z", typical=0.3, high=5.0)
 
     @classmethod
     def usual(cls, vehicle: Vehicle) -> dict[str, float]:
