@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib
@@ -221,7 +222,8 @@ def examination(found: dict[str, Any]) -> list[str]:
     which = f"answered by {found['commit']}"
     if seed := found.get("seed"):
         which = f"with the seed {seed}, {which}"
-    rows = [EXAMINATION_HEAD.format(which=which, note=found.get("note", ""))]
+    head, intro = EXAMINATION_HEAD.format(which=which, note=found.get("note", "")).split("\n\n")
+    rows = [head, "", _filled(intro), ""]
     rows += _columns({name.replace("_", " "): scores for name, scores in sets.items()}, asked=True)
     parts = {ABLATIONS[name]: _sets(part)["rich"] for name, part in found["ablations"].items() if "rich" in _sets(part)}
     if parts:
@@ -233,8 +235,12 @@ def examination(found: dict[str, Any]) -> list[str]:
             for which, scores in earlier.items()
             for name, each in _sets(scores).items()
         }
-        rows += ["", EARLIER_HEAD.format(versions=versions), *_columns(of_each)]
+        rows += ["", _filled(EARLIER_HEAD.format(versions=versions)), "", *_columns(of_each)]
     return [*rows, ""]
+
+
+def _filled(paragraph: str) -> str:
+    return fill(paragraph, 120, break_on_hyphens=False, break_long_words=False)
 
 
 def _cell(score: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ from vsense_ros.mismatch.judge import NORMAL_90
 from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import label
 from vsense_ros.mismatch.prediction import Predictor, Setting
-from vsense_ros.mismatch.report import place_of, write_next_test
+from vsense_ros.mismatch.report import PAGE, place_of, write_next_test
 from vsense_ros.model.car import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulate import Trajectory, rolling_straight
@@ -41,7 +41,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-ANSWER, NEXT, PAGE = "explain.json", "next.json", "report.html"
+ANSWER, NEXT = "explain.json", "next.json"
 TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
 SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
 

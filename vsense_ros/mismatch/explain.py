@@ -28,7 +28,7 @@ from vsense_ros.mismatch.judge import ASTRAY, SUSPICIOUS, THRESHOLD, Judged, Pro
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor, Setting, abscissae
-from vsense_ros.mismatch.report import in_words, write_report
+from vsense_ros.mismatch.report import PAGE, PLACES, in_words, write_report
 from vsense_ros.mismatch.road import STRETCH, place_of, points, profile
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.signals import SIGNALS, grid
@@ -70,7 +70,7 @@ class Answer:
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
         (folder / ANSWER).write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        write_report(self.found, self.traces, folder / "report.html")
+        write_report(self.found, self.traces, folder / PAGE)
         if self.extended is not None:
             save_vehicle(folder / EXTENDED, self.extended)
             self._write_road(folder / ROAD)
@@ -298,11 +298,9 @@ def _effects(judged: Judged, evidence: Evidence, proof: Proof) -> list[dict[str,
 
 
 def _parts(effects: Sequence[Mapping[str, Any]], answer_set: Sequence[str]) -> list[dict[str, str]]:
-    """What of the car, its road or its sensors the effects of the answer act on, and which of them where there are
-    several."""
-    where = ("wheel", "axle", "sensor", "axis")
+    """What of the car, its road or its sensors the effects of the answer act on, where on it and in which form."""
     return [
-        {"effect": e["id"], "acts_on": EVERY[e["id"]].acts_on(), **{key: e[key] for key in where if key in e}}
+        {"effect": e["id"], "acts_on": EVERY[e["id"]].acts_on(), **{key: e[key] for key in PLACES if key in e}}
         for e in effects
         if e["id"] in answer_set
     ]
@@ -431,15 +429,12 @@ def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] |
 
 def _base(base: Fit, explained: Fit | None) -> dict[str, Any]:
     """Amounts of the base parameters, in the fit without what was found and in that with it."""
-    after = {} if explained is None else dict(zip((k.name for k in explained.knobs), explained.amounts, strict=True))
+    pairs = zip(explained.knobs, explained.amounts, strict=True) if explained is not None else ()
+    after = {knob.name: float(amount) for knob, amount in pairs}
     return {
-        knob.name: {"unit": knob.unit, "value": float(amount), "explained": _number(after.get(knob.name))}
+        knob.name: {"unit": knob.unit, "value": float(amount), "explained": after.get(knob.name)}
         for knob, amount in zip(base.knobs, base.amounts, strict=True)
     }
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None else float(value)
 
 
 def _errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:

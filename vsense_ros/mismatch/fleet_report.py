@@ -17,10 +17,10 @@ from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.fleet import FAILED
+from vsense_ros.mismatch.report import PAGE as REPORT
 from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
 
 TABLE, SHEET, PAGE = "fleet.parquet", "fleet.csv", "fleet.html"
-REPORT = "report.html"
 
 _NUMBER, _TEXT = pa.float64(), pa.string()
 SCHEMA = pa.schema(

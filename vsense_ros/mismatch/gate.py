@@ -282,7 +282,7 @@ def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> It
     for name in {name for window in windows for name in window.readings if sensors[name].kind == "steering"}:
         parts = [_present(w.readings[name], 0)[0] for w in windows if name in w.readings]
         parts = [part for part in parts if len(part)]
-        if not parts:
+        if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
             continue
         ends = max(part.max() for part in parts), min(part.min() for part in parts)
         runs = [(part[first], length) for part in parts for first, length in [_runs(part)]]

@@ -6,11 +6,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from pydantic.fields import FieldInfo
-
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import RoadEffect
+from vsense_ros.model.effects.base import RoadEffect, role
 from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
@@ -140,11 +138,7 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
 def shapes(effect: str, values: Values) -> tuple[Knob, ...]:
     """What else of an effect may be another, once it has a size: turned from what it is."""
     fields = EVERY[effect].model_fields
-    return tuple(_knob(effect, name, values) for name, field in fields.items() if _role(field) == "shape")
-
-
-def _role(field: FieldInfo) -> str:
-    return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
+    return tuple(_knob(effect, name, values) for name, field in fields.items() if role(field) == "shape")
 
 
 _SENSORS = {
@@ -181,7 +175,7 @@ def terms(values: Values) -> tuple[Candidate, ...]:
 
 def size_of(effect: str) -> str:
     """The dotted name of the first size of an effect."""
-    return next(f"effects.{effect}.{name}" for name, f in EVERY[effect].model_fields.items() if _role(f) == "size")
+    return next(f"effects.{effect}.{name}" for name, f in EVERY[effect].model_fields.items() if role(f) == "size")
 
 
 def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
@@ -201,7 +195,7 @@ def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyTyp
     belongs to the road at places with these abscissae [m]; beyond the `values` that a car has already."""
     found = []
     for effect, kind in BY_ID.items():
-        sizes = [name for name, field in kind.model_fields.items() if _role(field) == "size"]
+        sizes = [name for name, field in kind.model_fields.items() if role(field) == "size"]
         if len(sizes) > 1:
             found += [Candidate(effect, name, (_knob(effect, name, values),), kind.sentence) for name in sizes]
         if len(sizes) <= 2:

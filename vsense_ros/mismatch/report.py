@@ -37,8 +37,7 @@ PLACES = ("wheel", "axle", "sensor", "axis", "form")
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 PRINTED_SIGNALS = 6
 TOGETHER = {2: "both", 3: "all three"}
-
-
+PAGE = "report.html"
 NEXT_TEST = re.compile(r'<p id="next-test">.*?</p>', re.DOTALL)  # the paragraph of a page
 
 

@@ -225,7 +225,7 @@ class Search:
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
-        elsewhere = sorted(single, key=lambda s: s.elsewhere, reverse=True)[:count]
+        elsewhere = sorted((s for s in single if s.elsewhere > 0), key=lambda s: s.elsewhere, reverse=True)[:count]
         chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain, *elsewhere)}
         best = max((s.score for s in single), default=0.0)
         # Beside another effect, which is never quite right, a size that is free at every place would mend everything.

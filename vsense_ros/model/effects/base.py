@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 from pydantic import Field
+from pydantic.fields import FieldInfo
 
 from vsense_ros.model.parameter import Part
 
@@ -159,7 +160,7 @@ class Effect(Part):
     def has_size(self) -> bool:
         """Whether any of its sizes is not zero."""
         fields = type(self).model_fields.items()
-        return any(getattr(self, name) for name, field in fields if _role(field.json_schema_extra) == "size")
+        return any(getattr(self, name) for name, field in fields if role(field) == "size")
 
     def left_out_of_simulation(self) -> str:
         """What of it a simulation on a road of its own cannot have, in words; empty for nothing."""
@@ -194,8 +195,9 @@ class RoadEffect(Effect):
         return "; ".join([*parts, *estimated])
 
 
-def _role(extra: Any) -> Any:
-    return extra.get("role") if isinstance(extra, dict) else None
+def role(field: FieldInfo) -> str:
+    """What a field of an effect is: `size`, `shape`, `form` or `profile`."""
+    return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
 
 
 def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:
