@@ -206,7 +206,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
 @click.option("--fleet", type=_EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
-@click.option("--next", "design", is_flag=True, help="Say which manoeuvre would tell an ambiguous answer apart.")
+@click.option("--next", "design", is_flag=True, help="Say which test would tell the answer in --report apart.")
 @click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
 def explain(
     recordings: tuple[Path, ...],
@@ -232,8 +232,9 @@ def explain(
     files, is not done again; what cannot be used is listed with its reason. Writes a folder for each vehicle,
     fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
 
-    With --next, after an ambiguous answer (of RECORDINGS, or the one in the folder of --report), generated manoeuvres
-    are driven with each effect of the answer set at its fitted size, and ranked by what they would tell: next.json.
+    After an ambiguous answer generated manoeuvres are driven with each effect of the answer set at its fitted size, and
+    ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the answer in the folder
+    of --report.
 
     \b
     Examples:
@@ -253,7 +254,7 @@ def explain(
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
     verdict = _explain(recordings, vehicle, held_out, assume, ablation or "", report) if recordings else "ambiguous"
-    if design and verdict == "ambiguous":
+    if verdict == "ambiguous":
         _design(vehicle, report)
     elif design:
         click.echo(f"No next test: it would tell apart what an ambiguous answer leaves open; this one is {verdict}.")
@@ -293,10 +294,8 @@ def _design(vehicle: str, report: Path) -> None:
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
-    rivals, base = design.left_open(design.answered(report), car)
-    with progress("driving the manoeuvres") as done:
-        found = design.separations(car, rivals, base, progress=done)
-    design.written(found, rivals, report)
+    with progress("driving manoeuvres that may tell it apart") as done:
+        found = design.designed(report, car, done)
     design.printed(found, console())
     console().print(f"Results in {report / design.NEXT}.", soft_wrap=True)
 

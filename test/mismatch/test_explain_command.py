@@ -7,7 +7,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from hidden import driven, prototype
+from hidden import driven, having, prototype, wrong
 from vsense_ros.bag.mcap import write_bag
 from vsense_ros.cli import main
 from vsense_ros.vehicle_file import save_vehicle
@@ -35,6 +35,26 @@ def test_recordings_that_tell_nothing_give_an_answer_that_says_why(called, tmp_p
     assert json.loads((tmp_path / "answer/explain.json").read_text())["verdict"] == "not_assessable"
     assert "straight ahead" in (tmp_path / "answer/report.html").read_text()
     assert not (tmp_path / "answer/vehicle.extended.yaml").exists()
+
+
+@pytest.mark.slow
+def test_an_answer_that_leaves_something_open_says_which_test_would_tell(called, tmp_path):
+    """Whether rolling or a slope holds the car back, a drive in other directions tells."""
+    rolling_hard = having(prototype(), rolling_resistance={"coefficient": 0.012})
+    for name in ("sweep", "slalom"):
+        write_bag(tmp_path / name, driven(rolling_hard, name))
+    save_vehicle(tmp_path / "believed.yaml", wrong(prototype()))
+    result = called((), "sweep", "slalom", "--vehicle", "believed.yaml")
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "answer/explain.json").read_text())
+    assert {"rolling_resistance", "road_grade"} <= set(found["answer_set"])
+    best, second, *_ = json.loads((tmp_path / "answer/next.json").read_text())["tests"]
+    assert {best["id"], second["id"]} == {"steady_state_circle", "accelerate_and_brake"}
+    assert best["opposite"] or second["opposite"]
+    assert found["would_separate"] == best
+    assert f"Drive: {best['manoeuvre']}" in result.output
+    assert [one["id"] for one in found["effects"] if one["would_separate"]] == found["answer_set"]
+    assert f"{best['manoeuvre']}; watch the" in (tmp_path / "answer/report.html").read_text()
 
 
 def test_a_recording_that_proves_itself_is_refused(called):

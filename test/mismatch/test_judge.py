@@ -74,7 +74,7 @@ GROWN = ("effect with which one drive goes far wrong",)
 
 def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Explanation:
     candidates = tuple(Candidate(one, "", (), one) for one in effect.split(" + "))
-    return Explanation(candidates, FITTED, keep, gain, elsewhere, 0.0, {})
+    return Explanation(candidates, FITTED, keep, gain, elsewhere, elsewhere, 0.0, {})
 
 
 def said(*explanations: Explanation, **proof: float) -> tuple[str, tuple[str, ...]]:

@@ -196,6 +196,17 @@ def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, 
     return vehicle.model_copy(update={"sensors": sensors}), tuple(k for k in knobs if not base or k.name in base)
 
 
+def designed(
+    report: Path, vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None
+) -> list[Separation]:
+    """What each test would tell of what the ambiguous answer in a folder leaves open, the most telling first; the
+    folder is told, too. Raises `InputError` where there is no such answer."""
+    rivals, base = left_open(answered(report), vehicle)
+    found = separations(vehicle, rivals, base, progress=progress)
+    written(found, rivals, report)
+    return found
+
+
 def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> None:
     """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and onto its
     page."""
@@ -208,7 +219,7 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
     best = found[0].as_json() if found and found[0].distance >= TELLING else None
     answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
     for effect in answer["effects"]:
-        if effect.get("would_separate"):
+        if effect.get("answer_set"):
             effect["would_separate"] = best
     (report / ANSWER).write_text(json.dumps(answer, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     write_next_test(answer, report / PAGE)

@@ -99,7 +99,8 @@ def answer(
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    left out, to see what it is worth. Raises `InputError` for an unknown id or ablation.
+    left out, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
+    `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
@@ -214,17 +215,14 @@ def answer(
         )
     effects = _effects(judged, evidence, proof)
     answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
-    separating = _separating(residuals, judged.rivals) if verdict == "ambiguous" else None
     for effect in effects:
-        within = effect["id"] in answer_set
-        effect |= {"answer_set": answer_set if within else [], "would_separate": separating if within else None}
+        effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
     found |= {
         "verdict": verdict,
         "located": _located(residuals, base, proof) | {"force": _force(judged), "parts": _parts(effects, answer_set)},
         "effects": effects,
         "answer_set": answer_set,
         "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
-        "would_separate": separating,
         "fit": _errors(residuals, base, shown, proof),
         "base": _base(base, leader.fit if leader is not None else None),
         "misfit": residuals.level(base.residuals),
@@ -329,7 +327,7 @@ def _entry(
     if along:
         entry["profile"] = along
     return entry | {
-        "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out,
+        "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out_share,
         "gain_held_out": proof.gain(explanation), "adds_to_best": judged.adds(explanation), "keep": explanation.keep,
         "confidence": judged.confidence(explanation, candidate.effect),
     }  # fmt: skip
@@ -341,17 +339,6 @@ def _place(evidence: Evidence, abscissa: float) -> dict[str, Any]:
     if (at := evidence.road.place(abscissa)) is not None:
         where += [*evidence.on_map.latitude_longitude(*at[:2]), at[2]]
     return dict(zip(PLACE, where, strict=False))
-
-
-def _separating(residuals: Residuals, rivals: Sequence[Explanation]) -> dict[str, str]:
-    """A manoeuvre that shows the first answer rather than the second, and the signal in which the two differ most in
-    the present recordings."""
-    first, second = rivals[0], next(e for e in rivals if set(e.effects) != set(rivals[0].effects))
-    one = next(id for id in first.effects if id not in second.effects)
-    known = {way for id in second.effects for way in BY_ID[id].excited_by}
-    ways = [way for way in BY_ID[one].excited_by if way not in known] or list(BY_ID[one].excited_by)
-    apart = residuals.deviations([a - b for a, b in zip(first.fit.residuals, second.fit.residuals, strict=True)])
-    return {"manoeuvre": ways[0], "signal": max(apart, key=lambda name: apart[name])}
 
 
 def _located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from distributed import Client, LocalCluster, as_completed, get_worker
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
+from vsense_ros.mismatch.design import answered, designed
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import STAGES, answer
 from vsense_ros.model.vehicle import Vehicle
@@ -229,6 +230,9 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         del read[blamed]
         found = explained()
     found.write(out)
+    if found.found["verdict"] == "ambiguous":
+        designed(out, car)
+        found = replace(found, found=answered(out))
     recordings = [
         {"name": name, "role": role, "reason": reasons.get(name) or _remark(name, found.found["remarks"])}
         for name, role, _ in member.recordings

@@ -63,7 +63,8 @@ class Explanation:
     fit: Fit
     keep: float  # of the last one
     gain: float  # relative fall of the base's value
-    left_out: float  # the same on recordings that the fit did not see
+    left_out: float  # the same fall on recordings that the fit did not see, over the same value
+    left_out_share: float  # that fall over what the base leaves of recordings that it does not see
     spoilt: float  # what windows that fit worse than the base lose, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
 
@@ -253,8 +254,8 @@ class Search:
         free, change = _within_bounds(joint, knobs)
         falls = [_value(self.base, [i]) - _value(free, [i], change) for i in range(len(free.residuals))]
         return Signature(
-            (*present, *new), joint, _keep(at, knobs, slopes), sum(falls) / self.whole, self._gain_left_out(free),
-            (sum(falls) - max(falls)) / self.whole,
+            (*present, *new), joint, _keep(at, knobs, slopes), sum(falls) / self.whole,
+            self._fall_left_out(free) / self.whole, (sum(falls) - max(falls)) / self.whole,
         )  # fmt: skip
 
     def _column(self, knob: Knob) -> list[Array]:
@@ -269,14 +270,22 @@ class Search:
             self._progress()
         return self._columns[key]
 
-    def _gain_left_out(self, fitted: Fit) -> float:
-        """What is predicted linearly may be far off where one recording alone holds a parameter: none of them may count
-        for more than it costs itself."""
+    def _fall_left_out(self, fitted: Fit) -> float:
+        """How much less than the base a fit leaves of each recording that it does not see, together. What is predicted
+        linearly may be far off where one recording alone holds a parameter: none of them may count for more than it
+        costs itself."""
         falls = [
             np.clip(before - _left_out(fitted, group), -_value(self.base, group), _value(self.base, group))
             for before, group in zip(self._before, self.groups, strict=True)
         ]
-        return float(sum(falls)) / self.whole
+        return float(sum(falls))
+
+    @cached_property
+    def _left_by_base(self) -> float:
+        """What the base leaves of each recording that it does not see, together: no less than of what it was fitted to,
+        and than sensors and models can do."""
+        each = (max(before, _value(self.base, group)) for before, group in zip(self._before, self.groups, strict=True))
+        return max(float(sum(each)), self.least_whole * self.whole)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
         found = []
@@ -348,9 +357,10 @@ class Search:
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
         falls = np.array([_value(self.base, [i]) - _value(fitted, [i]) for i in range(len(fitted.residuals))])
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
+        left_out = self._fall_left_out(fitted)
         return Explanation(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
-            self._gain_left_out(fitted), float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, left_out / self.whole,
+            left_out / self._left_by_base, float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
 

@@ -17,7 +17,6 @@ class AccelerometerBias(Effect):
 
     id: ClassVar[str] = "accelerometer_bias"
     sentence: ClassVar[str] = "an accelerometer that does not read zero"
-    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "imu_roll_misalignment",
         "imu_pitch_misalignment",

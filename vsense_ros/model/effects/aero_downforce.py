@@ -18,7 +18,6 @@ class AeroDownforce(Effect):
 
     id: ClassVar[str] = "aero_downforce"
     sentence: ClassVar[str] = "vertical air forces that grow with the square of the speed"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering at high speed", "brake in turn from high speed")
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "tyre_heating", "tyre_load_sensitivity")
 
     front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)

@@ -19,7 +19,6 @@ class AeroDrag(Effect):
 
     id: ClassVar[str] = "aero_drag"
     sentence: ClassVar[str] = "air drag that grows with the square of the speed"
-    excited_by: ClassVar[tuple[str, ...]] = ("coast-down", "speed changes at high speed")
     mistaken_for: ClassVar[tuple[str, ...]] = ("rolling_resistance", "road_grade", "brake_drag")
     needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 

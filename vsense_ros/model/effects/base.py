@@ -77,7 +77,6 @@ class Effect(Part):
     id: ClassVar[str]
     sentence: ClassVar[str]  # the physics in words, as the end of "the model leaves out …"
     known: ClassVar[bool] = True  # False: terms that describe, and explain nothing
-    excited_by: ClassVar[tuple[str, ...]] = ()  # manoeuvres that show it
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # ids of effects that look alike
     # Other forms of the effect by the words that tell where it is, each with the values of its fields.
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})

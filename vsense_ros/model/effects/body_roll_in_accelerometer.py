@@ -15,7 +15,6 @@ class BodyRollInAccelerometer(Effect):
 
     id: ClassVar[str] = "body_roll_in_accelerometer"
     sentence: ClassVar[str] = "gravity that reaches the lateral accelerometer as the body rolls"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("imu_yaw_misalignment", "steering_ratio")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

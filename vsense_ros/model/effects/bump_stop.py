@@ -19,7 +19,6 @@ class BumpStop(Effect):
 
     id: ClassVar[str] = "bump_stop"
     sentence: ClassVar[str] = "bump stops that come into contact"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "hard braking")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_load_sensitivity",)
 
     front: float = size("N/m", "stiffness of a front bump stop", typical=5e4, low=0.0, high=2e6)

@@ -17,7 +17,6 @@ class CamberThrust(Effect):
 
     id: ClassVar[str] = "camber_thrust"
     sentence: ClassVar[str] = "the lateral force of tyres that lean with the body"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering with much roll",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("roll_steer", "toe_compliance", "imu_lever_arm")
 
     front: float = size("1/rad", "force over load per inclination, front", typical=0.5, low=-2.0, high=5.0)

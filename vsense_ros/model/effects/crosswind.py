@@ -24,7 +24,6 @@ class Crosswind(Effect):
 
     id: ClassVar[str] = "crosswind"
     sentence: ClassVar[str] = "wind over the ground, with its side force and yaw moment"
-    excited_by: ClassVar[tuple[str, ...]] = ("driving in several directions at high speed",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("road_bank", "tyre_conicity", "steering_offset", "accelerometer_bias")
     on_map: ClassVar[bool] = True
 

@@ -17,7 +17,6 @@ class FrictionChange(RoadEffect):
 
     id: ClassVar[str] = "friction_change"
     sentence: ClassVar[str] = "a road with another grip"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "hard braking")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_heating",)
 
     relative: float = size("-", "grip over that of the vehicle file, minus 1", typical=0.2, low=-0.95, high=1.0)

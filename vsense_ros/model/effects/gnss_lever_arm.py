@@ -15,7 +15,6 @@ class GnssLeverArm(Effect):
 
     id: ClassVar[str] = "gnss_lever_arm"
     sentence: ClassVar[str] = "a GNSS antenna that sits elsewhere than the vehicle file says"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay",)
     needs: ClassVar[tuple[str, ...]] = ("gnss_velocity",)
 

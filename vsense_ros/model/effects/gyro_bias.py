@@ -17,7 +17,6 @@ class GyroBias(Effect):
 
     id: ClassVar[str] = "gyro_bias"
     sentence: ClassVar[str] = "a gyro that does not read zero at rest"
-    excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "steering_offset")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

@@ -15,7 +15,6 @@ class GyroScale(Effect):
 
     id: ClassVar[str] = "gyro_scale"
     sentence: ClassVar[str] = "a gyro that reads a multiple of the rate"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_ratio", "roll_steer")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

@@ -15,7 +15,6 @@ class ImuPitchMisalignment(Effect):
 
     id: ClassVar[str] = "imu_pitch_misalignment"
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its y axis"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("accelerometer_bias", "road_grade")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

@@ -15,7 +15,6 @@ class ImuRollMisalignment(Effect):
 
     id: ClassVar[str] = "imu_roll_misalignment"
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its x axis"
-    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("accelerometer_bias", "road_bank", "payload_offset")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

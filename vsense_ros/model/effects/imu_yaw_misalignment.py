@@ -15,7 +15,6 @@ class ImuYawMisalignment(Effect):
 
     id: ClassVar[str] = "imu_yaw_misalignment"
     sentence: ClassVar[str] = "an inertial measurement unit that is turned about its z axis"
-    excited_by: ClassVar[tuple[str, ...]] = ("accelerating and braking", "cornering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("imu_lever_arm", "accelerometer_bias")
     needs: ClassVar[tuple[str, ...]] = ("imu",)
 

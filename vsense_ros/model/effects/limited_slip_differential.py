@@ -18,7 +18,6 @@ class LimitedSlipDifferential(Effect):
 
     id: ClassVar[str] = "limited_slip_differential"
     sentence: ClassVar[str] = "a differential that couples left and right wheel"
-    excited_by: ClassVar[tuple[str, ...]] = ("brake in turn", "tight turns", "accelerating in turns")
     mistaken_for: ClassVar[tuple[str, ...]] = ("brake_drag", "tyre_load_sensitivity")
     needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 

@@ -16,7 +16,6 @@ class PayloadOffset(Effect):
 
     id: ClassVar[str] = "payload_offset"
     sentence: ClassVar[str] = "a load that sits to one side"
-    excited_by: ClassVar[tuple[str, ...]] = ("accelerating and braking",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("road_bank", "imu_roll_misalignment")
 
     moment: float = size("kg m", "mass times its offset to the left", typical=30.0, high=3000.0)

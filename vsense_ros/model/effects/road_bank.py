@@ -15,7 +15,6 @@ class RoadBank(RoadEffect):
 
     id: ClassVar[str] = "road_bank"
     sentence: ClassVar[str] = "a road that slopes across the direction of travel"
-    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "accelerometer_bias",
         "imu_roll_misalignment",

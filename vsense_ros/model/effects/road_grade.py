@@ -15,7 +15,6 @@ class RoadGrade(RoadEffect):
 
     id: ClassVar[str] = "road_grade"
     sentence: ClassVar[str] = "a road that slopes along the direction of travel"
-    excited_by: ClassVar[tuple[str, ...]] = ("accelerating and braking",)
     mistaken_for: ClassVar[tuple[str, ...]] = (
         "rolling_resistance",
         "aero_drag",

@@ -17,7 +17,6 @@ class RollSteer(Effect):
 
     id: ClassVar[str] = "roll_steer"
     sentence: ClassVar[str] = "wheels that steer as the body rolls"
-    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "slalom")
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "toe_compliance", "gyro_scale", "steering_ratio")
 
     front: float = size("rad/rad", "steer to the left per roll to the right, front", typical=0.05, high=0.6)

@@ -16,7 +16,6 @@ class RollingResistance(Effect):
 
     id: ClassVar[str] = "rolling_resistance"
     sentence: ClassVar[str] = "rolling resistance in proportion to the wheel loads"
-    excited_by: ClassVar[tuple[str, ...]] = ("coast-down", "driving at constant speed")
     mistaken_for: ClassVar[tuple[str, ...]] = ("aero_drag", "road_grade", "brake_drag")
     needs: ClassVar[tuple[str, ...]] = ("wheel_torques",)
 

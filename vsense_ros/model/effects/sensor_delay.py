@@ -16,7 +16,6 @@ class SensorDelay(Effect):
 
     id: ClassVar[str] = "sensor_delay"
     sentence: ClassVar[str] = "measurements that are older than their stamps say"
-    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "fast steering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation",)
     each: ClassVar[str] = "sensor"
 

@@ -25,7 +25,6 @@ class SloshingLoad(Effect):
 
     id: ClassVar[str] = "sloshing_load"
     sentence: ClassVar[str] = "a load that swings from side to side"
-    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "double lane change")
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation", "suspension_friction")
     memory: ClassVar[tuple[str, ...]] = ("displacement", "velocity")
 

@@ -23,7 +23,6 @@ class SteeringCompliance(Effect):
 
     id: ClassVar[str] = "steering_compliance"
     sentence: ClassVar[str] = "a steering system that yields to the lateral force of the front tyres"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering from gentle to the limit",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "aero_downforce", "steering_ratio")
     memory: ClassVar[tuple[str, ...]] = ("front_lateral_force",)
 

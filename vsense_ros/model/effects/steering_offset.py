@@ -18,7 +18,6 @@ class SteeringOffset(Effect):
 
     id: ClassVar[str] = "steering_offset"
     sentence: ClassVar[str] = "an offset of the steering angle"
-    excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_conicity", "road_bank", "crosswind", "gyro_bias")
 
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)

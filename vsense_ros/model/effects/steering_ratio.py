@@ -17,7 +17,6 @@ class SteeringRatio(Effect):
 
     id: ClassVar[str] = "steering_ratio"
     sentence: ClassVar[str] = "road wheels that turn by a multiple of the angle that is measured"
-    excited_by: ClassVar[tuple[str, ...]] = ("slow turns", "slalom")
     mistaken_for: ClassVar[tuple[str, ...]] = ("gyro_scale", "roll_steer", "steering_compliance")
 
     relative: float = size(

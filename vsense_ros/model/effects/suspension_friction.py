@@ -19,7 +19,6 @@ class SuspensionFriction(Effect):
 
     id: ClassVar[str] = "suspension_friction"
     sentence: ClassVar[str] = "dry friction in the suspension"
-    excited_by: ClassVar[tuple[str, ...]] = ("slalom", "gentle steering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("sloshing_load",)
 
     front: float = size("N", "friction of one front suspension at the wheel", typical=100.0, low=0.0, high=3000.0)

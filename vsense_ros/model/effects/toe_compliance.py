@@ -19,7 +19,6 @@ class ToeCompliance(Effect):
 
     id: ClassVar[str] = "toe_compliance"
     sentence: ClassVar[str] = "wheels that turn on their bushings under lateral force"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering from gentle to the limit",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "roll_steer", "tyre_load_sensitivity")
     memory: ClassVar[tuple[str, ...]] = ("force_fl", "force_fr", "force_rl", "force_rr")
 

@@ -17,7 +17,6 @@ class TyreConicity(Effect):
 
     id: ClassVar[str] = "tyre_conicity"
     sentence: ClassVar[str] = "tyres that push to one side while they roll straight"
-    excited_by: ClassVar[tuple[str, ...]] = ("straight driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_offset", "road_bank", "gyro_bias", "crosswind")
 
     front: float = size("-", "force to the left over load, front axle", typical=0.01, high=0.3)

@@ -20,7 +20,6 @@ class TyreHeating(Effect):
 
     id: ClassVar[str] = "tyre_heating"
     sentence: ClassVar[str] = "grip that falls as the tyres heat up"
-    excited_by: ClassVar[tuple[str, ...]] = ("long driving at the limit",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("friction_change", "aero_downforce")
     memory: ClassVar[tuple[str, ...]] = ("heat_fl", "heat_fr", "heat_rl", "heat_rr")
 

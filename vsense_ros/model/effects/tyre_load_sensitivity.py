@@ -20,7 +20,6 @@ class TyreLoadSensitivity(Effect):
 
     id: ClassVar[str] = "tyre_load_sensitivity"
     sentence: ClassVar[str] = "grip that falls with the wheel load"
-    excited_by: ClassVar[tuple[str, ...]] = ("cornering at the limit", "brake in turn")
     mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "steering_compliance")
 
     front: float = size("-", "relative loss of grip at twice the load at rest, front", typical=0.15, low=-0.3, high=0.8)

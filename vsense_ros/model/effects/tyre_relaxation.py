@@ -25,7 +25,6 @@ class TyreRelaxation(Effect):
 
     id: ClassVar[str] = "tyre_relaxation"
     sentence: ClassVar[str] = "lateral tyre forces that build up over a distance rolled"
-    excited_by: ClassVar[tuple[str, ...]] = ("steering sweep", "fast steering")
     mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay", "sloshing_load")
     memory: ClassVar[tuple[str, ...]] = tuple(
         f"{name}_{wheel}" for wheel in ("fl", "fr", "rl", "rr") for name in ("lagged", "speed", "constant", "share")

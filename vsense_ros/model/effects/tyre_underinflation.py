@@ -18,7 +18,6 @@ class TyreUnderinflation(Effect):
 
     id: ClassVar[str] = "tyre_underinflation"
     sentence: ClassVar[str] = "a tyre with too little pressure"
-    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("wheel_radius", "brake_drag")
     needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 

@@ -13,7 +13,6 @@ class WheelRadius(Effect):
 
     id: ClassVar[str] = "wheel_radius"
     sentence: ClassVar[str] = "a wheel of another radius"
-    excited_by: ClassVar[tuple[str, ...]] = ("any driving",)
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_underinflation",)
     needs: ClassVar[tuple[str, ...]] = ("wheel_speeds",)
 
