@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hidden import driven, prototype
-from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.evidence import RUN_IN, gather
 from vsense_ros.recording import Recording
 
 
@@ -41,3 +41,32 @@ def test_what_two_windows_of_a_recording_have_in_common_is_driven_once():
     evidence = gather([recording, recording], prototype())
     assert len(evidence.windows) == 4
     assert evidence.driven == pytest.approx(2 * 40.0, abs=1.0)
+
+
+@pytest.fixture(scope="module")
+def dull_drive_with_two_manoeuvres():
+    """Evidence of 100 s: straight ahead, but for a sweep and a brake test."""
+    names = ("straight", "straight", "sweep", "straight", "brake", "straight", "straight", "straight")
+    return gather([driven(prototype(), name, seed=i) for i, name in enumerate(names)], prototype())
+
+
+@pytest.mark.parametrize("duration", [21.0, 25.0, 42.0])
+def test_of_a_long_dull_drive_the_manoeuvres_are_looked_at(dull_drive_with_two_manoeuvres, duration):
+    evidence = dull_drive_with_two_manoeuvres
+    chosen = evidence.most_telling(duration)
+    assert {"sweep", "brake"} <= {window.name for window in chosen.windows}
+    assert sum(w.end - w.begin - RUN_IN for w in chosen.windows) <= duration
+    assert len(chosen.windows) == duration // 10.4
+    assert [w for w in evidence.windows if w in chosen.windows] == list(chosen.windows)
+    assert "2 min of driving" in chosen.remarks[-1]
+
+
+def test_a_drive_that_is_short_enough_is_looked_at_all(dull_drive_with_two_manoeuvres):
+    assert dull_drive_with_two_manoeuvres.most_telling(200.0) is dull_drive_with_two_manoeuvres
+
+
+def test_of_hours_that_are_all_alike_early_and_late_ones_are_looked_at():
+    """What grows with time, as heat does, would otherwise stay unseen."""
+    recording = driven(prototype(), "slalom", duration=60.0)
+    windows = gather([recording], prototype()).most_telling(41.0).windows
+    assert [round(w.begin / 20.0) for w in windows] == [0, 2]

@@ -41,6 +41,8 @@ from vsense_ros.vehicle_file import save_vehicle
 Array = NDArray[np.float64]
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
+# Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
+LOOKED_AT = 600.0  # [s]
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 ALONE = (
     "all of it is one stretch of driving: nothing can be left out of the fit, and gains are those of the fit itself; "
@@ -125,6 +127,7 @@ def answer(
 
     if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
         return nothing_said(reason)
+    evidence, unseen = evidence.most_telling(LOOKED_AT), unseen.most_telling(LOOKED_AT)
     kinds = {evidence.sensors[name].kind for w in evidence.windows for name in w.readings}
     beyond = out_of_reach(kinds)
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
