@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 # Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
-LOOKED_AT = 600.0  # [s]
+LOOKED_AT = 900.0  # [s]
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 ALONE = (
     "all of it is one stretch of driving: nothing can be left out of the fit, and gains are those of the fit itself; "
