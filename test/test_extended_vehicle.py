@@ -28,7 +28,7 @@ from vsense_ros.model.effects.road_grade import RoadGrade
 from vsense_ros.model.effects.sensor_delay import SensorDelay
 from vsense_ros.model.effects.unmodelled import TERMS, Unmodelled
 from vsense_ros.model.sensors import WheelTorques
-from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_simulation
+from vsense_ros.model.vehicle import Vehicle, left_out_of_export, left_out_of_observer, left_out_of_simulation
 from vsense_ros.observer import Observer
 from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf, Prior
@@ -130,11 +130,17 @@ def test_terms_that_need_the_wheel_torques_are_those_whose_equations_have_them(b
 
 
 def test_what_an_observer_leaves_out_is_named_with_the_reason(bare: Vehicle) -> None:
+    placed = bare
+    unplaced = {name: sensor for name, sensor in bare.sensors.items() if sensor.kind != "gnss_position"}
+    bare = bare.model_copy(update={"sensors": unplaced})
+
     def said(**effects: object) -> str:
         return left_out_of_observer(having(bare, **effects))
 
     assert said(aero_drag=AeroDrag(area=0.3), road_bank=RoadBank(bank=0.02)) == ""
-    assert "road_bank its profile along the road; the slope is estimated" in said(road_bank=RoadBank(profile=(PLACE,)))
+    bank = "road_bank its profile along the road, as no sensor tells where the car is; the slope is estimated"
+    assert bank in said(road_bank=RoadBank(profile=(PLACE,)))
+    assert left_out_of_observer(having(placed, road_bank=RoadBank(profile=(PLACE,)))) == ""
     assert "road_grade its plane" in said(road_grade=RoadGrade(grade=0.02, follows=0.0))
     assert "friction_change its profile along the road" in said(friction_change=FrictionChange(profile=(PLACE,)))
     assert "slope" not in said(friction_change=FrictionChange(relative=0.1, profile=(PLACE,)))
@@ -152,6 +158,13 @@ def test_with_wheel_torques_no_unmodelled_term_is_left_out(bare: Vehicle) -> Non
     assert left_out_of_observer(having(torques, unmodelled=Unmodelled(yaw_moment_driving=9.0))) == ""
 
 
+def test_an_exported_observer_leaves_out_profiles_too(bare: Vehicle) -> None:
+    assert "road_bank its profile along the road; the slope is estimated" in left_out_of_export(
+        having(bare, road_bank=RoadBank(profile=(PLACE,)))
+    )
+    assert left_out_of_export(having(bare, crosswind=Crosswind(north=5.0))) == ""
+
+
 def test_a_simulation_leaves_out_nothing_but_profiles(bare: Vehicle) -> None:
     plane = RoadGrade(grade=0.02, follows=0.0)
     assert left_out_of_simulation(having(bare, road_grade=plane, crosswind=Crosswind(north=5.0))) == ""
@@ -165,7 +178,7 @@ def test_the_observer_warns_in_its_diagnostics_of_what_it_leaves_out(extended: V
     observer = Observer(extended)
     (line,) = (line for line in observer.diagnostics() if line.name == "effects")
     assert (line.level, line.message) == (Level.WARN, observer.left_out)
-    assert "road_bank its profile along the road" in line.message
+    assert "yaw_moment_driving" in line.message
 
 
 # A slope of the road in the filters
@@ -226,7 +239,8 @@ def test_run_takes_the_gyro_bias_and_the_slope_from_the_file(
     outputs, errors = {}, {}
     for name, file in files.items():
         said = vsense("run", swerve, "--vehicle", file, "--out", tmp_path / name).output
-        assert ("road_bank its profile along the road" in said) == (name == "extended")
+        assert ("yaw_moment_driving" in said) == (name == "extended")
+        assert "profile" not in said
         (summary,) = json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8")).values()
         errors[name] = summary["signals"]["yaw_rate"]["rmse"]
         slow = read_bag(tmp_path / name / "output")["vsense/parameters"]
@@ -242,7 +256,7 @@ def test_the_exported_observer_is_the_one_in_python_with_all_effects_of_the_file
     extended: Vehicle, files: dict[str, Path], swerve: Path, tmp_path: Path
 ) -> None:
     said = vsense("export", "c", files["extended"], "--output", tmp_path).output
-    assert "the observer leaves out of road_bank its profile along the road" in said
+    assert "the exported observer leaves out of road_bank its profile along the road" in said
     assert "yaw_moment_driving, as no sensor tells the wheel torques" in said
     library = check.build(tmp_path, ("-O1", *check.FLAGS[1:], "-Werror"))
     difference = check.compare(extended, library, read_bag(swerve))

@@ -244,7 +244,9 @@ def compare(
     recording: Recording,
     progress: Callable[[float], None] | None = None,
 ) -> Difference:
-    """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
+    """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else; of
+    the road both know what it is everywhere."""
+    vehicle = vehicle.without_profiles()
     kind = _SpiTwin if vehicle.observer.parameters else _Twin
     observer, difference = Observer(vehicle, recording.map_origin, kind), Difference()
     assert isinstance(observer.filter, _Twin)

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 
 
 _OPERATIONS = {"linearize", "predict", "correct"}
+_SLOPES = slice(SURROUND.start - U.stop, SURROUND.start - U.stop + 2)  # among the states behind the velocities
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,8 @@ class ErrorEkf:
 
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
     the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
-    model. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
+    model, `surveyed` (3,) is where the road was last looked up (`Survey`), east and north [m], and 1 where it was
+    known. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
     was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there.
     """
 
@@ -142,11 +144,11 @@ class ErrorEkf:
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
         physical = vehicle.parameter_vector()
-        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra]
+        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), n - U.stop, 3, extra]
         self.memory = np.zeros(sum(lengths))
-        self.state, self.inputs, covariance, self._effects, linearization, self.parameters, self.extra = np.split(
-            self.memory, np.cumsum(lengths[:-1]).tolist()
-        )
+        parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
+        self.state, self.inputs, covariance, self._effects, linearization, *parts = parts
+        self.parameters, self._usual, self.surveyed, self.extra = parts
         self.covariance = covariance.reshape(n, n)
         self.parameters[:] = physical
         names = car.parameter_names
@@ -183,7 +185,7 @@ class ErrorEkf:
                 bound = [q, u, self.udot, around, self.inputs, self.state[where], mounting]
                 self._sense[i] = Kernel(sensing[sensor.kind], bound)
         self.prior = Prior.of(vehicle, sensors)
-        self._usual = self.prior.usual[U.stop :].copy()
+        self._usual[:] = self.prior.usual[U.stop :]
         self.largest = largest_state(n)
         coordinates, velocities = (r.reshape(-1, order="F") for r in self._advance.results)
         remembered = np.zeros(0) if self._remember is None else self._remember.results[0].reshape(-1, order="F")
@@ -222,6 +224,8 @@ class ErrorEkf:
     def start(self, speed: float) -> None:
         """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
         self.state[: U.stop] = rolling_state(self.vehicle, speed)
+        self._usual[:] = self.prior.usual[U.stop :]
+        self.surveyed[:] = np.inf, np.inf, 0.0
         self.state[U.stop :] = self._usual
         self.inputs[:] = 0.0
         self._effects[:] = 0.0
@@ -232,6 +236,14 @@ class ErrorEkf:
         self.state[index] = value
         self.covariance[index, :] = self.covariance[:, index] = 0.0
         self.covariance[index, index] = deviation**2
+
+    def slope_usually(self, slopes: tuple[float, float], *, here: bool) -> None:
+        """From now on the slopes of the road along and across, positive uphill and with the left side higher [rad], go
+        back to these; if the road is known to have them `here`, those that are estimated change as these do."""
+        usual = self._usual[_SLOPES]
+        if here:
+            self.state[U.stop :][_SLOPES] += slopes - usual
+        usual[:] = slopes
 
     def linearize(self) -> None:
         """Accelerations and Jacobians at the present state, which acceleration sensors and the next step use."""

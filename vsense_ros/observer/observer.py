@@ -31,6 +31,7 @@ from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.reading import Event, Map, Reader
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.standstill import Standstill
+from vsense_ros.observer.survey import Survey
 from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
@@ -92,6 +93,7 @@ class Observer:
             self._by_topic.setdefault(sensor.topic, []).append(i)
         self.health = [Health() for _ in self._list]
         on_map = Map(map_origin)
+        self._survey = Survey.of(vehicle, on_map)
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self._list)]
         # Of each sensor the inputs that it sets (None if it measures), and the largest innovation that is believed,
         # squared and normalized.
@@ -377,6 +379,12 @@ class Observer:
         instant.events.append(event)
         if stamp > instant.latest:
             instant.latest = stamp
+        self._look_up_road()
+
+    def _look_up_road(self) -> None:
+        """Where the vehicle file knows the road from place to place, take it as it is where the car is."""
+        if self._survey is not None and self.heading_known:
+            self._survey.follow(self.filter)
 
     def _is_later(self, event: Event, instant: _Instant) -> bool:
         """Whether an event has an instant of its own. An input holds from where it comes on: the model need not be
@@ -399,6 +407,7 @@ class Observer:
             self._spare += undone
             self._ahead[:0] = sorted((e for instant in undone for e in instant.events), key=_stamp_of)
             self.filter.memory[:] = self._history[-1].kept.memory
+            self._look_up_road()  # what came after this may be done again without coming back to Python
         insort(self._ahead, event, key=_stamp_of)
 
     def _catch_up(self) -> None:

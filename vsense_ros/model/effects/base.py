@@ -171,6 +171,10 @@ class Effect(Part):
             return "its direction on the map, as no sensor knows north"
         return ""
 
+    def left_out_of_export(self, kinds: Collection[str]) -> str:
+        """The same of an exported observer."""
+        return self.left_out_of_observer(kinds)
+
 
 class RoadEffect(Effect):
     """An effect of the road: its one size may be another at every place, and then is a recorded input of the car rather
@@ -187,8 +191,15 @@ class RoadEffect(Effect):
         return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
 
     def left_out_of_observer(self, kinds: Collection[str]) -> str:
+        unplaced = self.profile and "gnss_position" not in kinds
+        return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
+
+    def left_out_of_export(self, kinds: Collection[str]) -> str:
+        return self._without([_PROFILE] if self.profile else [])
+
+    def _without(self, parts: list[str]) -> str:
+        """Parts that are left out, a plane besides, and what there is instead."""
         slopes, plane = type(self).slope is not Effect.slope, self.has_size and not any(self.usual_slope)
-        parts = [_PROFILE] if self.profile else []
         parts += ["its plane, as it does not know how the car set out on it"] if slopes and plane else []
         estimated = ["the slope is estimated on the way"] if slopes and parts else []
         return "; ".join([*parts, *estimated])

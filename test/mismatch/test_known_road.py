@@ -1,0 +1,136 @@
+"""A road that the vehicle file knows from place to place, under an observer that drives on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hidden import driven, having, prototype, without
+from vsense_ros.model.car import SURROUNDINGS, X, car_of
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.kalman import SURROUND
+from vsense_ros.observer.reading import Map
+from vsense_ros.observer.survey import NEAR, SPACING, Profile, Survey
+from vsense_ros.recording import Recording
+
+ORIGIN = (43.5, -8.2, 50.0)
+BANK = SURROUND.start + SURROUNDINGS.index("bank")
+EAST = np.arange(-50.0, 651.0, SPACING)
+
+
+def banked(x: np.ndarray) -> np.ndarray:
+    """Bank [rad] by the way to the east [m]."""
+    return np.asarray(0.06 * np.sin(2 * np.pi * x / 300))
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    return driven(prototype(), "slalom", duration=40.0, bank=banked)
+
+
+@pytest.fixture(scope="module")
+def rows(drive: Recording) -> list[tuple[float, float]]:
+    """Latitude and longitude [deg] of places 50 m apart on the way, from the fixes."""
+    fix, on_map = drive["gps/fix"].columns, Map(drive.map_origin)
+    placed = [
+        on_map.placed({k: fix[k][i] for k in ("latitude", "longitude", "altitude")})
+        for i in range(len(fix["latitude"]))
+    ]
+    east, north = (np.array([float(one[k][0]) for one in placed]) for k in ("east", "north"))
+    order = np.argsort(east)
+    return [on_map.latitude_longitude(x, float(np.interp(x, east[order], north[order]))) for x in EAST]
+
+
+def profile(rows: list[tuple[float, float]], values: np.ndarray) -> list[tuple[float, ...]]:
+    return [(*place, 0.0, float(value)) for place, value in zip(rows, values, strict=True)]
+
+
+def estimated(vehicle: Vehicle, recording: Recording) -> np.ndarray:
+    """East [m], bank [rad] and lateral velocity less that of the reference [m/s], at every message."""
+    observer, found = Observer(vehicle, recording.map_origin), []
+    for sample in recording.samples(tuple(observer.topics)):
+        observer.add(sample)
+        if observer.converged:
+            observer.snapshot()
+            state = observer.filter.state
+            found.append((observer.stamp, state[X], state[BANK], state[15]))
+    stamp, east, bank, lateral = np.array(found).T
+    true = recording["reference/odometry"]
+    return np.column_stack([east, bank, lateral - np.interp(stamp, true.stamp, true.columns["linear"][:, 1])])
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.slow
+def test_on_a_road_that_is_known_the_observer_has_less_doubt_of_its_bank_and_of_the_slip(drive, rows):
+    """Against the truth; fixes come late, so that the observer keeps going back."""
+    anywhere = estimated(prototype(), drive)
+    known = estimated(having(prototype(), road_bank={"profile": profile(rows, banked(EAST))}), drive)
+    off = [rms(one[:, 1] - banked(one[:, 0])) for one in (known, anywhere)]
+    assert off[0] < 0.4 * off[1]
+    assert rms(known[:, 2]) < rms(anywhere[:, 2])
+
+
+@pytest.mark.slow
+def test_the_grip_of_a_road_is_that_of_the_place(drive, rows):
+    grip = np.linspace(-0.3, 0.1, len(EAST))
+    vehicle = having(prototype(), friction_change={"relative": 0.05, "profile": profile(rows, grip)})
+    observer = Observer(vehicle, drive.map_origin)
+    index = car_of(vehicle).parameter_names.index("effects.friction_change.relative")
+    for i, sample in enumerate(drive.samples(tuple(observer.topics))):
+        observer.add(sample)
+        if observer.converged and i % 200 == 0:
+            observer.snapshot()
+            expected = 0.05 + np.interp(observer.filter.state[X], EAST, grip)
+            assert observer.filter.parameters[index] == pytest.approx(expected, abs=0.01)  # a dozen metres
+    observer.filter.start(10.0)
+    assert not np.isfinite(observer.filter.surveyed[:2]).any()
+
+
+def test_a_file_without_profiles_has_no_survey():
+    assert Survey.of(having(prototype(), road_bank={"bank": 0.03}), Map(ORIGIN)) is None
+
+
+def test_who_does_not_know_where_the_car_is_does_not_look_up_its_road():
+    known = having(prototype(), road_bank={"profile": [(*ORIGIN[:2], 0.0, 0.05)]})
+    assert Survey.of(known, Map(ORIGIN)) is not None
+    assert Survey.of(without(known, "gnss_position"), Map(ORIGIN)) is None
+
+
+def test_what_the_observer_estimates_itself_is_left_alone():
+    vehicle = having(prototype(), friction_change={"profile": [(*ORIGIN[:2], 0.0, -0.3)]})
+    survey = Survey.of(vehicle, Map(ORIGIN))
+    here = survey.at(0.0, 0.0, 0.0)
+    assert here.sizes == {"effects.friction_change.relative": pytest.approx(-0.3, abs=1e-3)}
+    assert here.slope == (0.0, 0.0)
+    assert here.known
+    assert not survey.at(0.0, 0.0, np.pi).known
+    assert survey.at(500.0, 0.0, 0.0).sizes == {"effects.friction_change.relative": 0.0}
+    assert Survey.of(vehicle, Map(None)).at(0.0, 0.0, 0.0) is None
+
+
+@given(
+    heading=st.floats(-np.pi, np.pi),
+    values=st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=6),
+    share=st.floats(0.01, 0.99),
+    across=st.floats(-0.99 * NEAR, 0.99 * NEAR),
+    askew=st.floats(-0.8, 0.8),
+)
+def test_between_its_rows_a_profile_is_linear_for_who_drives_its_way(heading, values, share, across, askew):
+    """Along a straight road in any direction."""
+    way, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    on_map, length = Map(ORIGIN), SPACING * (len(values) - 1)
+    places = [on_map.latitude_longitude(*(SPACING * i * way)) for i in range(len(values))]
+    found = Profile(tuple((*place, heading, v) for place, v in zip(places, values, strict=True)), on_map)
+    place = share * length * way + across * left
+    expected = np.interp(share * length, SPACING * np.arange(len(values)), values)
+    assert found.at(*place, heading + askew) == pytest.approx(expected, abs=1e-3)
+    assert found.at(*place, heading + askew + np.pi) is None
+    assert found.at(*(place + 2 * SPACING * left), heading) is None
+    beyond = (length + 0.5 * SPACING) * way
+    assert found.at(*beyond, heading) == pytest.approx(0.5 * values[-1], abs=1e-3)

@@ -1,0 +1,125 @@
+"""What a vehicle file knows of roads from place to place, as the observer comes by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.car import YAW, X, Y, car_of
+from vsense_ros.model.effects.base import Effect, RoadEffect, role
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.reading import Map
+
+Array = NDArray[np.float64]
+
+SPACING = 50.0  # [m] from one row of a profile to the next, about; so far beyond its last one a road is as everywhere
+NEAR = 25.0  # [m] beside the chord of two rows: a lane, an error of GNSS, and what the road bends between them
+LOOK_EVERY = 5.0  # [m]
+PLACED = 10.0  # [m] standard deviation of the position, from where on nobody knows which road it is
+SAME_WAY = 0.5  # cosine between the car's direction and that of the road it drives on
+
+
+@dataclass(frozen=True)
+class Here:
+    """The road where the car is."""
+
+    slope: tuple[float, float]  # along and across, positive uphill and with the left side higher [rad]
+    sizes: Mapping[str, float]  # of effects, by dotted name
+    known: bool  # from a profile, rather than as it is everywhere
+
+
+class Survey:
+    """The profiles of a vehicle file, on the map of an observer."""
+
+    def __init__(self, vehicle: Vehicle, on_map: Map) -> None:
+        self._effects = vehicle.physics.effects.present()
+        self._on_map = on_map
+        self._profiles: dict[str, Profile] = {}  # by id, once the map has an origin
+        names = car_of(vehicle).parameter_names
+        # What the observer estimates itself is no longer that of the file.
+        self._parameters = {n: i for i, n in enumerate(names) if n not in vehicle.observer.parameters}
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, on_map: Map) -> Survey | None:
+        """Of a vehicle file that has profiles, and a sensor that tells where the car is; None of others."""
+        placed = any(sensor.kind == "gnss_position" for sensor in vehicle.sensors.values())
+        return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
+
+    def follow(self, filter: ErrorEkf) -> None:
+        """Give a filter, which knows its heading, the road where its car has come to."""
+        east, north, heading = filter.state[[X, Y, YAW]].tolist()
+        last_east, last_north, was_known = filter.surveyed.tolist()
+        if hypot(east - last_east, north - last_north) < LOOK_EVERY:
+            return
+        if filter.covariance[[X, Y], [X, Y]].sum() > PLACED**2:
+            return
+        here = self.at(east, north, heading)
+        if here is None:
+            return
+        filter.slope_usually(here.slope, here=bool(was_known) and here.known)
+        for name, size in here.sizes.items():
+            if name in self._parameters:
+                filter.parameters[self._parameters[name]] = size
+        filter.surveyed[:] = east, north, here.known
+
+    def at(self, east: float, north: float, heading: float) -> Here | None:
+        """The road at a place on the map [m], for who drives in a direction [rad]; None before the first fix."""
+        if self._on_map.origin is None:
+            return None
+        if not self._profiles:
+            self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
+        beyond = {id: profile.at(east, north, heading) for id, profile in self._profiles.items()}
+        effects, sizes = [], {}
+        for effect in self._effects:
+            if effect.id in beyond:
+                name = next(name for name, field in type(effect).model_fields.items() if role(field) == "size")
+                size = getattr(effect, name) + (beyond[effect.id] or 0.0)
+                sizes[f"effects.{effect.id}.{name}"] = size
+                effect = effect.model_copy(update={name: size})
+            effects.append(effect)
+        along, across = np.sum([effect.usual_slope for effect in effects], axis=0)
+        return Here((float(along), float(across)), sizes, any(value is not None for value in beyond.values()))
+
+
+class Profile:
+    """What a size is along a road beyond what it is everywhere: linearly between places, which are rows of
+    `RoadEffect.profile` in the order in which the road comes to them."""
+
+    def __init__(self, rows: tuple[tuple[float, float, float, float], ...], on_map: Map) -> None:
+        fixes = ({"latitude": [row[0]], "longitude": [row[1]], "altitude": [0.0]} for row in rows)
+        placed = [on_map.placed({name: np.array(value) for name, value in fix.items()}) for fix in fixes]
+        self._at = np.array([[float(one["east"][0]), float(one["north"][0])] for one in placed])
+        self._direction, self._value = np.array([row[2:] for row in rows], dtype=float).T
+        chord = np.diff(self._at, axis=0)
+        length = np.hypot(*chord.T)
+        joined = np.flatnonzero((length > 0) & (length < 1.5 * SPACING))
+        self._begin, self._length = joined, length[joined]
+        self._along = chord[joined] / self._length[:, None]
+
+    def at(self, east: float, north: float, heading: float) -> float | None:
+        """The value at a place [m] for who drives in a direction [rad]; None off the road."""
+        place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
+        off = place - self._at[self._begin]
+        along = np.sum(off * self._along, axis=1)
+        across = np.abs(off[:, 0] * self._along[:, 1] - off[:, 1] * self._along[:, 0])
+        share = along / self._length
+        on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ way > SAME_WAY)
+        if on.any():
+            i = int(np.argmin(np.where(on, across, np.inf)))
+            first = self._begin[i]
+            return float(np.interp(share[i], [0.0, 1.0], self._value[first : first + 2]))
+        distance = np.hypot(*(place - self._at).T)
+        near = (distance < SPACING) & (np.cos(heading - self._direction) > SAME_WAY)
+        if not near.any():
+            return None
+        i = int(np.argmin(np.where(near, distance, np.inf)))
+        return float(self._value[i] * (1 - distance[i] / SPACING))
+
+
+def _rows(effect: Effect) -> tuple[tuple[float, float, float, float], ...]:
+    return effect.profile if isinstance(effect, RoadEffect) else ()
