@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import itemgetter
 
 import numpy as np
@@ -43,7 +43,9 @@ class Signature:
     """What candidates would do to the residuals of a fit, and what of it cannot be had from the knobs of that fit."""
 
     candidates: tuple[Candidate, ...]  # all of them, the last one is new
-    joint: Fit  # the fit with their knobs besides, not turned yet
+    joint: Callable[
+        [], Fit
+    ]  # the fit with their knobs besides, not turned yet; made anew, for all would take gigabytes
     keep: float  # share of the signature that is left after the other knobs have been fitted to it [-]
     gain: float  # relative fall of the base's value, linearly
     left_out: float  # the same on recordings that the fit did not see
@@ -146,7 +148,7 @@ class Search:
             columns = [slope(self.residuals, self.start, at, knob) for knob in knobs]
             slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
             signature = Signature(
-                explanation.candidates, _joined(at, knobs, slopes), explanation.keep, explanation.gain,
+                explanation.candidates, partial(_joined, at, knobs, slopes), explanation.keep, explanation.gain,
                 explanation.left_out, explanation.gain,
             )  # fmt: skip
             found[i : i + 1] = self._fitted([signature]) or [explanation]
@@ -248,13 +250,18 @@ class Search:
 
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         knobs = tuple(knob for candidate in new for knob in candidate.knobs)
-        columns = [self._column(knob) for knob in knobs]
-        slopes = [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
-        joint = _joined(at, knobs, slopes)
-        free, change = _within_bounds(joint, knobs)
+
+        def slopes() -> list[Array]:
+            columns = [self._column(knob) for knob in knobs]
+            return [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
+
+        def joint() -> Fit:
+            return _joined(at, knobs, slopes())
+
+        free, change = _within_bounds(joint(), knobs)
         falls = [_value(self.base, [i]) - _value(free, [i], change) for i in range(len(free.residuals))]
         return Signature(
-            (*present, *new), joint, _keep(at, knobs, slopes), sum(falls) / self.whole,
+            (*present, *new), joint, _keep(at, knobs, slopes()), sum(falls) / self.whole,
             self._fall_left_out(free) / self.whole, (sum(falls) - max(falls)) / self.whole,
         )  # fmt: skip
 
@@ -291,7 +298,7 @@ class Search:
         found = []
         for signature in signatures:
             try:
-                fitted = self._fit(signature.joint)
+                fitted = self._fit(signature.joint())
             except DivergedError:
                 continue
             found.append(self._explanation(signature.candidates, fitted, signature.keep))
