@@ -182,6 +182,16 @@ def test_the_seals_are_those_of_the_labels():
     assert known == {split: cases.seal(cases.labels_text(cases.all_cases(split))) for split in cases.SEEDS}
 
 
+def test_no_release_has_the_cases_of_an_earlier_one():
+    """They would have been looked at."""
+    assert cases.SEEDS["release"] not in cases.SPENT
+    assert len(set(cases.SPENT)) == len(cases.SPENT)
+    files = (Path(__file__).parents[2] / "docs/benchmarks").glob("examination*.json")
+    scored = [seed for file in files if (seed := json.loads(file.read_text(encoding="utf-8")).get("seed"))]
+    assert set(scored) <= {*cases.SPENT, cases.SEEDS["release"]}
+    assert len(set(scored)) == len(scored) >= 2
+
+
 @pytest.mark.parametrize("split", cases.SEEDS)
 def test_a_split_has_what_the_examination_asks_for(split):
     every = cases.all_cases(split)
