@@ -1,5 +1,6 @@
 """The examination on the Genesis: on recordings that no model of ours made."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,6 +9,8 @@ from vsense_ros import genesis as job
 from vsense_ros.bag import datasets
 from vsense_ros.shared_files import vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
+
+EXTENDED = Path(__file__).parents[1] / "docs/examples/genesis/vehicle.extended.yaml"
 
 
 @pytest.mark.slow
@@ -22,6 +25,24 @@ def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_
         assert results[case]["lateral_velocity_nrmsd_percent"] <= lateral_velocity, case
     for formula in ("regression", "kinematic"):
         assert results["10hz"]["side_slip_rmse_deg"] < results[formula]["side_slip_rmse_deg"]
+
+
+@pytest.mark.slow
+def test_with_what_explain_found_the_observer_knows_the_side_slip_better_while_gnss_comes():
+    """Which explain was not given. The reference is where the two other laps tell that it is."""
+    folder = datasets.find("genesis_oxts_can")
+    if folder is None:
+        pytest.skip("the Genesis recordings are not here: set VSENSE_DATA or run `vsense datasets fetch`")
+    reference = load_vehicle(vehicle_path("genesis_identified")).reference
+
+    def side_slip(vehicle: Path) -> dict[str, float]:
+        car = load_vehicle(vehicle).model_copy(update={"reference": reference})
+        results = job.examine(folder if folder.is_dir() else folder.parent, car)
+        return {case: figures["side_slip_rmse_deg"] for case, figures in results.items()}
+
+    before, after = side_slip(vehicle_path("genesis_start")), side_slip(EXTENDED)
+    assert after["10hz"] < 0.85 * before["10hz"]
+    assert after["1hz"] < before["1hz"]
 
 
 def test_the_identified_car_differs_from_where_the_search_began_in_the_knobs_alone():

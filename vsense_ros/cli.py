@@ -505,7 +505,10 @@ def demo(out: Path, without_ros: bool) -> None:
     "--identify", metavar="FILE", type=click.Path(path_type=Path), help="Identify the car instead, and write FILE."
 )
 @click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
-def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
+@click.option(
+    "--reference", metavar="FILE", help="Vehicle file that tells place and mounting of the reference instead."
+)
+def genesis(out: Path, vehicle: str, identify: Path | None, start: str, reference: str | None) -> None:
     """Examine the observer on the third Genesis lap, or identify the car from the two others.
 
     Identification takes a quarter of an hour and gives the same values every time. It does not look at the third lap,
@@ -516,6 +519,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
       vsense genesis
       vsense genesis --identify out/genesis.yaml
       vsense genesis --vehicle out/genesis.yaml
+      vsense genesis --vehicle genesis_start --reference genesis_identified
     """
     from math import degrees
 
@@ -541,6 +545,8 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
     if identify is None:
         car = load_vehicle(vehicle_path(vehicle))
         _warn(left_out_of_observer(car))
+        if reference is not None:
+            car = car.model_copy(update={"reference": load_vehicle(vehicle_path(reference)).reference})
         with progress("estimating the third lap") as done:
             results = job.examine(folder, car, done)
         job.write_results(results, out)
@@ -549,6 +555,8 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str) -> None:
             [(name, *(f"{figure:.3f}" for figure in figures.values())) for name, figures in results.items()],
         )
         return
+    if reference is not None:
+        raise click.UsageError("--identify finds place and mounting of the reference itself")
     before = load_vehicle(vehicle_path(start))
     _warn(left_out_of_observer(before))
     with progress("identifying from the slow and the fast lap") as done:
