@@ -142,6 +142,8 @@ def test_what_an_observer_leaves_out_is_named_with_the_reason(bare: Vehicle) -> 
     assert bank in said(road_bank=RoadBank(profile=(PLACE,)))
     assert left_out_of_observer(having(placed, road_bank=RoadBank(profile=(PLACE,)))) == ""
     assert "road_grade its plane" in said(road_grade=RoadGrade(grade=0.02, follows=0.0))
+    tilted = having(placed, road_grade=RoadGrade(profile=(PLACE,), follows=0.0))
+    assert "road_grade its profile along the road; the slope" in left_out_of_observer(tilted)
     assert "friction_change its profile along the road" in said(friction_change=FrictionChange(profile=(PLACE,)))
     assert "slope" not in said(friction_change=FrictionChange(relative=0.1, profile=(PLACE,)))
     assert "yaw_moment_driving, as no sensor tells the wheel torques" in said(

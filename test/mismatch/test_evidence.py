@@ -58,7 +58,20 @@ def test_of_a_long_dull_drive_the_manoeuvres_are_looked_at(dull_drive_with_two_m
     assert sum(w.end - w.begin - RUN_IN for w in chosen.windows) <= duration
     assert len(chosen.windows) == duration // 10.4
     assert [w for w in evidence.windows if w in chosen.windows] == list(chosen.windows)
-    assert "2 min of driving" in chosen.remarks[-1]
+    assert "of 1 min" in chosen.remarks[-1]
+    assert chosen.most_telling(duration) is chosen
+
+
+def test_each_recording_and_each_sensor_is_looked_at_as_far_as_that_goes():
+    """Though the straight drives, of which one alone has GNSS, tell nothing of steering."""
+    silent = without(driven(prototype(), "sweep", duration=60.0), "gps/velocity", "gps/fix")
+    evidence = gather([silent, driven(prototype(), "straight"), driven(prototype(), "straight", seed=1)], prototype())
+    chosen = evidence.most_telling(45.0)
+    assert {w.recording for w in chosen.windows} == {0, 1, 2}
+    assert "velocity" in {name for w in chosen.windows for name in w.readings}
+    few = evidence.most_telling(21.0)
+    assert "nothing of straight" not in chosen.remarks[-1]
+    assert len(few.windows) < 3
 
 
 def test_a_drive_that_is_short_enough_is_looked_at_all(dull_drive_with_two_manoeuvres):

@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, without
-from vsense_ros.model.car import SURROUNDINGS, X, car_of
+from vsense_ros.model.car import SURROUNDINGS, YAW, X, Y, car_of
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
+from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import SURROUND
+from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.reading import Map
 from vsense_ros.observer.survey import NEAR, SPACING, Profile, Survey
 from vsense_ros.recording import Recording
@@ -92,6 +94,62 @@ def test_the_grip_of_a_road_is_that_of_the_place(drive, rows):
     assert not np.isfinite(observer.filter.surveyed[:2]).any()
 
 
+def standing(vehicle: Vehicle, east: float) -> ErrorEkf:
+    """A filter that knows its place and, surely, its heading."""
+    ekf = ErrorEkf(vehicle, sensors_of(vehicle))
+    ekf.start(15.0)
+    for index, value in ((X, east), (Y, 0.0), (YAW, 0.0)):
+        ekf.place(index, value, 0.1)
+    ekf.linearize()
+    return ekf
+
+
+def test_where_a_surveyed_road_begins_and_ends_the_estimated_slope_stays():
+    """It is not the road that ends."""
+    on_map = Map(ORIGIN)
+    places = [on_map.latitude_longitude(x, 0.0) for x in (100.0, 150.0, 200.0)]
+    vehicle = having(
+        prototype(),
+        road_bank={"profile": [(*place, 0.0, bank) for place, bank in zip(places, (0.05, 0.07, 0.02), strict=True)]},
+        friction_change={"profile": [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.1) for x in range(-500, 800, 50)]},
+    )
+    survey, ekf = Survey.of(vehicle, on_map), standing(vehicle, 0.0)
+    ekf.state[BANK] = 0.05
+    for east, expected in (
+        (0.0, 0.05),
+        (60.0, 0.05),
+        (100.1, 0.05),
+        (150.0, 0.07),
+        (199.9, 0.02),
+        (230.0, 0.02),
+        (400.0, 0.02),
+    ):
+        ekf.place(X, east, 0.1)
+        survey.follow(ekf)
+        assert ekf.state[BANK] == pytest.approx(expected, abs=1e-3), east
+
+
+def test_who_no_longer_knows_where_he_is_does_not_keep_the_grip_of_the_last_place():
+    on_map = Map(ORIGIN)
+    rows = [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.3) for x in (0.0, 50.0, 100.0)]
+    vehicle = having(prototype(), friction_change={"relative": 0.1, "profile": rows})
+    survey, ekf = Survey.of(vehicle, on_map), standing(vehicle, 40.0)
+    index = car_of(vehicle).parameter_names.index("effects.friction_change.relative")
+    survey.follow(ekf)
+    assert ekf.parameters[index] == pytest.approx(-0.2, abs=1e-3)
+    before = ekf.udot.copy()
+    ekf.linearize()
+    assert np.array_equal(ekf.udot, before)
+    ekf.place(X, 60.0, 30.0)
+    survey.follow(ekf)
+    assert ekf.parameters[index] == pytest.approx(0.1)
+    ekf.place(X, 60.0, 0.1)
+    survey.follow(ekf)
+    assert ekf.parameters[index] == pytest.approx(-0.2, abs=1e-3)
+    ekf.start(10.0)
+    assert ekf.parameters[index] == pytest.approx(0.1)
+
+
 def test_a_file_without_profiles_has_no_survey():
     assert Survey.of(having(prototype(), road_bank={"bank": 0.03}), Map(ORIGIN)) is None
 
@@ -102,15 +160,15 @@ def test_who_does_not_know_where_the_car_is_does_not_look_up_its_road():
     assert Survey.of(without(known, "gnss_position"), Map(ORIGIN)) is None
 
 
-def test_what_the_observer_estimates_itself_is_left_alone():
+def test_grip_at_one_place_is_that_of_the_place_alone():
     vehicle = having(prototype(), friction_change={"profile": [(*ORIGIN[:2], 0.0, -0.3)]})
     survey = Survey.of(vehicle, Map(ORIGIN))
     here = survey.at(0.0, 0.0, 0.0)
     assert here.sizes == {"effects.friction_change.relative": pytest.approx(-0.3, abs=1e-3)}
-    assert here.slope == (0.0, 0.0)
-    assert here.known
-    assert not survey.at(0.0, 0.0, np.pi).known
-    assert survey.at(500.0, 0.0, 0.0).sizes == {"effects.friction_change.relative": 0.0}
+    assert not here.slopes.any()
+    assert not here.known.any()
+    for elsewhere in (survey.at(0.0, 0.0, np.pi), survey.at(500.0, 0.0, 0.0)):
+        assert elsewhere.sizes == {"effects.friction_change.relative": 0.0}
     assert Survey.of(vehicle, Map(None)).at(0.0, 0.0, 0.0) is None
 
 
@@ -129,8 +187,9 @@ def test_between_its_rows_a_profile_is_linear_for_who_drives_its_way(heading, va
     found = Profile(tuple((*place, heading, v) for place, v in zip(places, values, strict=True)), on_map)
     place = share * length * way + across * left
     expected = np.interp(share * length, SPACING * np.arange(len(values)), values)
-    assert found.at(*place, heading + askew) == pytest.approx(expected, abs=1e-3)
-    assert found.at(*place, heading + askew + np.pi) is None
-    assert found.at(*(place + 2 * SPACING * left), heading) is None
+    assert found.at(*place, heading + askew) == (pytest.approx(expected, abs=1e-3), True)
+    off = [(place, np.pi), (place + (1.02 * NEAR - across) * left, 0.0), ((length + 1.02 * SPACING) * way, 0.0)]
+    for elsewhere, turned in off:
+        assert found.at(*elsewhere, heading + turned) == (0.0, False)
     beyond = (length + 0.5 * SPACING) * way
-    assert found.at(*beyond, heading) == pytest.approx(0.5 * values[-1], abs=1e-3)
+    assert found.at(*beyond, heading) == (pytest.approx(0.5 * values[-1], abs=1e-3), False)

@@ -120,7 +120,8 @@ class Observer:
         return {name: sensor for name, sensor in self.sensors.items() if not sensor.is_input}
 
     def fields(self) -> dict[str, int]:
-        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`."""
+        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`, but for
+        what it knows of the road."""
         car, size, count = car_of(self.vehicle), layout(self.sensors).size, len(self.estimated)
         learned = {
             "estimates": count,

@@ -172,7 +172,8 @@ class _Twin(ErrorEkf):
         if key != self._after:
             kept = self._known.get(key)
             if kept is None:
-                self.other.memory[: len(self.memory)] = self.memory
+                common = len(self.memory) - len(self._usual) - len(self.surveyed)
+                self.other.memory[:common] = self.memory[:common]
                 self.difference.placed += 1
             else:
                 self.other.memory[:] = kept

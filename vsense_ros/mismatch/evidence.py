@@ -33,6 +33,7 @@ SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer s
 CROSSOVER = 0.5  # [Hz] … above this
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
+MANY = 4  # recordings that are counted rather than named
 COARSE = 0.1  # [s] from one look at speed and steering to the next, where those windows are sought that tell most
 
 
@@ -90,29 +91,41 @@ class Evidence:
         return [[w for w in self.windows if w.recording == number] for number in numbers]
 
     def most_telling(self, duration: float) -> Evidence:
-        """The evidence, or of more than a `duration` [s] as many windows as that holds, chosen one after the other so
-        that speed, steering, what follows from them, and the time vary most over all of them: as D-optimal designs of
-        experiments do (Wald 1943), greedily.
+        """The evidence, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
+        after the other: so that each recording and each sensor is in it, as far as that goes, and speed, steering, what
+        follows from them, and the time vary most over all of them, as D-optimal designs of experiments have it (Wald
+        1943), greedily.
         """
-        if self.driven <= duration:
+        lengths = [w.end - w.begin - RUN_IN for w in self.windows]
+        if sum(lengths) <= duration:
             return self
         steering = {name for name, sensor in self.sensors.items() if sensor.kind == "steering"}
         told = _standardised(
             [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in self.windows]
         )
-        lengths = [w.end - w.begin - RUN_IN for w in self.windows]
+        parts: list[set[int | str]] = [{w.recording, *w.readings} for w in self.windows]
         known, left = np.eye(told[0].shape[1]), duration
         chosen: list[int] = []
+        missing = set[int | str]().union(*parts)
         while fitting := [i for i, length in enumerate(lengths) if i not in chosen and length <= left]:
-            best = max(fitting, key=lambda i: float(np.linalg.slogdet(known + told[i].T @ told[i])[1]))
+            worth = {
+                i: (len(missing & parts[i]), float(np.linalg.slogdet(known + told[i].T @ told[i])[1])) for i in fitting
+            }
+            best = max(fitting, key=worth.__getitem__)
             known = known + told[best].T @ told[best]
             left -= lengths[best]
+            missing -= parts[best]
             chosen.append(best)
         windows = tuple(self.windows[i] for i in sorted(chosen))
+        names = list(dict.fromkeys(w.name for w in self.windows))
+        lost = [name for name in names if name not in {w.name for w in windows}]
+        of = ", ".join(names) if len(names) < MANY else f"{len(names)} recordings"
         remark = (
-            f"of {self.driven / 60:.0f} min of driving {len(windows)} of {len(self.windows)} stretches are looked at, "
-            f"{duration / 60:.0f} min together, in which speed and steering vary most"
+            f"{of}: of {sum(lengths) / 60:.0f} min {(duration - left) / 60:.0f} min are looked at, in which speed and "
+            f"steering vary most"
         )
+        if lost:
+            remark += f"; nothing of {', '.join(lost)}"
         return replace(self, windows=windows, remarks=(*self.remarks, remark))
 
     def without(self, left_out: Sequence[bool], reason: str) -> Evidence:

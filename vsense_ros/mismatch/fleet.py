@@ -231,8 +231,12 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         found = explained()
     found.write(out)
     if found.found["verdict"] == "ambiguous":
-        designed(out, car)
-        found = replace(found, found=answered(out))
+        try:
+            designed(out, car)
+        except Exception as error:  # the answer is there without the next test
+            found.found["remarks"].append(f"no next test could be designed: {_in_words(error)}")
+        else:
+            found = replace(found, found=answered(out))
     recordings = [
         {"name": name, "role": role, "reason": reasons.get(name) or _remark(name, found.found["remarks"])}
         for name, role, _ in member.recordings

@@ -368,7 +368,7 @@ def _candidates(found: Mapping[str, Any]) -> list[Candidate]:
     accepted = _accepted(found)
     gains = [_gains(effect, held_out=bool(found["held_out"])) for effect in effects]
     widest = max(found["threshold"], 1e-12, *(gain for one in gains for gain in one.values()))
-    best = min(gains[0].values()) if gains else 0.0
+    _, best = _decisive(gains[0]) if gains else ("", 0.0)
     result = []
     for effect, gain in zip(effects, gains, strict=True):
         place = place_of(effect)
@@ -413,6 +413,13 @@ def _gains(effect: Mapping[str, Any], *, held_out: bool) -> dict[str, float]:
     return {name: -inf if effect[key] is None else effect[key] for name, key in keys.items()}
 
 
+def _decisive(gains: Mapping[str, float]) -> tuple[str, float]:
+    """Where it explains least, and how much: what was left out in turn decides where nothing was held out."""
+    deciding = [name for name in gains if name != "left out in turn" or "held out" not in gains]
+    weakest = min(deciding, key=lambda name: gains[name])
+    return weakest, gains[weakest]
+
+
 def _fitted_with(found: Mapping[str, Any], id: str) -> list[str]:
     """Ids of the effects that were fitted together with one of the answer, itself among them; else itself alone."""
     answers = found.get("rivals") or [[one["id"] for one in _accepted(found)]]
@@ -449,9 +456,9 @@ def _standing(
     effect: Mapping[str, Any], gains: Mapping[str, float], best: float, found: Mapping[str, Any], *, within: bool
 ) -> str:
     """Why an effect is not the answer, or not the only one."""
-    decisive, threshold = min(gains.values()), found["threshold"]
-    weakest = min(gains, key=lambda name: gains[name])
-    if decisive < threshold or best <= 0.0:
+    weakest, decisive = _decisive(gains)
+    threshold = found["threshold"]
+    if not within and (decisive < threshold or best <= 0.0):
         words = "no more than chance" if decisive > 0.0 else "nothing"
         if gains["fitted"] > threshold:
             return f"excluded: explains where it was fitted, but {words} {weakest}"

@@ -277,6 +277,19 @@ class Search:
             self._progress()
         return self._columns[key]
 
+    def _share_left_out(self, fitted: Fit) -> float:
+        """How much less than the base a fit leaves of each recording that it does not see, over what the base leaves
+        of them; none of them may count for more than that."""
+        least = (
+            self.least_whole * self.whole * np.array([len(group) for group in self.groups]) / len(self.base.residuals)
+        )
+        before = np.array(
+            [max(b, _value(self.base, group)) for b, group in zip(self._before, self.groups, strict=True)]
+        )
+        after = np.array([_left_out(fitted, group) for group in self.groups])
+        falls = np.clip(np.array(self._before) - after, -before, before)
+        return float(np.sum(falls) / np.sum(np.maximum(before, least)))
+
     def _fall_left_out(self, fitted: Fit) -> float:
         """How much less than the base a fit leaves of each recording that it does not see, together. What is predicted
         linearly may be far off where one recording alone holds a parameter: none of them may count for more than it
@@ -286,13 +299,6 @@ class Search:
             for before, group in zip(self._before, self.groups, strict=True)
         ]
         return float(sum(falls))
-
-    @cached_property
-    def _left_by_base(self) -> float:
-        """What the base leaves of each recording that it does not see, together: no less than of what it was fitted to,
-        and than sensors and models can do."""
-        each = (max(before, _value(self.base, group)) for before, group in zip(self._before, self.groups, strict=True))
-        return max(float(sum(each)), self.least_whole * self.whole)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
         found = []
@@ -364,10 +370,10 @@ class Search:
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
         falls = np.array([_value(self.base, [i]) - _value(fitted, [i]) for i in range(len(fitted.residuals))])
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
-        left_out = self._fall_left_out(fitted)
         return Explanation(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, left_out / self.whole,
-            left_out / self._left_by_base, float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
+            self._fall_left_out(fitted) / self.whole, self._share_left_out(fitted), float(lost / max(gained, 1e-12)),
+            _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
 

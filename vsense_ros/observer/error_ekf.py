@@ -124,9 +124,10 @@ class ErrorEkf:
 
     `state` (n,) holds q, u, generalized forces, surroundings and biases; `covariance` (n, n) belongs to the errors of
     the same elements, with accelerations [m/s², rad/s²] in place of the generalized forces. `inputs` (5,) drive the
-    model, `surveyed` (3,) is where the road was last looked up (`Survey`), east and north [m], and 1 where it was
-    known. All this and the last linearisation stand in `memory`: who copies it and puts it back has the filter as it
-    was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own there.
+    model, `surveyed` (4,) is where the road was last looked up (`Survey`), east and north [m], and for each of its
+    slopes 1 where it was known. All this and the last linearisation stand in `memory`: who copies it and puts it back
+    has the filter as it was, to the last bit. A filter that is built upon this one may keep `extra` numbers of its own
+    there.
     """
 
     at_once: ClassVar[bool] = True  # several operations may be done by one call of C
@@ -144,11 +145,11 @@ class ErrorEkf:
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
         physical = vehicle.parameter_vector()
-        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), n - U.stop, 3, extra]
+        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra, n - U.stop, 4]
         self.memory = np.zeros(sum(lengths))
         parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
         self.state, self.inputs, covariance, self._effects, linearization, *parts = parts
-        self.parameters, self._usual, self.surveyed, self.extra = parts
+        self.parameters, self.extra, self._usual, self.surveyed = parts
         self.covariance = covariance.reshape(n, n)
         self.parameters[:] = physical
         names = car.parameter_names
@@ -225,7 +226,8 @@ class ErrorEkf:
         """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
         self.state[: U.stop] = rolling_state(self.vehicle, speed)
         self._usual[:] = self.prior.usual[U.stop :]
-        self.surveyed[:] = np.inf, np.inf, 0.0
+        self.surveyed[:] = np.inf, np.inf, 0.0, 0.0
+        self.parameters[:] = self.vehicle.parameter_vector()
         self.state[U.stop :] = self._usual
         self.inputs[:] = 0.0
         self._effects[:] = 0.0
@@ -237,12 +239,12 @@ class ErrorEkf:
         self.covariance[index, :] = self.covariance[:, index] = 0.0
         self.covariance[index, index] = deviation**2
 
-    def slope_usually(self, slopes: tuple[float, float], *, here: bool) -> None:
-        """From now on the slopes of the road along and across, positive uphill and with the left side higher [rad], go
-        back to these; if the road is known to have them `here`, those that are estimated change as these do."""
+    def slope_usually(self, slopes: Array, along: Array) -> None:
+        """From now on the slopes of the road along and across the car (2,), positive uphill and with the left side
+        higher [rad], go back to these; where `along` (2,) is 1 the car has come to them on a road that has them, and
+        those that are estimated change as these do."""
         usual = self._usual[_SLOPES]
-        if here:
-            self.state[U.stop :][_SLOPES] += slopes - usual
+        self.state[U.stop :][_SLOPES] += along * (slopes - usual)
         usual[:] = slopes
 
     def linearize(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,9 @@ SAME_WAY = 0.5  # cosine between the car's direction and that of the road it dri
 class Here:
     """The road where the car is."""
 
-    slope: tuple[float, float]  # along and across, positive uphill and with the left side higher [rad]
+    slopes: Array  # (2,) along and across, positive uphill and with the left side higher [rad]
+    known: Array  # (2,) 1 for each of them that a profile tells, 0 where it is as everywhere, or on the way there
     sizes: Mapping[str, float]  # of effects, by dotted name
-    known: bool  # from a profile, rather than as it is everywhere
 
 
 class Survey:
@@ -51,21 +51,22 @@ class Survey:
         return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
 
     def follow(self, filter: ErrorEkf) -> None:
-        """Give a filter, which knows its heading, the road where its car has come to."""
+        """Give a filter, which knows its heading, the road where its car has come to: as it is everywhere, if nobody
+        knows where that is."""
         east, north, heading = filter.state[[X, Y, YAW]].tolist()
-        last_east, last_north, was_known = filter.surveyed.tolist()
-        if hypot(east - last_east, north - last_north) < LOOK_EVERY:
+        last_east, last_north, *_ = filter.surveyed.tolist()
+        sure = filter.covariance[[X, Y], [X, Y]].sum() < PLACED**2
+        if hypot(east - last_east, north - last_north) < LOOK_EVERY or not (sure or isfinite(last_east)):
             return
-        if filter.covariance[[X, Y], [X, Y]].sum() > PLACED**2:
-            return
-        here = self.at(east, north, heading)
+        here = self.at(east, north, heading) if sure else self._here({})
         if here is None:
             return
-        filter.slope_usually(here.slope, here=bool(was_known) and here.known)
+        filter.slope_usually(here.slopes, filter.surveyed[2:] * here.known)
         for name, size in here.sizes.items():
             if name in self._parameters:
                 filter.parameters[self._parameters[name]] = size
-        filter.surveyed[:] = east, north, here.known
+        filter.surveyed[:2], filter.surveyed[2:] = (east, north) if sure else np.inf, here.known
+        filter.linearize()
 
     def at(self, east: float, north: float, heading: float) -> Here | None:
         """The road at a place on the map [m], for who drives in a direction [rad]; None before the first fix."""
@@ -73,17 +74,21 @@ class Survey:
             return None
         if not self._profiles:
             self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
-        beyond = {id: profile.at(east, north, heading) for id, profile in self._profiles.items()}
-        effects, sizes = [], {}
+        return self._here({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
+
+    def _here(self, told: Mapping[str, tuple[float, bool]]) -> Here:
+        """The road where profiles have `told` these values and whether they are surveyed there, by id."""
+        slopes, known, sizes = np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
-            if effect.id in beyond:
+            if _rows(effect):
+                beyond, surveyed = told.get(effect.id, (0.0, False))
                 name = next(name for name, field in type(effect).model_fields.items() if role(field) == "size")
-                size = getattr(effect, name) + (beyond[effect.id] or 0.0)
-                sizes[f"effects.{effect.id}.{name}"] = size
-                effect = effect.model_copy(update={name: size})
-            effects.append(effect)
-        along, across = np.sum([effect.usual_slope for effect in effects], axis=0)
-        return Here((float(along), float(across)), sizes, any(value is not None for value in beyond.values()))
+                if surveyed:
+                    known += np.not_equal(effect.model_copy(update={name: 1.0}).usual_slope, 0.0)
+                effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
+                sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
+            slopes += effect.usual_slope
+        return Here(slopes, np.minimum(known, 1.0), sizes)
 
 
 class Profile:
@@ -101,8 +106,9 @@ class Profile:
         self._begin, self._length = joined, length[joined]
         self._along = chord[joined] / self._length[:, None]
 
-    def at(self, east: float, north: float, heading: float) -> float | None:
-        """The value at a place [m] for who drives in a direction [rad]; None off the road."""
+    def at(self, east: float, north: float, heading: float) -> tuple[float, bool]:
+        """The value at a place [m] for who drives in a direction [rad], and whether it lies between two rows; beyond
+        the last one the value falls to zero, which it is off the road."""
         place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
         off = place - self._at[self._begin]
         along = np.sum(off * self._along, axis=1)
@@ -112,13 +118,15 @@ class Profile:
         if on.any():
             i = int(np.argmin(np.where(on, across, np.inf)))
             first = self._begin[i]
-            return float(np.interp(share[i], [0.0, 1.0], self._value[first : first + 2]))
-        distance = np.hypot(*(place - self._at).T)
-        near = (distance < SPACING) & (np.cos(heading - self._direction) > SAME_WAY)
+            return float(np.interp(share[i], [0.0, 1.0], self._value[first : first + 2])), True
+        east, north = (place - self._at).T
+        ahead, aside = np.cos(self._direction), np.sin(self._direction)
+        along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
+        near = (along < SPACING) & (across < NEAR) & (np.cos(heading - self._direction) > SAME_WAY)
         if not near.any():
-            return None
-        i = int(np.argmin(np.where(near, distance, np.inf)))
-        return float(self._value[i] * (1 - distance[i] / SPACING))
+            return 0.0, False
+        i = int(np.argmin(np.where(near, along, np.inf)))
+        return float(self._value[i] * (1 - along[i] / SPACING)), False
 
 
 def _rows(effect: Effect) -> tuple[tuple[float, float, float, float], ...]:

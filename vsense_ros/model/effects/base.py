@@ -191,16 +191,25 @@ class RoadEffect(Effect):
         return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
 
     def left_out_of_observer(self, kinds: Collection[str]) -> str:
+        if self.profile and self._is_plane:
+            return self._without([_PROFILE])
         unplaced = self.profile and "gnss_position" not in kinds
         return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
 
     def left_out_of_export(self, kinds: Collection[str]) -> str:
         return self._without([_PROFILE] if self.profile else [])
 
+    @property
+    def _is_plane(self) -> bool:
+        """Whether it is a slope that does not turn as the car does."""
+        name = next(name for name, field in type(self).model_fields.items() if role(field) == "size")
+        steep = self.model_copy(update={name: 1.0})
+        return type(self).slope is not Effect.slope and not any(steep.usual_slope)
+
     def _without(self, parts: list[str]) -> str:
         """Parts that are left out, a plane besides, and what there is instead."""
-        slopes, plane = type(self).slope is not Effect.slope, self.has_size and not any(self.usual_slope)
-        parts += ["its plane, as it does not know how the car set out on it"] if slopes and plane else []
+        slopes, plane = type(self).slope is not Effect.slope, self._is_plane and self.has_size
+        parts += ["its plane, as it does not know how the car set out on it"] if plane else []
         estimated = ["the slope is estimated on the way"] if slopes and parts else []
         return "; ".join([*parts, *estimated])
 
