@@ -44,6 +44,8 @@ def test_a_brake_that_drags_is_named_with_its_wheel_and_torque_and_proven_elsewh
     (torque,) = best["parameters"]
     assert torque["value"] == pytest.approx(30.0, rel=0.07)
     assert best["gain_held_out"] > 0.9
+    assert 0.5 < best["gain_left_out"] <= 1.0
+    assert all(effect["gain_left_out"] <= 1.0 for effect in found["effects"])
 
     result.write(tmp_path)
     assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["verdict"] == "named"
