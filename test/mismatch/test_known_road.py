@@ -150,6 +150,16 @@ def test_who_no_longer_knows_where_he_is_does_not_keep_the_grip_of_the_last_plac
     assert ekf.parameters[index] == pytest.approx(0.1)
 
 
+def test_what_the_observer_estimates_itself_is_left_alone():
+    on_map, name = Map(ORIGIN), "effects.friction_change.relative"
+    rows = [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.3) for x in (0.0, 50.0)]
+    vehicle = having(prototype(), friction_change={"relative": 0.1, "profile": rows})
+    ekf, index = standing(vehicle, 20.0), car_of(vehicle).parameter_names.index(name)
+    estimating = vehicle.observer.model_copy(update={"parameters": {name: None}})
+    Survey.of(vehicle.model_copy(update={"observer": estimating}), on_map).follow(ekf)
+    assert ekf.parameters[index] == pytest.approx(0.1)
+
+
 def test_a_file_without_profiles_has_no_survey():
     assert Survey.of(having(prototype(), road_bank={"bank": 0.03}), Map(ORIGIN)) is None
 

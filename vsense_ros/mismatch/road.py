@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.model.effects.base import SPACING
+
 Array = NDArray[np.float64]
 
 POINT = 5.0  # [m] from one point of a path to the next
@@ -23,7 +25,6 @@ TURNED = 0.6  # [rad] between directions of one road
 SURE = 6  # points in a row that begin or end a stretch that was driven before
 STEADY = 20  # points over which the shift between two passes is averaged
 AGAIN = 60.0  # [m] after which a car may come to a place again
-SPACING = 50.0  # [m] between the points of a profile
 STRETCH = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
 
 

@@ -262,7 +262,7 @@ class Search:
         falls = [_value(self.base, [i]) - _value(free, [i], change) for i in range(len(free.residuals))]
         return Signature(
             (*present, *new), joint, _keep(at, knobs, slopes()), sum(falls) / self.whole,
-            self._fall_left_out(free) / self.whole, (sum(falls) - max(falls)) / self.whole,
+            self._gains_left_out(free)[0], (sum(falls) - max(falls)) / self.whole,
         )  # fmt: skip
 
     def _column(self, knob: Knob) -> list[Array]:
@@ -277,28 +277,17 @@ class Search:
             self._progress()
         return self._columns[key]
 
-    def _share_left_out(self, fitted: Fit) -> float:
-        """How much less than the base a fit leaves of each recording that it does not see, over what the base leaves
-        of them; none of them may count for more than that."""
-        least = (
-            self.least_whole * self.whole * np.array([len(group) for group in self.groups]) / len(self.base.residuals)
-        )
-        before = np.array(
-            [max(b, _value(self.base, group)) for b, group in zip(self._before, self.groups, strict=True)]
-        )
-        after = np.array([_left_out(fitted, group) for group in self.groups])
-        falls = np.clip(np.array(self._before) - after, -before, before)
-        return float(np.sum(falls) / np.sum(np.maximum(before, least)))
-
-    def _fall_left_out(self, fitted: Fit) -> float:
-        """How much less than the base a fit leaves of each recording that it does not see, together. What is predicted
-        linearly may be far off where one recording alone holds a parameter: none of them may count for more than it
-        costs itself."""
-        falls = [
-            np.clip(before - _left_out(fitted, group), -_value(self.base, group), _value(self.base, group))
-            for before, group in zip(self._before, self.groups, strict=True)
-        ]
-        return float(sum(falls))
+    def _gains_left_out(self, fitted: Fit) -> tuple[float, float]:
+        """How much less than the base a fit leaves of each recording that it does not see, over the base's value, and
+        over what the base leaves of them, together. What is predicted linearly may be far off where one recording alone
+        holds a parameter: over the base's value none of them may count for more than it costs itself."""
+        own = np.array([_value(self.base, group) for group in self.groups])
+        before = np.array(self._before)
+        falls = before - [_left_out(fitted, group) for group in self.groups]
+        least = self.least_whole * self.whole * np.array([len(g) for g in self.groups]) / len(self.base.residuals)
+        most = np.maximum(before, own)
+        share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, least))
+        return float(np.sum(np.clip(falls, -own, own))) / self.whole, float(share)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
         found = []
@@ -371,9 +360,8 @@ class Search:
         falls = np.array([_value(self.base, [i]) - _value(fitted, [i]) for i in range(len(fitted.residuals))])
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
         return Explanation(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
-            self._fall_left_out(fitted) / self.whole, self._share_left_out(fitted), float(lost / max(gained, 1e-12)),
-            _deviations(fitted, self.residuals.layout),
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *self._gains_left_out(fitted),
+            float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
 

@@ -247,9 +247,7 @@ class Vehicle(Part):
     def without_profiles(self) -> Vehicle:
         """A copy whose roads are everywhere as they are where their profiles say nothing."""
         effects = self.physics.effects
-        flat = {
-            e.id: e.model_copy(update={"profile": ()}) for e in effects.present() if "profile" in e.model_fields_set
-        }
+        flat = {e.id: e.model_copy(update={"profile": ()}) for e in effects.present() if hasattr(e, "profile")}
         return self.model_copy(
             update={"physics": self.physics.model_copy(update={"effects": effects.model_copy(update=flat)})}
         )

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.model.car import YAW, X, Y, car_of
-from vsense_ros.model.effects.base import Effect, RoadEffect, role
+from vsense_ros.model.effects.base import SPACING, Effect, RoadEffect
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.reading import Map
 
 Array = NDArray[np.float64]
 
-SPACING = 50.0  # [m] from one row of a profile to the next, about; so far beyond its last one a road is as everywhere
 NEAR = 25.0  # [m] beside the chord of two rows: a lane, an error of GNSS, and what the road bends between them
 LOOK_EVERY = 5.0  # [m]
 PLACED = 10.0  # [m] standard deviation of the position, from where on nobody knows which road it is
@@ -53,12 +52,13 @@ class Survey:
     def follow(self, filter: ErrorEkf) -> None:
         """Give a filter, which knows its heading, the road where its car has come to: as it is everywhere, if nobody
         knows where that is."""
-        east, north, heading = filter.state[[X, Y, YAW]].tolist()
-        last_east, last_north, *_ = filter.surveyed.tolist()
-        sure = filter.covariance[[X, Y], [X, Y]].sum() < PLACED**2
-        if hypot(east - last_east, north - last_north) < LOOK_EVERY or not (sure or isfinite(last_east)):
+        east, north, last_east = filter.state.item(X), filter.state.item(Y), filter.surveyed.item(0)
+        if hypot(east - last_east, north - filter.surveyed.item(1)) < LOOK_EVERY:
             return
-        here = self.at(east, north, heading) if sure else self._here({})
+        sure = filter.covariance.item(X, X) + filter.covariance.item(Y, Y) < PLACED**2
+        if not (sure or isfinite(last_east)):
+            return
+        here = self.at(east, north, filter.state.item(YAW)) if sure else self._here({})
         if here is None:
             return
         filter.slope_usually(here.slopes, filter.surveyed[2:] * here.known)
@@ -80,9 +80,9 @@ class Survey:
         """The road where profiles have `told` these values and whether they are surveyed there, by id."""
         slopes, known, sizes = np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
-            if _rows(effect):
+            if isinstance(effect, RoadEffect) and effect.profile:
                 beyond, surveyed = told.get(effect.id, (0.0, False))
-                name = next(name for name, field in type(effect).model_fields.items() if role(field) == "size")
+                name = effect.size_name()
                 if surveyed:
                     known += np.not_equal(effect.model_copy(update={name: 1.0}).usual_slope, 0.0)
                 effect = effect.model_copy(update={name: getattr(effect, name) + beyond})

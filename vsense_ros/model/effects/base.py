@@ -21,6 +21,7 @@ CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "re
 WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
 _PROFILE = "its profile along the road"
+SPACING = 50.0  # [m] from one row of a profile to the next; so far beyond its last one a road is as everywhere
 ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # kinds of sensors that know north
 
 # What of a car an effect acts on, by the method with which it does.
@@ -199,11 +200,15 @@ class RoadEffect(Effect):
     def left_out_of_export(self, kinds: Collection[str]) -> str:
         return self._without([_PROFILE] if self.profile else [])
 
+    @classmethod
+    def size_name(cls) -> str:
+        """The field that is its one size."""
+        return next(name for name, field in cls.model_fields.items() if role(field) == "size")
+
     @property
     def _is_plane(self) -> bool:
         """Whether it is a slope that does not turn as the car does."""
-        name = next(name for name, field in type(self).model_fields.items() if role(field) == "size")
-        steep = self.model_copy(update={name: 1.0})
+        steep = self.model_copy(update={self.size_name(): 1.0})
         return type(self).slope is not Effect.slope and not any(steep.usual_slope)
 
     def _without(self, parts: list[str]) -> str:
