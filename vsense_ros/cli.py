@@ -299,6 +299,7 @@ def _design(vehicle: str, report: Path) -> None:
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
+    design.left_open(design.answered(report), car)  # says what is wrong before a bar begins
     with progress("driving manoeuvres that may tell it apart") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())
