@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import os
+import signal
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import can
@@ -18,7 +23,7 @@ from vsense_ros.diagnostic import Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.imu import encode_mtdata2
 from vsense_ros.errors import InputError
-from vsense_ros.node.processes import run_through_ros
+from vsense_ros.node.processes import RosRun, run_through_ros
 from vsense_ros.observer.monitor import Limits, Range, save_limits
 from vsense_ros.recording import Channel, Recording, Sample
 from vsense_ros.shared_files import vehicle_path
@@ -109,24 +114,63 @@ def write_frames(path: Path) -> None:
                 writer.on_message_received(frame)
 
 
-def test_bytes_and_frames_through_all_six_processes_make_an_estimate_and_lose_nothing(tmp_path: Path) -> None:
-    drive = straight_drive()
-    write_frames(tmp_path / "drive.log")
-    (tmp_path / "car.dbc").write_text(DBC)
-    (tmp_path / "car.yaml").write_text(MAPPING)
+def through_all_six_processes(drive: Recording, folder: Path, progress: Callable[[float], None]) -> RosRun:
+    """A drive as bytes and frames to the three drivers."""
+    write_frames(folder / "drive.log")
+    (folder / "car.dbc").write_text(DBC)
+    (folder / "car.yaml").write_text(MAPPING)
     inertial = drive["imu/data"]
-    done: list[float] = []
-    run = run_through_ros(
+    return run_through_ros(
         None,
         CAR,
-        can_log=tmp_path / "drive.log",
-        can_database=tmp_path / "car.dbc",
-        can_mapping=tmp_path / "car.yaml",
+        can_log=folder / "drive.log",
+        can_database=folder / "car.dbc",
+        can_mapping=folder / "car.yaml",
         gnss_bytes=gnss_byte_stream(drive),
         imu_bytes=[(int(inertial.received[i]), encode_mtdata2(inertial.sample(i), i)) for i in range(len(inertial))],
-        out_bag=tmp_path / "out",
-        progress=done.append,
+        out_bag=folder / "out",
+        progress=progress,
     )
+
+
+def process_of(node: str) -> int:
+    """Process number of a node that this process has started."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            mine = f"PPid:\t{os.getpid()}\n" in (folder / "status").read_text()
+            if mine and f"vsense_ros.node.{node}".encode() in (folder / "cmdline").read_bytes():
+                return int(folder.name)
+    raise AssertionError(f"{node} does not run")
+
+
+@pytest.mark.parametrize("driver", ["can_driver", "imu_driver"])
+def test_a_driver_that_had_no_processor_when_the_drive_began_loses_nothing_and_dates_it(
+    tmp_path: Path, driver: str
+) -> None:
+    begun: list[float] = []
+
+    def hold_up(done: float) -> None:
+        if not begun:
+            held = process_of(driver)
+            os.kill(held, signal.SIGSTOP)
+            threading.Timer(0.9, os.kill, (held, signal.SIGCONT)).start()
+        begun.append(done)
+
+    drive = straight_drive()
+    run = through_all_six_processes(drive, tmp_path, hold_up)
+    assert run.messages_lost == 0
+    for topic, channel in drive.channels.items():
+        stamps = run.recording[topic].stamp
+        assert len(stamps) == len(channel), topic
+        assert np.all(np.diff(stamps) > 0), topic
+        assert np.all(stamps - channel.stamp > -100_000_000), topic
+        np.testing.assert_allclose(stamps[100:], channel.stamp[100:], rtol=0.0, atol=100_000_000, err_msg=topic)
+
+
+def test_bytes_and_frames_through_all_six_processes_make_an_estimate_and_lose_nothing(tmp_path: Path) -> None:
+    drive = straight_drive()
+    done: list[float] = []
+    run = through_all_six_processes(drive, tmp_path, done.append)
     assert run.messages_lost == 0
     for topic, channel in drive.channels.items():
         assert len(run.recording[topic]) == len(channel), topic

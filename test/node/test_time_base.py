@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.node.time_base import TimeBase
+from vsense_ros.node.time_base import Arrivals, TimeBase
 
 MS = 1_000_000
 START = 1_500_000_000_000 * MS
@@ -61,3 +61,57 @@ def test_a_clock_that_was_paused_is_followed(pause: int) -> None:
     for i in range(200):
         base.tick(START + 10 * MS * i, wall=10 * MS * i + (pause * MS if i >= 100 else 0))
     assert base.at((2000 + pause) * MS) == START + 2000 * MS
+
+
+@given(waited=st.integers(6, 150), rate=st.sampled_from([0.5, 1.0, 3.0]), spacing=st.floats(0.01, 0.2))
+def test_ticks_that_have_waited_for_a_process_leave_neither_a_wrong_time_nor_a_wrong_rate(
+    waited: int, rate: float, spacing: float
+) -> None:
+    base = TimeBase(simulated=True)
+    wall = 0
+    for i in range(-waited, 60):
+        wall = max(wall + round(spacing * MS), 10 * MS * i)
+        base.tick(START + round(10 * MS * i * rate), wall=wall)
+        if base.settled(wall) and (rate == 1.0 or i > 40):
+            assert base.at(wall) == pytest.approx(START + wall * rate, abs=0.5 * MS)
+
+
+@given(before=st.integers(0, 30), after=st.integers(51, 60), waiting=st.integers(0, 80))
+def test_what_arrives_before_the_time_is_known_is_dated_later_and_not_lost(
+    before: int, after: int, waiting: int
+) -> None:
+    base, arrivals = TimeBase(simulated=True), Arrivals[int]()
+    dated: list[tuple[int, int]] = []
+    for i in range(before + after):
+        if i == before:
+            for k in range(-waiting, 1):
+                base.tick(START + (i + 10 * k) * MS, wall=i * MS)
+        arrivals.add(i, i * MS)
+        dated += arrivals.dated(i * MS, base)
+    assert dated == [(i, START + i * MS) for i in range(before + after)]
+    assert arrivals.dropped == 0
+
+
+def test_of_what_arrives_without_a_clock_a_second_is_kept_and_the_rest_counted() -> None:
+    base, arrivals = TimeBase(simulated=True), Arrivals[bytes](len)
+    dated: list[int] = []
+    for i in range(301):
+        if i == 295:
+            base.tick(START, wall=2950 * MS)
+        arrivals.add(b"ab", 10 * MS * i)
+        dated += (at - START for _, at in arrivals.dated(10 * MS * i, base))
+    assert dated == list(range(-1010 * MS, 51 * MS, 10 * MS))
+    assert arrivals.dropped == len(b"ab") * (301 - len(dated))
+
+
+@pytest.mark.parametrize("standing", [10, 1000])
+def test_a_clock_that_stands_still_and_then_runs_unseen_tells_no_time_of_its_own(standing: int) -> None:
+    base, arrivals = TimeBase(simulated=True), Arrivals[str]()
+    for i in range(standing):
+        base.tick(START, wall=2 * MS * i)
+    held_up = 2 * MS * standing + 900 * MS
+    arrivals.add("frame", held_up)
+    assert not list(arrivals.dated(held_up, base))
+    for i in range(81):
+        base.tick(START + 10 * MS * i, wall=held_up + MS)
+    assert list(arrivals.dated(held_up + 60 * MS, base)) == [("frame", START + 799 * MS)]

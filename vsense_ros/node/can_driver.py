@@ -20,6 +20,7 @@ from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.time_base import Arrivals
 
 _PATIENCE = 0.1  # [s] for which a read waits
 _CORRECTION = 50_000_000  # [ns]
@@ -53,7 +54,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
 
     _thread: threading.Thread | None = None
     _bus: can.BusABC | None = None
-    _untimed = 0
+    _arrivals: Arrivals[can.Message]
     _last_arrival = 0
 
     def configure(self) -> None:
@@ -63,7 +64,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
                 raise InputError(f"parameter {name} is empty: {CanDriverParameters.model_fields[name].description}")
         self._lock = threading.Lock()
         self._end = threading.Event()
-        self._untimed = 0
+        self._arrivals = Arrivals()
         self._losses = 0
         self._problem = "not opened yet"
         self._latest_loss = ("", -math.inf)  # why, and when [s] of the monotonic clock
@@ -131,31 +132,31 @@ class CanDriver(SensingNode[CanDriverParameters]):
                     with self._lock:
                         self._decoder.broken(at)
                 continue
-            if frame is None:
-                continue
-            # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
             wall = time.time_ns()
-            stamped = round(frame.timestamp * 1e9)
-            received = self.time_base.at(stamped if abs(stamped - wall) < 1_000_000_000 else wall)
-            if received is None:
-                self._untimed += 1
-                continue
-            # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
-            if 0 <= self._last_arrival - received < _CORRECTION:
-                received = self._last_arrival + _RESOLUTION
-            self._last_arrival = received
-            frame.timestamp = received * 1e-9
-            with self._lock:
-                samples = self._decoder.feed(frame, received)
-            for sample in samples:
-                self.publish(sample)
+            if frame is not None:
+                # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
+                stamped = round(frame.timestamp * 1e9)
+                self._arrivals.add(frame, stamped if abs(stamped - wall) < 1_000_000_000 else wall)
+            for dated, received in self._arrivals.dated(wall, self.time_base):
+                self._feed(dated, received)
+
+    def _feed(self, frame: can.Message, received: int) -> None:
+        # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.
+        if 0 <= self._last_arrival - received < _CORRECTION:
+            received = self._last_arrival + _RESOLUTION
+        self._last_arrival = received
+        frame.timestamp = received * 1e-9
+        with self._lock:
+            samples = self._decoder.feed(frame, received)
+        for sample in samples:
+            self.publish(sample)
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {
             "interface": self.parameters.interface,
             "channel": self.parameters.channel,
             "losses": str(self._losses),
-            "frames before the first /clock message": str(self._untimed),
+            "frames before the first /clock message": str(self._arrivals.dropped),
         }
         reason, at = self._latest_loss
         level, text = Level.OK, "open"
@@ -170,7 +171,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             return [Diagnostic("can: interface", level, text, values), *self._decoder.diagnostics(now)]
 
     def summary(self) -> dict[str, Any]:
-        return {**super().summary(), "frames_without_time": self._untimed}
+        return {**super().summary(), "frames_without_time": self._arrivals.dropped}
 
 
 def main() -> int:

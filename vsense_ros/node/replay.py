@@ -326,11 +326,13 @@ class Replay(SensingNode[ReplayParameters]):
         p = self.parameters
         deadline = time.monotonic() + p.wait
         consumers = max(p.consumers, 1 if p.rate == 0 else 0)
+        clock_due = 0.0
         while True:
             missing = [what for what, ready in self._waiting_for if not ready()]
             missing += [f"a subscriber of {topic}" for topic in self.unheard]
-            if consumers:
+            if consumers and time.monotonic() >= clock_due:  # each answer of a consumer ends the wait below
                 self._publish_clock(self._now)
+                clock_due = time.monotonic() + 0.05
             with self._condition:
                 if len(self._progress) < consumers:
                     missing.append(f"{consumers - len(self._progress)} of {consumers} consumers")

@@ -24,9 +24,11 @@ _KEEP_ALIVE = {socket.TCP_KEEPIDLE: 2, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPC
 class SerialLink:
     """Reads `port` in a thread and hands what arrives to `receive(data, wall_time_ns)`.
 
+    While nothing arrives `quiet(wall_time_ns)` is called, ten times a second.
+
     `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, that
-    disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` raises is told
-    and counted, and reading goes on.
+    disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` or `quiet`
+    raises is told and counted, and reading goes on.
     """
 
     def __init__(
@@ -36,6 +38,7 @@ class SerialLink:
         baud_rate: int,
         receive: Callable[[bytes, int], None],
         warn: Callable[[str], object],
+        quiet: Callable[[int], object] = lambda wall: None,
     ) -> None:
         if not port:
             raise InputError("parameter port is empty: expected a device such as /dev/ttyUSB0, or socket://host:port")
@@ -50,6 +53,7 @@ class SerialLink:
         self._latest_fault = ("", -math.inf)  # what, and when [s] of the monotonic clock
         self._receive = receive
         self._warn = warn
+        self._quiet = quiet
         self._end = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -87,17 +91,19 @@ class SerialLink:
     def _read(self, link: serial.SerialBase) -> None:
         while not self._end.is_set():
             data = link.read(1)  # wakes at the first byte; with more the arrival of the first would be late
-            if data:
-                arrived = time.time_ns()
-                data += link.read(link.in_waiting)
-                try:
+            arrived = time.time_ns()
+            data += link.read(link.in_waiting) if data else b""
+            try:
+                if data:
                     self._receive(data, arrived)
-                except Exception as error:  # of whatever kind: it is no fault of the port, which is read on
-                    reason = f"{type(error).__name__}: {error}"
-                    if reason != self._latest_fault[0]:
-                        self._warn(f"what was received could not be used: {data!r}\n{traceback.format_exc()}")
-                    self.faults += 1
-                    self._latest_fault = (reason, time.monotonic())
+                else:
+                    self._quiet(arrived)
+            except Exception as error:  # of whatever kind: it is no fault of the port, which is read on
+                reason = f"{type(error).__name__}: {error}"
+                if reason != self._latest_fault[0]:
+                    self._warn(f"what was received could not be used: {data!r}\n{traceback.format_exc()}")
+                self.faults += 1
+                self._latest_fault = (reason, time.monotonic())
 
     def diagnostic(self) -> Diagnostic:
         """Whether the port is open, and what of its bytes could not be used."""

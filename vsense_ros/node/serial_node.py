@@ -11,6 +11,7 @@ from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.serial_link import SerialLink
+from vsense_ros.node.time_base import Arrivals
 from vsense_ros.recording import Sample
 
 
@@ -40,7 +41,7 @@ class SerialSensorNode(SensingNode[Params]):
     sensor: str
     _decoder: Decoder
     _link: SerialLink | None = None
-    _untimed = 0
+    _arrivals: Arrivals[bytes]
 
     def make_decoder(self) -> Decoder:
         """A decoder with the settings of `self.parameters`."""
@@ -52,12 +53,12 @@ class SerialSensorNode(SensingNode[Params]):
 
     def configure(self) -> None:
         self._lock = threading.Lock()
-        self._untimed = 0
+        self._arrivals = Arrivals(len)
         self._decoder = self.make_decoder()
         for topic, kind in self.topics().items():
             self.create_output(topic, kind)
         p, warn = self.parameters, self.get_logger().warning
-        self._link = SerialLink(self.sensor, p.port, p.baud_rate, self._on_bytes, warn)
+        self._link = SerialLink(self.sensor, p.port, p.baud_rate, self._on_bytes, warn, self._take)
 
     def start(self) -> None:
         if self._link is not None:
@@ -71,24 +72,25 @@ class SerialSensorNode(SensingNode[Params]):
         self.stop()
 
     def _on_bytes(self, data: bytes, wall: int) -> None:
-        received = self.time_base.at(wall)
-        if received is None:
-            self._untimed += len(data)
-            return
-        with self._lock:
-            try:
-                samples = self._decoder.feed(data, received)
-            except Exception:
-                self._decoder = self.make_decoder()  # the old one still holds what it stumbled over
-                raise
-        for sample in samples:
-            self.publish(sample)
+        self._arrivals.add(data, wall)
+        self._take(wall)
+
+    def _take(self, wall: int) -> None:
+        for chunk, received in self._arrivals.dated(wall, self.time_base):
+            with self._lock:
+                try:
+                    samples = self._decoder.feed(chunk, received)
+                except Exception:
+                    self._decoder = self.make_decoder()  # the old one still holds what it stumbled over
+                    raise
+            for sample in samples:
+                self.publish(sample)
 
     def diagnostics(self) -> list[Diagnostic]:
         found = [self._link.diagnostic()] if self._link is not None else []
-        if self._untimed:
+        if self._arrivals.dropped:
             text = "bytes arrived before the first /clock message and were dropped"
-            found.append(Diagnostic(f"{self.sensor}: clock", Level.WARN, text, {"bytes": str(self._untimed)}))
+            found.append(Diagnostic(f"{self.sensor}: clock", Level.WARN, text, {"bytes": str(self._arrivals.dropped)}))
         now = self.time_base.now()
         if now is not None:
             with self._lock:
@@ -96,4 +98,4 @@ class SerialSensorNode(SensingNode[Params]):
         return found
 
     def summary(self) -> dict[str, Any]:
-        return {**super().summary(), "bytes_without_time": self._untimed}
+        return {**super().summary(), "bytes_without_time": self._arrivals.dropped}

@@ -5,15 +5,22 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
+from typing import Generic, TypeVar
 
 _RATE_TICKS = 512  # clock messages from which the rate of the clock is taken
 _OFFSET_TICKS = 64  # newest of them from which the offset is taken
+_RATE_EVERY = 16  # ticks between two looks at the rate, once there are many
 _RATE_SPAN = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
 _RATE_NOISE = 0.02  # a rate this close to 1 is 1
 _JUMP = 50_000_000  # [ns]
 _STALL = 1_000_000_000  # [ns] by which a tick is late only where the clock was set back or paused
 _PATIENCE = 200_000_000  # [ns] of wall time in which ticks that were held up are made up for
+_SETTLING = 50_000_000  # [ns] of wall time after the first tick, or one that stood still or went back
+_HELD = 1_000_000_000  # [ns] of wall time for which arrivals are kept until the time is known
+
+Item = TypeVar("Item")
 
 
 class TimeBase:
@@ -28,6 +35,9 @@ class TimeBase:
     def __init__(self, simulated: bool) -> None:
         self.simulated = simulated
         self._ticks: deque[tuple[int, int]] = deque(maxlen=_RATE_TICKS)  # wall, simulated [ns], newest first
+        self._count = 0
+        self._heard = 0  # wall time [ns] of the newest tick
+        self._set_back = 0  # wall time [ns] of the newest tick that was the first, stood still or went back
         self._best = (0, 0)
         self._rate = 1.0
         self._late_since: int | None = None  # wall time [ns] from which on all ticks have come late
@@ -37,21 +47,41 @@ class TimeBase:
         """A clock message arrived; `simulated` is the time that it tells [ns]."""
         wall = time.time_ns() if wall is None else wall
         with self._lock:
-            if self._ticks and abs(late := self._at(wall) - simulated) > _JUMP * max(1.0, self._rate):
+            self._heard = wall
+            late = self._at(wall) - simulated if self._ticks else 0
+            if not self._ticks or simulated <= self._ticks[0][1]:
+                self._begin_anew(wall)
+            elif abs(late) > _JUMP * max(1.0, self._rate):
                 self._late_since = wall if self._late_since is None else self._late_since
                 if 0 < late < _STALL * max(1.0, self._rate) and wall - self._late_since < _PATIENCE:
                     return
-                self._ticks.clear()
-                self._rate = 1.0
+                self._begin_anew(wall if late > 0 else self._set_back)
             self._late_since = None
             self._ticks.appendleft((wall, simulated))
-            first_wall, first = self._ticks[-1]
-            if wall - first_wall >= _RATE_SPAN:
-                rate = (simulated - first) / (wall - first_wall)
-                self._rate = 1.0 if abs(rate - 1.0) < _RATE_NOISE else rate
-            self._best = max(
-                islice(self._ticks, _OFFSET_TICKS), key=lambda t: t[1] - first - self._rate * (t[0] - first_wall)
-            )
+            self._count += 1
+            if len(self._ticks) < _OFFSET_TICKS or self._count % _RATE_EVERY == 0:
+                self._find_rate()
+            self._best = self._promptest(islice(self._ticks, _OFFSET_TICKS))
+
+    def _begin_anew(self, set_back: int) -> None:
+        self._ticks.clear()
+        self._rate = 1.0
+        self._set_back = set_back
+
+    def _promptest(self, ticks: Iterable[tuple[int, int]]) -> tuple[int, int]:
+        first_wall, first = self._ticks[-1]
+        return max(ticks, key=lambda tick: tick[1] - first - self._rate * (tick[0] - first_wall))
+
+    def _find_rate(self) -> None:
+        """From the promptest tick of the earlier half to that of the later: of ticks in one go only the last counts."""
+        first, last = self._ticks[-1][0], self._ticks[0][0]
+        if last - first < _RATE_SPAN:
+            return
+        middle = (first + last) // 2
+        earlier_wall, earlier = self._promptest(tick for tick in self._ticks if tick[0] <= middle)
+        later_wall, later = self._promptest(tick for tick in self._ticks if tick[0] > middle)
+        rate = (later - earlier) / (later_wall - earlier_wall)
+        self._rate = 1.0 if abs(rate - 1.0) < _RATE_NOISE else rate
 
     def at(self, wall: int) -> int | None:
         """The time [ns] at the wall time `wall` [ns]; None before the clock's first tick."""
@@ -60,6 +90,10 @@ class TimeBase:
         with self._lock:
             return self._at(wall) if self._ticks else None
 
+    def settled(self, wall: int) -> bool:
+        """Whether the clock runs, and no ticks may be waiting for this process that would tell another time."""
+        return not self.simulated or (wall - self._set_back >= _SETTLING and wall - self._heard <= _PATIENCE)
+
     def now(self) -> int | None:
         """The time [ns]; None before the clock's first tick."""
         return self.at(time.time_ns())
@@ -67,3 +101,30 @@ class TimeBase:
     def _at(self, wall: int) -> int:
         ticked, simulated = self._best
         return simulated + round(self._rate * (wall - ticked))
+
+
+class Arrivals(Generic[Item]):
+    """Dates what arrives, also what a process that was held up reads before the clock's ticks have reached it.
+
+    That is kept until the time has settled, for a second of wall time at most: then it is dated as well as can be, or
+    dropped where there is no clock at all. Not thread-safe: it belongs to the thread that reads.
+    """
+
+    def __init__(self, size: Callable[[Item], int] = lambda _: 1) -> None:
+        self.dropped = 0  # in units of `size`
+        self._size = size
+        self._held: deque[tuple[Item, int]] = deque()
+
+    def add(self, item: Item, wall: int) -> None:
+        """`item` arrived at the wall time `wall` [ns]."""
+        self._held.append((item, wall))
+
+    def dated(self, wall: int, time_base: TimeBase) -> Iterator[tuple[Item, int]]:
+        """What can be dated at the wall time `wall` [ns], oldest first, with times of arrival [ns]."""
+        while self._held and (time_base.settled(wall) or wall - self._held[0][1] > _HELD):
+            item, arrived = self._held.popleft()
+            at = time_base.at(arrived)
+            if at is None:
+                self.dropped += self._size(item)
+            else:
+                yield item, at
