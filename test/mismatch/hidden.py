@@ -102,3 +102,8 @@ def without(vehicle: Vehicle, *kinds: str) -> Vehicle:
     """The car without sensors of these kinds."""
     sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind not in kinds}
     return vehicle.model_copy(update={"sensors": sensors})
+
+
+def unheard(recording: Recording, *topics: str) -> Recording:
+    """The recording without some of its topics."""
+    return replace(recording, channels={k: c for k, c in recording.channels.items() if k not in topics})

@@ -295,14 +295,6 @@ def test_of_several_names_the_less_certain_one_gives_the_confidence(tmp_path):
     assert "71 % confidence in the less certain name" in text
 
 
-def test_an_effect_that_may_be_another_one_is_named_with_the_test_that_tells(tmp_path):
-    separating = {"manoeuvre": "Coast-down", "signal": "speed"}
-    doubtful = {"answer_set": ["brake_drag", "aero_drag"], "would_separate": separating}
-    found = finding("named") | {"effects": [effect("brake_drag", 0.5, accepted=True, **doubtful)]}
-    text = read(found, [], tmp_path).text
-    assert "the answer; it may be aero drag instead; to tell them apart: Coast-down; watch the speed" in text
-
-
 def test_the_page_says_on_what_each_effect_acts(tmp_path):
     found = finding("named")
     found["located"]["parts"] = [

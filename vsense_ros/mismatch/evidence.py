@@ -33,8 +33,6 @@ SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer s
 CROSSOVER = 0.5  # [Hz] … above this
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
-MANY = 4  # recordings that are counted rather than named
-COARSE = 0.1  # [s] from one look at speed and steering to the next, where those windows are sought that tell most
 
 
 @dataclass(frozen=True)
@@ -89,44 +87,6 @@ class Evidence:
         """Windows of each recording that has some."""
         numbers = sorted({w.recording for w in self.windows})
         return [[w for w in self.windows if w.recording == number] for number in numbers]
-
-    def most_telling(self, duration: float) -> Evidence:
-        """The evidence, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
-        after the other: so that each recording and each sensor is in it, as far as that goes, and speed, steering, what
-        follows from them, and the time vary most over all of them, as D-optimal designs of experiments have it (Wald
-        1943), greedily.
-        """
-        lengths = [w.end - w.begin - RUN_IN for w in self.windows]
-        if sum(lengths) <= duration:
-            return self
-        steering = {name for name, sensor in self.sensors.items() if sensor.kind == "steering"}
-        told = _standardised(
-            [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in self.windows]
-        )
-        parts: list[set[int | str]] = [{w.recording, *w.readings} for w in self.windows]
-        known, left = np.eye(told[0].shape[1]), duration
-        chosen: list[int] = []
-        missing = set[int | str]().union(*parts)
-        while fitting := [i for i, length in enumerate(lengths) if i not in chosen and length <= left]:
-            worth = {
-                i: (len(missing & parts[i]), float(np.linalg.slogdet(known + told[i].T @ told[i])[1])) for i in fitting
-            }
-            best = max(fitting, key=worth.__getitem__)
-            known = known + told[best].T @ told[best]
-            left -= lengths[best]
-            missing -= parts[best]
-            chosen.append(best)
-        windows = tuple(self.windows[i] for i in sorted(chosen))
-        names = list(dict.fromkeys(w.name for w in self.windows))
-        lost = [name for name in names if name not in {w.name for w in windows}]
-        of = ", ".join(names) if len(names) < MANY else f"{len(names)} recordings"
-        remark = (
-            f"{of}: of {sum(lengths) / 60:.0f} min {(duration - left) / 60:.0f} min are looked at, in which speed and "
-            f"steering vary most"
-        )
-        if lost:
-            remark += f"; nothing of {', '.join(lost)}"
-        return replace(self, windows=windows, remarks=(*self.remarks, remark))
 
     def without(self, left_out: Sequence[bool], reason: str) -> Evidence:
         """The evidence without some windows, and remarks that say why."""
@@ -350,25 +310,6 @@ def _spanning(readings: Readings, first: float, last: float) -> Readings:
     begin = max(int(np.searchsorted(readings.t, first, "right")) - 1, 0)
     end = int(np.searchsorted(readings.t, last, "left")) + 1
     return Readings(readings.t[begin:end], readings.value[begin:end])
-
-
-def _happening(window: Window, steering: Readings) -> Array:
-    """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
-    speed, its square and its change, steering, its change, and what lateral acceleration goes with."""
-    t = np.arange(window.begin + RUN_IN, window.end, COARSE)
-    known = np.isfinite(steering.value[:, 0])
-    speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
-    angle = np.interp(t, steering.t[known], steering.value[known, 0])
-    return np.column_stack(
-        [t, speed, speed**2, np.gradient(speed, COARSE), angle, np.gradient(angle, COARSE), angle * speed**2]
-    )
-
-
-def _standardised(told: Sequence[Array]) -> list[Array]:
-    """The same over the deviations of all, as off from their means."""
-    every = np.concatenate(told)
-    mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9)
-    return [(one - mean) / deviation for one in told]
 
 
 def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, headed: Readings) -> float:

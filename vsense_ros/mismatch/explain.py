@@ -31,6 +31,7 @@ from vsense_ros.mismatch.prediction import LOST, Predictor, Setting, abscissae
 from vsense_ros.mismatch.report import PAGE, PLACES, in_words, write_report
 from vsense_ros.mismatch.road import STRETCH, place_of, points, profile
 from vsense_ros.mismatch.search import Explanation, Search
+from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES, WHEELS
@@ -127,7 +128,7 @@ def answer(
 
     if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
         return nothing_said(reason)
-    evidence, unseen = evidence.most_telling(LOOKED_AT), unseen.most_telling(LOOKED_AT)
+    evidence, unseen = most_telling(evidence, LOOKED_AT), most_telling(unseen, LOOKED_AT)
     kinds = {evidence.sensors[name].kind for w in evidence.windows for name in w.readings}
     beyond = out_of_reach(kinds)
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:

@@ -391,9 +391,7 @@ def _candidates(found: Mapping[str, Any]) -> list[Candidate]:
                 keep=percent(effect["keep"]),
                 confidence=probability(effect["confidence"]),
                 answer=answer or rival,
-                standing=_naming(effect, found)
-                if answer
-                else _standing(effect, gain, best, found, within=bool(within)),
+                standing="the answer" if answer else _standing(effect, gain, best, found, within=bool(within)),
             )
         )
     return result
@@ -433,15 +431,6 @@ def _together(found: Mapping[str, Any], effect: Mapping[str, Any]) -> str:
     ids = _fitted_with(found, effect["id"])
     others = " and ".join(label(id) for id in ids if id != effect["id"])
     return f"gains of {TOGETHER.get(len(ids), 'all')} together, with {others}" if others else ""
-
-
-def _naming(effect: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    """The standing of an effect that is named, with what may be there instead of it and the test that would tell."""
-    named = {one["id"] for one in _accepted(found)}
-    others = " or ".join(label(id) for id in effect.get("answer_set", ()) if id not in named)
-    test = _next_test(effect) if others and effect.get("would_separate") else ""
-    doubt = f"it may be {others} instead" if others else ""
-    return "; ".join(filter(None, ("the answer", doubt, f"to tell them apart: {test}" if test else "")))
 
 
 def _acting(found: Mapping[str, Any]) -> str:

@@ -1,0 +1,74 @@
+"""Of more driving than can be looked at, the part that tells most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.evidence import RUN_IN, Evidence, Readings, Window
+
+Array = NDArray[np.float64]
+
+MANY = 4  # recordings that are counted rather than named
+COARSE = 0.1  # [s] from one look at speed and steering to the next
+
+
+def most_telling(evidence: Evidence, duration: float) -> Evidence:
+    """The evidence, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
+    after the other: so that each recording and each sensor is in it, as far as that goes, and speed, steering, what
+    follows from them, and the time vary most over all of them, as D-optimal designs of experiments have it (Wald
+    1943), greedily.
+    """
+    lengths = [w.end - w.begin - RUN_IN for w in evidence.windows]
+    if sum(lengths) <= duration:
+        return evidence
+    steering = {name for name, sensor in evidence.sensors.items() if sensor.kind == "steering"}
+    told = _standardised(
+        [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in evidence.windows]
+    )
+    parts: list[set[int | str]] = [{w.recording, *w.readings} for w in evidence.windows]
+    known, left = np.eye(told[0].shape[1]), duration
+    chosen: list[int] = []
+    missing = set[int | str]().union(*parts)
+    while fitting := [i for i, length in enumerate(lengths) if i not in chosen and length <= left]:
+        worth = {
+            i: (len(missing & parts[i]), float(np.linalg.slogdet(known + told[i].T @ told[i])[1])) for i in fitting
+        }
+        best = max(fitting, key=worth.__getitem__)
+        known = known + told[best].T @ told[best]
+        left -= lengths[best]
+        missing -= parts[best]
+        chosen.append(best)
+    windows = tuple(evidence.windows[i] for i in sorted(chosen))
+    names = list(dict.fromkeys(w.name for w in evidence.windows))
+    lost = [name for name in names if name not in {w.name for w in windows}]
+    of = ", ".join(names) if len(names) < MANY else f"{len(names)} recordings"
+    remark = (
+        f"{of}: of {sum(lengths) / 60:.0f} min {(duration - left) / 60:.0f} min are looked at, in which speed and "
+        f"steering vary most"
+    )
+    if lost:
+        remark += f"; nothing of {', '.join(lost)}"
+    return replace(evidence, windows=windows, remarks=(*evidence.remarks, remark))
+
+
+def _happening(window: Window, steering: Readings) -> Array:
+    """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
+    speed, its square and its change, steering, its change, and what lateral acceleration goes with."""
+    t = np.arange(window.begin + RUN_IN, window.end, COARSE)
+    known = np.isfinite(steering.value[:, 0])
+    speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
+    angle = np.interp(t, steering.t[known], steering.value[known, 0])
+    return np.column_stack(
+        [t, speed, speed**2, np.gradient(speed, COARSE), angle, np.gradient(angle, COARSE), angle * speed**2]
+    )
+
+
+def _standardised(told: Sequence[Array]) -> list[Array]:
+    """The same over the deviations of all, as off from their means."""
+    every = np.concatenate(told)
+    mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9)
+    return [(one - mean) / deviation for one in told]
