@@ -678,14 +678,14 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     """
     from vsense_ros.evaluate.terminal import console, progress, waiting
     from vsense_ros.export import c
-    from vsense_ros.model.vehicle import left_out_of_export
+    from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     if sensors:
         car = c.with_sensors(car, sensors)
-    _warn(left_out_of_export(car))
+    _warn(left_out_of_observer(car))
     with waiting("writing C"):
         files = c.write(car, output)
     console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)

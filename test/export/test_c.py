@@ -11,6 +11,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pymap3d
 import pytest
 from click.testing import CliRunner
 
@@ -21,6 +22,9 @@ from vsense_ros.export import c, check
 from vsense_ros.export.expressions import c_function, number
 from vsense_ros.model import codegen
 from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.friction_change import FrictionChange
+from vsense_ros.model.effects.road_bank import RoadBank
+from vsense_ros.model.effects.road_grade import RoadGrade
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
@@ -244,6 +248,44 @@ def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehi
     assert difference.predictions > 100 * recording.duration
     assert difference.corrections > difference.predictions
     assert difference.placed <= 3, "the state is taken over at the start alone"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimates", [False, True])
+def test_on_a_road_that_the_file_knows_from_place_to_place_it_looks_up_what_the_one_in_python_does(
+    estimates: bool, vehicle: Vehicle, tmp_path: Path
+) -> None:
+    """On a drive whose fixes come late, so that the observer goes back; its road ends on the way, and grip is of one
+    place alone."""
+    recording = import_recording(ROOT / "bags/double_lane_change")
+    fix = recording["gps/fix"].columns
+    rows = np.column_stack([fix["latitude"], fix["longitude"]])
+    east, north = (np.array(one) for one in pymap3d.geodetic2enu(*rows.T, 0.0, *rows[0], 0.0)[:2])
+    way = np.append(0.0, np.cumsum(np.hypot(np.diff(east), np.diff(north))))
+    chosen = np.searchsorted(way, np.arange(0.0, 0.7 * way[-1], 20.0))
+    heading = np.arctan2(north[-1] - north[0], east[-1] - east[0])
+    bank, grade = (tuple((*rows[i], heading, a * np.sin(way[i] / 30)) for i in chosen) for a in (0.05, -0.03))
+    effects = Effects(
+        road_bank=RoadBank(bank=0.01, profile=bank),
+        road_grade=RoadGrade(profile=grade),
+        friction_change=FrictionChange(relative=0.1, profile=((*rows[chosen[-1]], heading, -0.2),)),
+    )
+    driven = vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": effects})})
+    if estimates:
+        driven = estimating(driven, {"effects.friction_change.relative": EstimatedParameter(deviation=0.1)})
+    c.write(driven, tmp_path)
+    library = check.build(tmp_path, STRICT)
+    difference = check.compare(driven, library, recording)
+    assert difference.largest < 1e-10
+    assert difference.surveyed > 20
+    assert difference.placed <= 4, "the state is taken over at the start alone, and where the heading is first known"
+    alone = under_way(driven, library)
+    assert not alone.survey(), "it does not know where it is"
+    for index in (0, 1):
+        alone.place(index, 0.0, 0.1)
+    assert [alone.survey(), alone.survey()] == [True, False]
+    alone.place(0, 6.0, 0.1)
+    assert alone.survey()
 
 
 @pytest.mark.slow

@@ -18,14 +18,17 @@ from vsense_ros.errors import InputError
 from vsense_ros.export.expressions import c_function, number, wrapped
 from vsense_ros.model import steps
 from vsense_ros.model.car import COORDINATES, INPUTS, SURROUNDINGS, WHEELS, Car, car_of
+from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import Layout, Prior, layout, rolling_state
-from vsense_ros.observer.kalman import U
+from vsense_ros.observer.kalman import SURROUND, U
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
+from vsense_ros.observer.reading import Map
 from vsense_ros.observer.spi import FILTERS, Spi
+from vsense_ros.observer.survey import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, Survey, places, slope_by_size
 
 Array = NDArray[np.float64]
 
@@ -73,6 +76,8 @@ _FIELDS = {
     "sensitivity": "of the estimated state to them, column-major",
     "information": "on them in the measurements since the start",
     "by_estimates": "the accelerations by them, column-major",
+    "usual": "what the states behind the velocities go back to; slopes may be changed where a map tells them",
+    "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
     "process_length": "for which decay and noise were made [10 us]",
     "decay": "of the states behind the velocities in a step",
     "noise": "variance added to them in a step",
@@ -119,9 +124,21 @@ class Observer:
         """Sensors with an innovation, by name."""
         return {name: sensor for name, sensor in self.sensors.items() if not sensor.is_input}
 
+    @property
+    def profiles(self) -> tuple[RoadEffect, ...]:
+        """Effects of which the vehicle file tells what they are from place to place, where a sensor tells the place."""
+        if Survey.of(self.vehicle, Map(None)) is None:
+            return ()
+        present = self.vehicle.physics.effects.present()
+        return tuple(effect for effect in present if isinstance(effect, RoadEffect) and effect.profile)
+
+    @property
+    def map_origin(self) -> tuple[float, float, float] | None:
+        """Latitude, longitude [deg] and height [m] of the map's origin where there are profiles: their first place."""
+        return (*self.profiles[0].profile[0][:2], 0.0) if self.profiles else None
+
     def fields(self) -> dict[str, int]:
-        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`, but for
-        what it knows of the road."""
+        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`."""
         car, size, count = car_of(self.vehicle), layout(self.sensors).size, len(self.estimated)
         learned = {
             "estimates": count,
@@ -139,6 +156,8 @@ class Observer:
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
+            "usual": size - U.stop,
+            **({"surveyed": 4} if self.map_origin is not None else {}),
             "process_length": 1,
             "decay": size - U.stop,
             "noise": size - U.stop,
@@ -230,6 +249,7 @@ class _Contents:
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
         tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.usual[U.stop :]]
+        tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
             "states": self._states(),
@@ -255,11 +275,42 @@ class _Contents:
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "usual": _table(prior.usual[U.stop :]),
+            "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
             "example_step": number(_EXAMPLE_STEP),
             "struct_doubles": sum(fields.values()),
             "struct_kb": f"{sum(fields.values()) * 8 / 1024:.1f}",
             "tables_kb": f"{sum(table.size for table in tables) * 8 / 1024:.1f}",
+        }
+
+    def _survey(self, prior: Prior) -> dict[str, Any] | None:
+        """What the templates refer to where the vehicle file knows roads from place to place."""
+        origin = self.observer.map_origin
+        if origin is None:
+            return None
+        profiles = []
+        for effect in self.observer.profiles:
+            name = f"effects.{effect.id}.{effect.size_name()}"
+            known = name in self.car.parameter_names and name not in self.observer.estimated
+            profiles.append(
+                {
+                    "name": effect.id,
+                    "rows": [", ".join(map(number, row)) for row in places(effect.profile, Map(origin)).tolist()],
+                    "slopes": [number(slope) if slope else "" for slope in slope_by_size(effect).tolist()],
+                    "parameter": f"VSENSE_P_{identifier(name).upper()}" if known else "",
+                    "size": number(getattr(effect, effect.size_name())),
+                }
+            )
+        return {
+            "origin": [number(value) for value in origin],
+            "profiles": profiles,
+            "slopes": [number(float(slope)) for slope in prior.usual[SURROUND][:2]],
+            "look_every": number(LOOK_EVERY),
+            "placed": number(PLACED**2),
+            "near": number(NEAR),
+            "same_way": number(SAME_WAY),
+            "spacing": number(SPACING),
+            "joined": number(JOINED),
         }
 
     def _states(self) -> list[Entry]:

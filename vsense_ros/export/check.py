@@ -44,6 +44,7 @@ class Difference:
     predictions: int = 0
     corrections: int = 0
     returns: int = 0  # to a copy, for a late measurement
+    surveyed: int = 0  # looks at the road that the vehicle file knows
     placed: int = 0  # how often C was given Python's state: at start, and where the heading was first taken
 
     @property
@@ -91,6 +92,7 @@ class Exported:
         self._linearize = self._function("linearize", None, [address])
         self._predict = self._function("predict", ctypes.c_int, [address, number])
         self._present = self._function("present", None, [address] * 3)
+        self._survey = self._function("survey", ctypes.c_int, [address]) if exported.map_origin is not None else None
         self._correct = [
             None
             if sensor.is_input
@@ -139,6 +141,10 @@ class Exported:
         value, variance = (np.ascontiguousarray(a, dtype=float) for a in (value, variance))
         return float(call(self._struct, value.ctypes.data, variance.ctypes.data, limit, scale))
 
+    def survey(self) -> bool:
+        assert self._survey is not None, "its file knows no road"
+        return bool(self._survey(self._struct))
+
     def present(self) -> tuple[Array, Array]:
         acceleration, wheels = np.zeros(14), np.zeros((7, 4))
         self._present(self._struct, acceleration.ctypes.data, wheels.ctypes.data)
@@ -155,6 +161,7 @@ class _Twin(ErrorEkf):
 
     other: Exported
     difference: Difference
+    _surveyed_there = False
 
     def join(self, other: Exported, difference: Difference) -> None:
         self.other, self.difference = other, difference
@@ -172,7 +179,7 @@ class _Twin(ErrorEkf):
         if key != self._after:
             kept = self._known.get(key)
             if kept is None:
-                common = len(self.memory) - len(self._usual) - len(self.surveyed)
+                common = len(self.memory) - (0 if "surveyed" in self.other.parts else len(self.surveyed))
                 self.other.memory[:common] = self.memory[:common]
                 self.difference.placed += 1
             else:
@@ -194,10 +201,20 @@ class _Twin(ErrorEkf):
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
 
-    def linearize(self) -> None:
+    def slope_usually(self, slopes: Array, along: Array) -> None:
+        """The road was looked up, at the end of which is a linearization: C does all of that here."""
         self._follow()
+        self._surveyed_there = self.other.survey()
+        self.difference.surveyed += 1
+        super().slope_usually(slopes, along)
+
+    def linearize(self) -> None:
+        surveyed, self._surveyed_there = self._surveyed_there, False
+        if not surveyed:
+            self._follow()
         super().linearize()
-        self.other.linearize()
+        if not surveyed:
+            self.other.linearize()
         self._compare()
 
     def predict(self, h: float) -> None:
@@ -245,11 +262,10 @@ def compare(
     recording: Recording,
     progress: Callable[[float], None] | None = None,
 ) -> Difference:
-    """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else; of
-    the road both know what it is everywhere."""
-    vehicle = vehicle.without_profiles()
+    """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
     kind = _SpiTwin if vehicle.observer.parameters else _Twin
-    observer, difference = Observer(vehicle, recording.map_origin, kind), Difference()
+    origin = c.Observer.of(vehicle).map_origin or recording.map_origin
+    observer, difference = Observer(vehicle, origin, kind), Difference()
     assert isinstance(observer.filter, _Twin)
     observer.filter.join(Exported(vehicle, library), difference)
     topics = tuple(topic for topic in observer.topics if topic in recording)

@@ -244,14 +244,6 @@ class Vehicle(Part):
         """Physical parameters by dotted name."""
         return dict(numbers(self.physics))
 
-    def without_profiles(self) -> Vehicle:
-        """A copy whose roads are everywhere as they are where their profiles say nothing."""
-        effects = self.physics.effects
-        flat = {e.id: e.model_copy(update={"profile": ()}) for e in effects.present() if hasattr(e, "profile")}
-        return self.model_copy(
-            update={"physics": self.physics.model_copy(update={"effects": effects.model_copy(update=flat)})}
-        )
-
     def parameter_vector(self) -> NDArray[np.float64]:
         """Physical parameters in the order of `values`, (n,)."""
         return vector(self.physics)
@@ -266,13 +258,6 @@ def left_out_of_observer(vehicle: Vehicle) -> str:
     kinds = {sensor.kind for sensor in vehicle.sensors.values()}
     parts = {effect.id: effect.left_out_of_observer(kinds) for effect in vehicle.physics.effects.present()}
     return _left_out("the observer", parts)
-
-
-def left_out_of_export(vehicle: Vehicle) -> str:
-    """The same of an exported observer."""
-    kinds = {sensor.kind for sensor in vehicle.sensors.values()}
-    parts = {effect.id: effect.left_out_of_export(kinds) for effect in vehicle.physics.effects.present()}
-    return _left_out("the exported observer", parts)
 
 
 def left_out_of_simulation(vehicle: Vehicle) -> str:

@@ -16,8 +16,10 @@ from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.reading import Map
 
 Array = NDArray[np.float64]
+Rows = tuple[tuple[float, float, float, float], ...]  # of `RoadEffect.profile`
 
 NEAR = 25.0  # [m] beside the chord of two rows: a lane, an error of GNSS, and what the road bends between them
+JOINED = 1.5 * SPACING  # [m] from one row to the next, up to which there is a road between them
 LOOK_EVERY = 5.0  # [m]
 PLACED = 10.0  # [m] standard deviation of the position, from where on nobody knows which road it is
 SAME_WAY = 0.5  # cosine between the car's direction and that of the road it drives on
@@ -84,7 +86,7 @@ class Survey:
                 beyond, surveyed = told.get(effect.id, (0.0, False))
                 name = effect.size_name()
                 if surveyed:
-                    known += np.not_equal(effect.model_copy(update={name: 1.0}).usual_slope, 0.0)
+                    known += slope_by_size(effect) != 0.0
                 effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
                 sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
             slopes += effect.usual_slope
@@ -95,14 +97,12 @@ class Profile:
     """What a size is along a road beyond what it is everywhere: linearly between places, which are rows of
     `RoadEffect.profile` in the order in which the road comes to them."""
 
-    def __init__(self, rows: tuple[tuple[float, float, float, float], ...], on_map: Map) -> None:
-        fixes = ({"latitude": [row[0]], "longitude": [row[1]], "altitude": [0.0]} for row in rows)
-        placed = [on_map.placed({name: np.array(value) for name, value in fix.items()}) for fix in fixes]
-        self._at = np.array([[float(one["east"][0]), float(one["north"][0])] for one in placed])
-        self._direction, self._value = np.array([row[2:] for row in rows], dtype=float).T
+    def __init__(self, rows: Rows, on_map: Map) -> None:
+        east, north, self._direction, self._value = places(rows, on_map).T
+        self._at = np.column_stack([east, north])
         chord = np.diff(self._at, axis=0)
         length = np.hypot(*chord.T)
-        joined = np.flatnonzero((length > 0) & (length < 1.5 * SPACING))
+        joined = np.flatnonzero((length > 0) & (length < JOINED))
         self._begin, self._length = joined, length[joined]
         self._along = chord[joined] / self._length[:, None]
 
@@ -129,5 +129,19 @@ class Profile:
         return float(self._value[i] * (1 - along[i] / SPACING)), False
 
 
-def _rows(effect: Effect) -> tuple[tuple[float, float, float, float], ...]:
+def places(rows: Rows, on_map: Map) -> Array:
+    """Rows of a `RoadEffect.profile` on a map: east, north [m], direction [rad] and value (n, 4)."""
+    fixes = ({"latitude": [row[0]], "longitude": [row[1]], "altitude": [0.0]} for row in rows)
+    placed = [on_map.placed({name: np.array(value) for name, value in fix.items()}) for fix in fixes]
+    return np.array(
+        [[float(one["east"][0]), float(one["north"][0]), *row[2:]] for one, row in zip(placed, rows, strict=True)]
+    )
+
+
+def slope_by_size(effect: RoadEffect) -> Array:
+    """What its usual slopes (2,) are for a size of one [rad]."""
+    return np.array(effect.model_copy(update={effect.size_name(): 1.0}).usual_slope, dtype=float)
+
+
+def _rows(effect: Effect) -> Rows:
     return effect.profile if isinstance(effect, RoadEffect) else ()

@@ -172,10 +172,6 @@ class Effect(Part):
             return "its direction on the map, as no sensor knows north"
         return ""
 
-    def left_out_of_export(self, kinds: Collection[str]) -> str:
-        """The same of an exported observer."""
-        return self.left_out_of_observer(kinds)
-
 
 class RoadEffect(Effect):
     """An effect of the road: its one size may be another at every place, and then is a recorded input of the car rather
@@ -196,9 +192,6 @@ class RoadEffect(Effect):
             return self._without([_PROFILE])
         unplaced = self.profile and "gnss_position" not in kinds
         return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
-
-    def left_out_of_export(self, kinds: Collection[str]) -> str:
-        return self._without([_PROFILE] if self.profile else [])
 
     @classmethod
     def size_name(cls) -> str:
