@@ -189,7 +189,7 @@ def road(rng, duration, fastest, slowest, tightest, lateral_limit, name) -> Cour
     return _course(name, duration, float(limit[0]), path, follow=1.0, lateral=_unrest(rng, duration, 0.15))
 
 
-def motorway(rng, duration, name, speed, *, changes=True, wavering=1.5, unrest=0.12) -> Course:
+def motorway(rng, duration, name, speed, *, changes=True, wavering=1.5) -> Course:
     length = duration * speed * 1.3
     x, y, lane = [0.0, 60.0], [0.0, 0.0], 0.0
     while changes and x[-1] < length - 400:
@@ -200,7 +200,7 @@ def motorway(rng, duration, name, speed, *, changes=True, wavering=1.5, unrest=0
     path = _offsets(np.array([*x, length + 500]), np.array([*y, y[-1]]), speed)
     s = np.arange(len(path.x))
     path.speed[:] = speed + wavering * np.sin(2 * np.pi * s / rng.uniform(350, 600))
-    return _course(name, duration, speed, path, follow=1.0, lateral=_unrest(rng, duration, unrest))
+    return _course(name, duration, speed, path, follow=1.0, lateral=_unrest(rng, duration, 0.12))
 
 
 def _unrest(rng, duration, level):
@@ -244,11 +244,9 @@ def cruise(rng) -> tuple[list[Course], list[Course]]:
 
 
 def steady(rng) -> tuple[list[Course], list[Course]]:
-    """Straight ahead at one speed: where some causes look alike by construction."""
+    """Straight ahead at one speed, by hands that are never still: where some causes look alike by construction."""
     speed = rng.uniform(27, 33)
-    courses = [
-        motorway(rng, 32.0, f"straight {i + 1}", speed, changes=False, wavering=0.0, unrest=0.02) for i in range(4)
-    ]
+    courses = [motorway(rng, 32.0, f"straight {i + 1}", speed, changes=False, wavering=0.0) for i in range(4)]
     return courses[:3], courses[3:]
 
 
