@@ -57,10 +57,10 @@ class Result:
 
     @property
     def wrong(self) -> bool:
-        """A name is said that is not right, or a choice is given in which none is."""
+        """A name is said that is not right, or more names than are hidden, or a choice in which none is right."""
         if self.verdict == "ambiguous":
             return not set(self.answer_set) & self.right
-        return not set(self.accepted) <= self.right
+        return not set(self.accepted) <= self.right or len(self.accepted) > len(self.truth)
 
     @property
     def detectable(self) -> bool:
@@ -156,7 +156,9 @@ def of_set(results: list[Result]) -> dict:
         "false_alarms": share(r.verdict not in QUIET for r in kinds["nothing"]),
         "answer_set_coverage": share(r.truth <= set(r.answer_set) for r in spoken),
         "answer_set_size": number((len(r.answer_set) for r in spoken), np.mean),
-        "inseparable_covered": share(r.right <= set(r.answer_set) for r in kinds["inseparable"] if r.answer_set),
+        "inseparable_covered": share(
+            r.verdict == "ambiguous" and r.right <= set(r.answer_set) for r in kinds["inseparable"] if r.answer_set
+        ),
         "unknown_recall": share(r.verdict == "unknown" for r in kinds["outside"]),
         "unknown_of_detectable": share(r.verdict == "unknown" for r in kinds["outside"] if r.detectable),
         "recovery_median": number(recoveries),

@@ -115,6 +115,16 @@ def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_c
     assert found["inseparable_covered"]["value"] == 0.5
 
 
+def test_naming_both_of_two_that_cannot_be_told_apart_is_wrong_where_one_is_hidden():
+    twins = ("aero_drag", "rolling_resistance")
+    result = _result(["aero_drag"], "named", twins, kind="inseparable", acceptable=twins)
+    for effect in result.answer.explain["effects"]:
+        effect["accepted"] = True
+    found = score.of_set([result])
+    assert found["wrong_among_answers"]["value"] == 1.0
+    assert found["inseparable_covered"]["value"] == 0.0
+
+
 def test_a_choice_without_the_truth_is_wrong():
     found = score.of_set(
         [
