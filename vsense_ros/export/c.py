@@ -22,7 +22,7 @@ from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import Layout, Prior, layout, rolling_state
+from vsense_ros.observer.error_ekf import SURVEYED, Layout, Prior, layout, rolling_state
 from vsense_ros.observer.kalman import SURROUND, U
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
@@ -157,7 +157,7 @@ class Observer:
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
             "usual": size - U.stop,
-            **({"surveyed": 4} if self.map_origin is not None else {}),
+            **({"surveyed": SURVEYED} if self.map_origin is not None else {}),
             "process_length": 1,
             "decay": size - U.stop,
             "noise": size - U.stop,

@@ -58,7 +58,8 @@ class Difference:
             f"Greatest difference {self.largest:.1e} (state {self.state:.1e}, covariance {self.covariance:.1e}, "
             f"innovations {self.innovation:.1e}, outputs {self.outputs:.1e})",
             f"after {self.predictions} predictions and {self.corrections} corrections in a row; "
-            f"{self.returns} returns for late measurements; the state was copied {self.placed} times, at the start.",
+            f"{self.returns} returns for late measurements, {self.surveyed} looks at a known road; "
+            f"the state was copied {self.placed} times, at the start.",
         ]
 
 

@@ -187,7 +187,6 @@ def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: floa
     """Secant of the residuals by a knob that is turned by `step` likely amounts from a fit that began at `start`, per
     deviation; by less where the car gets lost with that and does not in the fit, which would tell nothing."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
-    least = sum(residuals.predictor.lost(fit.setting))
     amounts = dict(zip((known.name for known in fit.knobs), fit.amounts, strict=True))
     present = float(amounts.get(knob.name, 0.0))
     knobs = (*(known for known in fit.knobs if known.name != knob.name), knob)
@@ -205,7 +204,7 @@ def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: floa
         if lost < fewest:
             best = [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
             fewest = lost
-        if lost <= least:
+        if not lost or lost <= sum(residuals.predictor.lost(fit.setting)):
             break
     return best
 

@@ -37,6 +37,7 @@ from vsense_ros.node.reader import LOSSLESS
 
 NANO = 1_000_000_000
 _TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
+_LOOK_EVERY = 0.05  # [s] for whom a replay still waits
 _FAST_TICK = 20_000_000  # [ns] of recorded time with rate 0
 
 Send = Callable[[Any], int]  # sends one item; how much of it nobody took
@@ -332,7 +333,7 @@ class Replay(SensingNode[ReplayParameters]):
             missing += [f"a subscriber of {topic}" for topic in self.unheard]
             if consumers and time.monotonic() >= clock_due:  # each answer of a consumer ends the wait below
                 self._publish_clock(self._now)
-                clock_due = time.monotonic() + 0.05
+                clock_due = time.monotonic() + _LOOK_EVERY
             with self._condition:
                 if len(self._progress) < consumers:
                     missing.append(f"{consumers - len(self._progress)} of {consumers} consumers")
@@ -345,7 +346,7 @@ class Replay(SensingNode[ReplayParameters]):
                     if p.rate == 0 and not self._progress:
                         raise InputError("rate 0 needs a consumer that reports progress: an observer or a recorder")
                     return True
-                self._condition.wait(0.05)
+                self._condition.wait(_LOOK_EVERY)
 
     def _drain(self) -> None:
         """Wait until the consumers have worked off everything, and then what the first made for the others."""

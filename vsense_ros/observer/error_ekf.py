@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 _OPERATIONS = {"linearize", "predict", "correct"}
 _SLOPES = slice(SURROUND.start - U.stop, SURROUND.start - U.stop + 2)  # among the states behind the velocities
+SURVEYED = 4  # numbers that tell where the road was last looked up, and what was known of it there
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ class ErrorEkf:
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
         physical = vehicle.parameter_vector()
-        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra, n - U.stop, 4]
+        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra, n - U.stop, SURVEYED]
         self.memory = np.zeros(sum(lengths))
         parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
         self.state, self.inputs, covariance, self._effects, linearization, *parts = parts
