@@ -30,7 +30,12 @@ LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
 STEP = 0.25  # of a knob's likely amount, for derivatives
 STEPS = (1.0, -1.0, 0.25)  # times that, tried in this order until the simulated car is lost nowhere
 ITERATIONS = 8
-CAUTION = (0.0, 0.1, 1.0, 10.0)  # tried in this order until the cost falls
+# Steps that are tried in this order until the value falls by a `SUFFICIENT` share of what the slopes promise: caution,
+# and shares of the step along an arc. Where several parameters can stand in for one another the value has a curved
+# valley, out of which the straight step leads.
+SUFFICIENT = 0.25
+CAUTION = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
+BENT = 1.5  # most that an arc is bent, over the length of the step
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
 SHAKEN = 1.4  # how much further off a good model is in signals that any road shakes
 SETTLED = 2e-3  # relative fall of the cost that ends the iterations
@@ -250,27 +255,14 @@ def fit(
         amounts = np.array([known.get(knob.name, 0.0) for knob in knobs])
     elif begin is None:
         amounts = _likeliest(residuals, start, knobs, amounts)
-    deviations = np.array([knob.deviation for knob in knobs])
-    low, high = np.array([k.low for k in knobs]), np.array([k.high for k in knobs])
     setting = turned(start, knobs, amounts)
     best = Fit(setting, tuple(knobs), amounts, residuals(setting, instead), [], 0.0)
     best = replace(best, slopes=first.slopes if first else slopes_at(residuals, start, best, progress))
     fall = 0.0
     for iteration in range(iterations):
-        best = replace(best, weight=first.weight if first else strength(best.residuals))
-        fall = 0.0
-        for caution in CAUTION:
-            change = solve(best.slopes, best.residuals, best.prior, best.weight, caution) * deviations
-            amounts = np.clip(best.amounts + change, low, high)
-            setting = turned(start, knobs, amounts)
-            try:
-                tried = replace(best, setting=setting, amounts=amounts, residuals=residuals(setting, instead))
-            except DivergedError:
-                continue
-            if tried.value < best.value:
-                fall = 1 - tried.value / best.value
-                best = tried
-                break
+        at = replace(best, weight=first.weight if first else strength(best.residuals))
+        best = _stepped(residuals, start, at, instead)
+        fall = 1 - best.value / max(at.value, 1e-12)
         progress()
         if fall < SETTLED:
             break
@@ -278,6 +270,43 @@ def fit(
             best = replace(best, slopes=slopes_at(residuals, start, best, progress))
     weight = first.weight if first else strength(best.residuals)
     return replace(best, weight=weight, converged=fall < UNSETTLED)
+
+
+def _stepped(residuals: Residuals, start: Setting, at: Fit, instead: Sequence[Array] | None) -> Fit:
+    """A fit one step further along the slopes, which learn from it (Broyden, 1965); the same fit if no step is better.
+
+    What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
+    acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
+    """
+    deviations = np.array([knob.deviation for knob in at.knobs])
+    low, high = np.array([k.low for k in at.knobs]), np.array([k.high for k in at.knobs])
+    best = at
+    for caution, shares in CAUTION:
+        step = solve(at.slopes, at.residuals, at.prior, at.weight, caution)
+        line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
+        promised = at.value - cost(line) - at.weight * float((at.prior + step) @ (at.prior + step))
+        if promised < SETTLED * at.value:
+            break
+        bend = np.zeros(len(step))
+        for share in shares:
+            amounts = np.clip(at.amounts + (share * step + share**2 / 2 * bend) * deviations, low, high)
+            setting = turned(start, at.knobs, amounts)
+            try:
+                tried = replace(at, setting=setting, amounts=amounts, residuals=residuals(setting, instead))
+            except DivergedError:
+                continue
+            moved = tried.prior - at.prior
+            missed = [
+                new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)
+            ]
+            if tried.value < best.value:
+                learnt = moved / float(moved @ moved)
+                best = replace(tried, slopes=[s + np.outer(m, learnt) for s, m in zip(at.slopes, missed, strict=True)])
+            if at.value - tried.value > SUFFICIENT * share * (2 - share) * promised:
+                return best
+            bend = solve(at.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), at.weight, caution)
+            bend *= min(1.0, BENT * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
+    return best
 
 
 def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amounts: Array) -> Array:

@@ -352,7 +352,7 @@ class Search:
         )
 
     def _fit(self, joint: Fit) -> Fit:
-        fitted = fit(self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals, iterations=5)
+        fitted = fit(self.residuals, self.start, joint.knobs, first=joint, instead=self.base.residuals)
         self._progress()
         return fitted
 

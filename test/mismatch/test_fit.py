@@ -1,0 +1,65 @@
+"""Damped Gauss-Newton steps against an optimiser of another library, where parameters can stand in for one another."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from vsense_ros.mismatch.fit import Fit, fit, slopes_at
+from vsense_ros.mismatch.knobs import Knob
+from vsense_ros.mismatch.prediction import Setting
+
+DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
+TIME = np.linspace(0.0, 60.0, 600)
+FORCE = 1500.0 + 1200.0 * np.sign(np.sin(0.25 * TIME))  # [N] of drive that is known
+
+
+def speed(mass: float, drag: float, rolling: float) -> np.ndarray:
+    """Of a car on a straight road [m/s]: Euler steps of Newton's second law."""
+    m, v, found = 1500.0 * (1 + mass), 25.0, []
+    for force in FORCE:
+        v += (TIME[1] - TIME[0]) * ((force - (0.4 + 0.6 * drag) * v**2) / m - 9.81 * (0.01 + rolling))
+        found.append(v)
+    return np.array(found)
+
+
+class Speeds:
+    """Residuals of the speed in standard deviations of 0.2 m/s."""
+
+    predictor = SimpleNamespace(lost=lambda setting: [False])
+
+    def __init__(self, **true: float) -> None:
+        self.measured = speed(**true) + 0.2 * np.random.default_rng(1).standard_normal(len(TIME))
+
+    def __call__(self, setting: Setting, instead=None) -> list[np.ndarray]:
+        return [(speed(**setting.values) - self.measured) / 0.2]
+
+
+def knob(name: str, deviation: float) -> Knob:
+    return Knob(name, "-", deviation, -5 * deviation, 5 * deviation, lambda values, a: {name: values[name] + a})
+
+
+AMOUNTS = st.tuples(*[st.integers(-20, 20).map(lambda tenths: tenths / 10)] * len(DEVIATIONS))
+
+
+@settings(deadline=None, max_examples=40)
+@given(AMOUNTS, AMOUNTS)
+def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_another(hidden, from_where):
+    deviations = np.array(list(DEVIATIONS.values()))
+    true, begin = np.array(hidden) * deviations, np.array(from_where) * deviations
+    residuals, start = Speeds(**dict(zip(DEVIATIONS, true, strict=True))), Setting(dict.fromkeys(DEVIATIONS, 0.0))
+    knobs = tuple(knob(name, deviation) for name, deviation in DEVIATIONS.items())
+    setting = Setting(dict(zip(DEVIATIONS, begin, strict=True)))
+    first = Fit(setting, knobs, begin, residuals(setting), [], weight=3.0)
+    first = Fit(setting, knobs, begin, first.residuals, slopes_at(residuals, start, first, lambda: None), 3.0)
+    found = fit(residuals, start, knobs, first=first)
+
+    def all_residuals(prior: np.ndarray) -> np.ndarray:
+        (off,) = residuals(Setting(dict(zip(DEVIATIONS, prior * deviations, strict=True))))
+        return np.append(off, np.sqrt(3.0) * prior)
+
+    best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
+    assert found.value == pytest.approx(best, rel=0.01)
