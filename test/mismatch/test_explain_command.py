@@ -49,8 +49,8 @@ def test_an_answer_that_leaves_something_open_says_which_test_would_tell(called,
     found = json.loads((tmp_path / "answer/explain.json").read_text())
     assert {"rolling_resistance", "road_grade"} <= set(found["answer_set"])
     best, second, *_ = json.loads((tmp_path / "answer/next.json").read_text())["tests"]
-    assert {best["id"], second["id"]} == {"steady_state_circle", "accelerate_and_brake"}
-    assert best["opposite"] or second["opposite"]
+    assert (best["id"], best["opposite"]) == ("accelerate_and_brake", True)
+    assert best["d_prime"] > 2 * second["d_prime"]
     assert found["would_separate"] == best
     assert f"Drive: {best['manoeuvre']}" in result.output
     assert [one["id"] for one in found["effects"] if one["would_separate"]] == found["answer_set"]
