@@ -36,6 +36,7 @@ INSEPARABLE = (
     ("aero_drag", "rolling_resistance"),
     ("wheel_radius", "tyre_underinflation"),
 )
+AS_OF_LOST_PRESSURE = 1 / 3  # of the radius change of a size, which a tyre with little pressure has too
 # Two at once that do not act on the same quantity; more are drawn.
 DOUBLES = 32
 APART = (
@@ -99,9 +100,9 @@ class Case:
             axis = 1 if "imu_roll_misalignment" in self.acceptable else 0
             return Hidden({name: [hidden.value if i == axis else 0.0 for i in range(3)]}, hidden.value, "xyz"[axis])
         if name == "wheel_radius":
-            share = -abs(hidden.value) / hidden.value / 3
-            radii = {knob: [share * value for value in values] for knob, values in hidden.knobs.items()}
-            return Hidden(radii, share * hidden.value, hidden.where)
+            smaller = -np.sign(hidden.value) * AS_OF_LOST_PRESSURE
+            changes = {knob: [smaller * value for value in values] for knob, values in hidden.knobs.items()}
+            return Hidden(changes, float(smaller * hidden.value), hidden.where)
         return hidden
 
     def knobs(self) -> Values:

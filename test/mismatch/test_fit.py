@@ -1,5 +1,6 @@
 """Damped Gauss-Newton steps against an optimiser of another library, where parameters can stand in for one another."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import Setting
 
 DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
+WEIGHT = 3.0  # of a knob that is one deviation off
 TIME = np.linspace(0.0, 60.0, 600)
 FORCE = 1500.0 + 1200.0 * np.sign(np.sin(0.25 * TIME))  # [N] of drive that is known
 
@@ -53,13 +55,13 @@ def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_a
     residuals, start = Speeds(**dict(zip(DEVIATIONS, true, strict=True))), Setting(dict.fromkeys(DEVIATIONS, 0.0))
     knobs = tuple(knob(name, deviation) for name, deviation in DEVIATIONS.items())
     setting = Setting(dict(zip(DEVIATIONS, begin, strict=True)))
-    first = Fit(setting, knobs, begin, residuals(setting), [], weight=3.0)
-    first = Fit(setting, knobs, begin, first.residuals, slopes_at(residuals, start, first, lambda: None), 3.0)
+    first = Fit(setting, knobs, begin, residuals(setting), [], WEIGHT)
+    first = replace(first, slopes=slopes_at(residuals, start, first, lambda: None))
     found = fit(residuals, start, knobs, first=first)
 
     def all_residuals(prior: np.ndarray) -> np.ndarray:
         (off,) = residuals(Setting(dict(zip(DEVIATIONS, prior * deviations, strict=True))))
-        return np.append(off, np.sqrt(3.0) * prior)
+        return np.append(off, np.sqrt(WEIGHT) * prior)
 
     best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
     assert found.value == pytest.approx(best, rel=0.01)

@@ -38,7 +38,7 @@ CAUTION = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
 BENT = 1.5  # most that an arc is bent, over the length of the step
 GRIP = (0.0, 0.2, -0.2)  # changes of all grip from which to start: a car that slides has a cost of its own
 SHAKEN = 1.4  # how much further off a good model is in signals that any road shakes
-SETTLED = 2e-3  # relative fall of the cost that ends the iterations
+SETTLED = 2e-3  # relative fall of the value, had or promised, that ends the iterations
 UNSETTLED = 0.05  # the same in the last of them, from where on the fit is none
 
 _SHAKEN = {signal.name for signal in SIGNALS if signal.shaken}
