@@ -21,7 +21,7 @@ from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
-from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop
+from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop, Run
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -85,6 +85,18 @@ class Setting:
             if (at := place_of(name)) is not None:
                 found.setdefault(at[0], {})[at[1]] = value
         return found
+
+
+@dataclass(frozen=True)
+class _Driving:
+    """What the motion in a window depends on."""
+
+    key: int  # the same where all of it is
+    parameters: Array
+    shares: Sequence[float]  # as TORQUE_SHARES
+    delays: tuple[float, float]  # of steering and torques [s]
+    around: Array  # (n, 4) as model.car.SURROUNDINGS
+    varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
 class Predictor:
@@ -172,17 +184,21 @@ class Predictor:
 
     def _all_moved(
         self, setting: Setting, sensors: Mapping[str, SensorBase]
-    ) -> Iterator[tuple[Motion, dict[int, dict[str, Array]], Array]]:
-        """Motion in each window, what of its signals is known already, and the surroundings."""
-        for index in range(len(self.evidence.windows)):
-            turned, place = self._way[index]
-            varying = setting.varying(place, self._surveyed(place))
-            around = np.zeros((len(place), len(SURROUNDINGS)))
-            for id in _SLOPING:
-                along, across = setting.effect(id, varying).slope(turned)
-                around[:, 0] += along
-                around[:, 1] += across
-            yield *self._moved(index, setting, sensors, around, varying), around
+    ) -> list[tuple[Motion, dict[int, dict[str, Array]], Array]]:
+        """Motion in each window, what of its signals is known already, by the sensors, and the surroundings. The
+        windows that were not driven with this setting before are driven side by side."""
+        ways = [self._driving(index, setting, sensors) for index in range(len(self.evidence.windows))]
+        new = [i for i, (way, known) in enumerate(zip(ways, self._motions, strict=True)) if way.key not in known]
+        for index, motion in zip(new, self._loop.runs([self._run(i, ways[i]) for i in new]), strict=True):
+            known = self._motions[index]
+            if len(known) > 3:
+                known.pop(next(iter(known)))
+            known[ways[index].key] = motion, {}
+        found = []
+        for way, known in zip(ways, self._motions, strict=True):
+            known[way.key] = known.pop(way.key)  # the last to be forgotten
+            found.append((*known[way.key], way.around))
+        return found
 
     @cached_property
     def _way(self) -> list[tuple[Array, Array]]:
@@ -213,31 +229,23 @@ class Predictor:
             sensors = setting.effect(id).sensors(sensors)
         return sensors
 
-    def _moved(
-        self,
-        index: int,
-        setting: Setting,
-        sensors: Mapping[str, SensorBase],
-        around: Array,
-        varying: Mapping[str, Array],
-    ) -> tuple[Motion, dict[int, dict[str, Array]]]:
-        """The motion in a window, and what of its signals is known already, by the sensors."""
+    def _driving(self, index: int, setting: Setting, sensors: Mapping[str, SensorBase]) -> _Driving:
+        """What the motion in a window depends on."""
+        turned, place = self._way[index]
+        varying = setting.varying(place, self._surveyed(place))
+        around = np.zeros((len(place), len(SURROUNDINGS)))
+        for id in _SLOPING:
+            along, across = setting.effect(id, varying).slope(turned)
+            around[:, 0] += along
+            around[:, 1] += across
         late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
-        steering, torques = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
+        delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         changing = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
         road = (around.tobytes(), *((name, values.tobytes()) for name, values in changing.items()))
         shares = [setting.values[name] for name in TORQUE_SHARES]
-        key = hash((*mechanical, *shares, steering, torques, *road))
-        known = self._motions[index]
-        if key in known:
-            known[key] = known.pop(key)  # the last to be forgotten
-        else:
-            if len(known) > 3:
-                known.pop(next(iter(known)))
-            known[key] = self._run(index, parameters, shares, steering, torques, around, changing), {}
-        return known[key]
+        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, changing)
 
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
@@ -248,16 +256,8 @@ class Predictor:
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
         )
 
-    def _run(
-        self,
-        index: int,
-        parameters: Array,
-        shares: Sequence[float],
-        late: float,
-        torques_late: float,
-        around: Array,
-        varying: Mapping[str, Array],
-    ) -> Motion:
+    def _run(self, index: int, way: _Driving) -> Run:
+        steering_late, torques_late = way.delays
         window = self.evidence.windows[index]
         middle = _middle(window)
         n = len(middle)
@@ -265,9 +265,9 @@ class Predictor:
         inputs = np.zeros((n, 5))
         steering = kinds["steering"]
         told = np.isfinite(steering.value[:, 0])
-        inputs[:, 0] = np.interp(middle + late, steering.t[told], steering.value[told, 0])
+        inputs[:, 0] = np.interp(middle + steering_late, steering.t[told], steering.value[told, 0])
         speed, acceleration = self._rolling[index]
-        mass = parameters[self.names.index("chassis.mass")]
+        mass = way.parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
         inertia = np.full((n, 4), mass * self.radius**2 / 4)
         if window.torques:
@@ -277,12 +277,12 @@ class Predictor:
                 inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t[known], torques.value[known, wheel])
             inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
-            inertia *= 2 * _of_each_wheel(acceleration, *shares)
+            inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
             inputs[:, 1:] = inertia / self.radius * acceleration[:, None]
         q, u = rolling_straight(self.vehicle, float(speed[0]))
         q[YAW] = window.heading
-        driving = Inputs(STEP, inputs, around, varying, target=speed / self.radius, gain=inertia / HOLDING_TIME)
-        return self._loop.run(q, u, driving, parameters)
+        target, gain = speed / self.radius, inertia / HOLDING_TIME
+        return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters)
 
     @cached_property
     def _rolling(self) -> list[tuple[Array, Array]]:

@@ -15,7 +15,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit, slope, slopes_at, solve, turned
+from vsense_ros.mismatch.fit import DivergedError, Equations, Fit, Residuals, fit, slope, slopes_at, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -114,7 +114,7 @@ class Search:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
         self.groups = groups(residuals)
         self._progress = progress
-        self._before = [_left_out(base, group) for group in self.groups]
+        self._before = np.array([base.equations.left_out(group) for group in self.groups])
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
         least_whole = float(sum(len(r) for r in base.residuals))
         self.whole = max(base.value, least_whole)
@@ -251,19 +251,36 @@ class Search:
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         knobs = tuple(knob for candidate in new for knob in candidate.knobs)
 
-        def slopes() -> list[Array]:
-            columns = [self._column(knob) for knob in knobs]
-            return [np.column_stack(parts) * [knob.deviation for knob in knobs] for parts in zip(*columns, strict=True)]
-
         def joint() -> Fit:
-            return _joined(at, knobs, slopes())
+            columns = [self._column(knob) for knob in knobs]
+            slopes = [np.column_stack(c) * [knob.deviation for knob in knobs] for c in zip(*columns, strict=True)]
+            return _joined(at, knobs, slopes)
 
-        free, change = _within_bounds(joint(), knobs)
-        falls = [_value(self.base, [i]) - _value(free, [i], change) for i in range(len(free.residuals))]
+        equations = self._joined_equations(at, knobs)
+        free, change = _within_bounds(equations, knobs)
+        falls = self.base.equations.values() - free.values(change)
         return Signature(
-            (*present, *new), joint, _keep(at, knobs, slopes()), sum(falls) / self.whole,
-            self._gains_left_out(free)[0], (sum(falls) - max(falls)) / self.whole,
+            (*present, *new), joint, equations.keeps(knobs), float(falls.sum()) / self.whole,
+            self._gains_left_out(free)[0], float(falls.sum() - falls.max()) / self.whole,
         )  # fmt: skip
+
+    def _joined_equations(self, at: Fit, knobs: Sequence[Knob]) -> Equations:
+        """The equations of `_joined`, of which those of the fit are known."""
+        known, names = at.equations, {knob.name for knob in knobs}
+        stay = [i for i, knob in enumerate(at.knobs) if knob.name not in names]
+        present = dict(zip((knob.name for knob in at.knobs), at.amounts, strict=True))
+        columns = [[part * knob.deviation for part in self._column(knob)] for knob in knobs]
+        new = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
+        across = np.array([(s.T @ n)[stay] for s, n in zip(at.slopes, new, strict=True)])
+        own = np.array([n.T @ n for n in new])
+        rest = known.only(stay)
+        return replace(
+            rest,
+            knobs=(*rest.knobs, *knobs),
+            prior=np.append(rest.prior, [present.get(knob.name, 0.0) / knob.deviation for knob in knobs]),
+            normal=np.block([[rest.normal, across], [across.transpose(0, 2, 1), own]]),
+            right=np.hstack([rest.right, [n.T @ r for n, r in zip(new, at.residuals, strict=True)]]),
+        )
 
     def _column(self, knob: Knob) -> list[Array]:
         """Secant per unit of a knob."""
@@ -277,13 +294,14 @@ class Search:
             self._progress()
         return self._columns[key]
 
-    def _gains_left_out(self, fitted: Fit) -> tuple[float, float]:
+    def _gains_left_out(self, fitted: Equations) -> tuple[float, float]:
         """How much less than the base a fit leaves of each recording that it does not see, over the base's value, and
         over what the base leaves of them, together. What is predicted linearly may be far off where one recording alone
         holds a parameter: over the base's value none of them may count for more than it costs itself."""
-        own = np.array([_value(self.base, group) for group in self.groups])
-        before = np.array(self._before)
-        falls = before - [_left_out(fitted, group) for group in self.groups]
+        values = self.base.equations.values()
+        own = np.array([values[group].sum() for group in self.groups])
+        before = self._before
+        falls = before - [fitted.left_out(group) for group in self.groups]
         least = self.least_whole * self.whole * np.array([len(g) for g in self.groups]) / len(self.base.residuals)
         most = np.maximum(before, own)
         share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, least))
@@ -357,10 +375,11 @@ class Search:
         return fitted
 
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
-        falls = np.array([_value(self.base, [i]) - _value(fitted, [i]) for i in range(len(fitted.residuals))])
+        falls = self.base.equations.values() - fitted.equations.values()
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
         return Explanation(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *self._gains_left_out(fitted),
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
+            *self._gains_left_out(fitted.equations),
             float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
         )  # fmt: skip
 
@@ -419,72 +438,33 @@ def _joined(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> Fit:
     )
 
 
-def _within_bounds(joint: Fit, knobs: Sequence[Knob]) -> tuple[Fit, Array]:
-    """The fit without those of the knobs that are at a bound and would have to go beyond it, and the linear change of
-    the others [deviations]."""
+def _within_bounds(joint: Equations, knobs: Sequence[Knob]) -> tuple[Equations, Array]:
+    """The equations without those of the knobs that are at a bound and would have to go beyond it, and the linear
+    change of the others [deviations]."""
+    asked = {knob.name for knob in knobs}
     while True:
-        change = solve(joint.slopes, joint.residuals, joint.prior, joint.weight)
-        names = [knob.name for knob in joint.knobs]
-        rows = [(knob, names.index(knob.name)) for knob in knobs if knob.name in names]
-        beyond = [
-            knob for knob, i in rows
-            if (joint.amounts[i] <= knob.low and change[i] < 0) or (joint.amounts[i] >= knob.high and change[i] > 0)
-        ]  # fmt: skip
+        change = joint.change()
+        amounts = joint.prior * [knob.deviation for knob in joint.knobs]
+        beyond = {
+            knob.name for knob, amount, by in zip(joint.knobs, amounts, change, strict=True)
+            if knob.name in asked and ((amount <= knob.low and by < 0) or (amount >= knob.high and by > 0))
+        }  # fmt: skip
         if not beyond:
             return joint, change
-        joint = _without(joint, beyond)
-
-
-def _value(fitted: Fit, windows: Sequence[int], change: Array | None = None) -> float:
-    """What is minimised, for some of the windows, after a linear change of the knobs [deviations]. Where the knobs are
-    costs each window as much as its share of all residuals says."""
-    change = np.zeros(len(fitted.knobs)) if change is None else change
-    prior = fitted.prior + change
-    share = sum(len(fitted.residuals[i]) for i in windows) / sum(len(r) for r in fitted.residuals)
-    moved = cost([fitted.residuals[i] + fitted.slopes[i] @ change for i in windows])
-    return moved + fitted.weight * share * float(prior @ prior)
-
-
-def _left_out(fitted: Fit, group: Sequence[int]) -> float:
-    """The value for windows after a fit to all others, linearly."""
-    rest = [i for i in range(len(fitted.residuals)) if i not in group]
-    if not rest:
-        return _value(fitted, group)
-    change = solve([fitted.slopes[i] for i in rest], [fitted.residuals[i] for i in rest], fitted.prior, fitted.weight)
-    return _value(fitted, group, change)
-
-
-def _keep(base: Fit, knobs: Sequence[Knob], slopes: Sequence[Array]) -> float:
-    """Share of the signature that stays when the base parameters are fitted to it, in the norm of the residuals."""
-    rest = _without(base, knobs)
-    whole, left = 0.0, 0.0
-    for signature in _columns(slopes):
-        change = solve(rest.slopes, signature, np.zeros(len(rest.knobs)), base.weight)
-        whole += cost(signature)
-        left += cost([r + s @ change for r, s in zip(signature, rest.slopes, strict=True)])
-    return float(np.sqrt(left / whole)) if whole > 0 else 0.0
+        joint = joint.only([i for i, knob in enumerate(joint.knobs) if knob.name not in beyond])
 
 
 def _deviations(fitted: Fit, layout: Sequence[Sequence[str]]) -> dict[str, float]:
     """Standard deviations of the knobs by name. Residuals of neighbouring instants err together: the spread between
     windows says how much they tell, by a jackknife over windows, or over stretches of the only one. `layout` names the
     signals of each window."""
-    slopes, rest = fitted.slopes, fitted.residuals
-    if len(rest) == 1:
+    if len(fitted.residuals) == 1:
         (names,) = layout
-        slopes = [part.reshape(-1, len(fitted.knobs)) for part in _split(slopes[0], len(names))]
-        rest = [part.reshape(-1) for part in _split(rest[0], len(names))]
-    n = len(rest)
-    every = range(n)
-    changes = np.array(
-        [
-            solve(
-                [slopes[i] for i in every if i != out], [rest[i] for i in every if i != out], fitted.prior,
-                fitted.weight,
-            )
-            for out in every
-        ]
-    )  # fmt: skip
+        slopes = [part.reshape(-1, len(fitted.knobs)) for part in _split(fitted.slopes[0], len(names))]
+        rest = [part.reshape(-1) for part in _split(fitted.residuals[0], len(names))]
+        fitted = replace(fitted, slopes=slopes, residuals=rest)
+    equations, n = fitted.equations, len(fitted.residuals)
+    changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
     spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
     return {knob.name: float(s * knob.deviation) for knob, s in zip(fitted.knobs, spread, strict=True)}
 

@@ -53,8 +53,8 @@ def cache_folder() -> Path:
     return Path(folder) if folder else user_cache_path("vsense_ros")
 
 
-def library(name: str, source: str) -> Path | None:
-    """C source compiled into a shared library in the cache, or None where that is impossible.
+def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
+    """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible.
 
     Safe against two processes that build at once: one builds beside the final place and moves the result there.
     `name` is for humans: it begins the library's file name.
@@ -62,7 +62,7 @@ def library(name: str, source: str) -> Path | None:
     cc = compiler()
     if cc is None or cc in _broken:
         return None
-    key = hashlib.sha256("\n".join((cc, *FLAGS, _processor(), source)).encode()).hexdigest()
+    key = hashlib.sha256("\n".join((cc, *FLAGS, *flags, _processor(), source)).encode()).hexdigest()
     target = cache_folder() / f"{name}-{key[:20]}.so"
     try:
         if target.exists():
@@ -72,7 +72,7 @@ def library(name: str, source: str) -> Path | None:
             if not target.exists():
                 with tempfile.TemporaryDirectory(dir=target.parent) as folder:
                     (Path(folder) / "source.c").write_text(source, encoding="utf-8")
-                    command = [cc, *FLAGS, "source.c", "-o", "library.so", "-lm"]
+                    command = [cc, *FLAGS, "source.c", "-o", "library.so", *flags, "-lm"]
                     subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=600)
                     os.replace(Path(folder) / "library.so", target)
         return target

@@ -1,13 +1,15 @@
 """The car from recorded inputs, again and again: what identification and the search for missing physics run.
 
 Steps are those of `simulate` (ROS2), with the Jacobian renewed only where a state is kept: the method is of second
-order with any matrix. With a compiler a whole run is one call of C; without one the same loop runs in Python.
+order with any matrix. With a compiler several runs go side by side in one call of C, as many as the processor's vectors
+have lanes; without one the same loop runs in Python, one run after the other.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+import platform
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -16,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model import codegen
+from vsense_ros.model import codegen, lanes
 from vsense_ros.model.car import COORDINATES, INPUTS, SPIN, SURROUNDINGS, Car
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.steps import GAMMA, advance_function, linearize_function, remember_function
@@ -49,6 +51,16 @@ class Motion:
     udot: Array
 
 
+@dataclass(frozen=True)
+class Run:
+    """From the state `q`, `u` (14 each), with the effects' memories empty; parameters in the order of the car."""
+
+    q: Array
+    u: Array
+    inputs: Inputs
+    parameters: Array
+
+
 class OpenLoop:
     """Runs of one car; `keep` says that every so many steps a state is kept, and the car linearised."""
 
@@ -59,49 +71,42 @@ class OpenLoop:
         self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
     def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> Motion:
-        """A run from the state `q`, `u` (14 each), with the effects' memories empty."""
-        steps = len(inputs)
-        rows = (steps + self.keep - 1) // self.keep
+        """One run alone, which costs as much as several side by side."""
+        return self.runs([Run(q, u, inputs, parameters)])[0]
+
+    def runs(self, runs: Sequence[Run]) -> list[Motion]:
+        """Of each run its motion; all of them have steps of the same length, else `ValueError`."""
+        if len({run.inputs.step for run in runs}) > 1:
+            raise ValueError("runs side by side need steps of the same length")
+        found = [self._motion(run) for run in runs]
+        if self._compiled is None:
+            for run, motion in zip(runs, found, strict=True):
+                self._run_plain(run, motion)
+            return found
+        # Those that take about as long go together.
+        order = sorted(range(len(runs)), key=lambda i: len(runs[i].inputs))
+        count = self._compiled.lanes
+        for begin in range(0, len(order), count):
+            together = order[begin : begin + count]
+            self._compiled.run([runs[i] for i in together], [found[i] for i in together], self.keep, self._place)
+        return found
+
+    def _motion(self, run: Run) -> Motion:
+        rows = (len(run.inputs) + self.keep - 1) // self.keep
         kept = [np.full((rows, COORDINATES), np.nan) for _ in range(3)]
-        state = [np.array(q, dtype=float), np.array(u, dtype=float), np.zeros(self.car.memory.numel())]
-        parameters = np.array(parameters, dtype=float)
-        if self._compiled is not None:
-            self._run_compiled(state, inputs, parameters, kept)
-        else:
-            self._run_plain(state, inputs, parameters, kept)
-        return Motion(np.arange(rows, dtype=float) * self.keep * inputs.step, *kept)
+        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, *kept)
 
-    def _run_compiled(self, state: list[Array], inputs: Inputs, parameters: Array, kept: list[Array]) -> None:
-        assert self._compiled is not None
-        function, work, integers = self._compiled
-        n = len(inputs)
-        columns = [
-            np.ascontiguousarray(column, dtype=float)
-            for column in (
-                inputs.inputs,
-                inputs.surroundings,
-                np.zeros(n) if inputs.target is None else inputs.target,
-                np.zeros((n, 4)) if inputs.gain is None else inputs.gain,
-                np.column_stack(list(inputs.varying.values())) if inputs.varying else np.zeros(0),
-            )
-        ]
-        places = np.array([self._place[name] for name in inputs.varying], dtype=np.int64)
-        run = _Run(
-            n, self.keep, inputs.step, *map(_pointer, state), *map(_pointer, columns), _pointer(parameters),
-            len(places), places.ctypes.data_as(_Integers), *map(_pointer, kept), _pointer(work),
-            integers.ctypes.data_as(_Integers),
-        )  # fmt: skip
-        function(ctypes.byref(run))
-
-    def _run_plain(self, state: list[Array], inputs: Inputs, parameters: Array, kept: list[Array]) -> None:
-        now_q, now_u, memory = state
+    def _run_plain(self, run: Run, motion: Motion) -> None:
+        inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
+        now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
+        memory = np.zeros(self.car.memory.numel())
         size = COORDINATES
         functions = _functions(self.car)
         driving, around = np.zeros(len(INPUTS)), np.zeros(len(SURROUNDINGS))
         arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, memory]
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
         linearize = Kernel(functions["linearize"], arguments)
-        udot, by_q, by_u, _, by_q_rates = linearize.results
+        udot, by_q, by_u, by_q_rates = linearize.results
         # The memory belongs to the beginning of a step, inputs to its middle.
         between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
         beginning = [*arguments[:4], between, *arguments[5:], h]
@@ -138,55 +143,127 @@ _Integers = ctypes.POINTER(ctypes.c_longlong)
 
 
 class _Run(ctypes.Structure):
+    """`struct run` of open_loop.c."""
+
     _fields_ = (
-        ("steps", ctypes.c_longlong),
         ("keep", ctypes.c_longlong),
         ("h", ctypes.c_double),
-        *((name, _Doubles) for name in ("q", "u", "memory")),
-        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying")),
-        ("parameters", _Doubles),
+        ("steps", _Integers),
+        *((name, _Doubles) for name in ("q", "u")),
+        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", _Integers),
         *((name, _Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
-        ("work", _Doubles),
-        ("integers", _Integers),
+        ("rows", ctypes.c_longlong),
+        ("kept", _Integers),
     )
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """The loop in C for one car."""
+
+    function: ctypes._FuncPointer
+    lanes: int
+
+    def run(self, runs: Sequence[Run], motions: Sequence[Motion], keep: int, place: Mapping[str, int]) -> None:
+        """At most as many runs as there are lanes; fills their motions."""
+        steps = np.array([len(run.inputs) for run in runs] + [0] * (self.lanes - len(runs)), dtype=np.int64)
+        longest, h = int(steps.max()), runs[0].inputs.step
+        varied = sorted({name for run in runs for name in run.inputs.varying})
+        places = np.array([place[name] for name in varied], dtype=np.int64)
+
+        def beside(*columns: Array) -> Array:
+            """(rows, …, lanes): arrays (rows, …) of the runs, the last row of each again and again to the end."""
+            found = np.zeros((longest, *columns[0].shape[1:], self.lanes))
+            for lane, column in enumerate(columns):
+                found[: len(column), ..., lane] = column
+                found[len(column) :, ..., lane] = column[-1:]
+            return found
+
+        def at_once(*values: Array) -> Array:
+            """(…, lanes); lanes without a run have the values of the first."""
+            return np.stack([*values, *[values[0]] * (self.lanes - len(values))], axis=-1).astype(float)
+
+        def none(run: Run, *width: int) -> Array:
+            return np.zeros((len(run.inputs), *width))
+
+        drives = [run.inputs for run in runs]
+        columns = [
+            at_once(*(run.q for run in runs)),
+            at_once(*(run.u for run in runs)),
+            beside(*(drive.inputs for drive in drives)),
+            beside(*(drive.surroundings for drive in drives)),
+            beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
+            beside(*(none(run, 4) if run.inputs.gain is None else run.inputs.gain for run in runs)),
+            beside(*(_varying(run, varied, places) for run in runs)),
+            at_once(*(run.parameters for run in runs)),
+        ]
+        rows = max(len(motion.t) for motion in motions)
+        kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
+        reached = np.zeros(self.lanes, dtype=np.int64)
+        arguments = _Run(
+            keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places), *map(_pointer, kept),
+            rows, _integers(reached),
+        )  # fmt: skip
+        self.function(ctypes.byref(arguments))
+        for lane, motion in enumerate(motions):
+            for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
+                state[: reached[lane]] = column[lane, : reached[lane]]
+
+
+def _varying(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
+    """(n, names) of the parameters that vary in any of the runs."""
+    found = np.tile(run.parameters[places], (len(run.inputs), 1))
+    for column, name in enumerate(names):
+        if name in run.inputs.varying:
+            found[:, column] = run.inputs.varying[name]
+    return found
 
 
 def _pointer(array: Array) -> ctypes._Pointer[ctypes.c_double]:
     return array.ctypes.data_as(_Doubles)
 
 
+def _integers(array: NDArray[np.int64]) -> ctypes._Pointer[ctypes.c_longlong]:
+    return array.ctypes.data_as(_Integers)
+
+
 @cache
 def _functions(car: Car) -> dict[str, ca.Function]:
-    made = [linearize_function(car), advance_function(car)]
+    """Straight code on scalars. Of the Jacobians only those that a step needs."""
+    every = linearize_function(car).expand()
+    state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
+    udot, by_q, by_u, _, by_q_rates = every(*state)
+    made = [ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]), advance_function(car).expand()]
     if car.memory.numel():
-        made.append(remember_function(car))
-    return {function.name(): function.expand() for function in made}
+        made.append(remember_function(car).expand())
+    return {function.name(): function for function in made}
 
 
 @cache
-def _compiled(car: Car) -> tuple[ctypes._FuncPointer, Array, NDArray[np.int64]] | None:
-    """The loop in C for this car, and the memory that its functions work in; None without a compiler."""
+def _compiled(car: Car) -> _Compiled | None:
+    """The loop in C for this car; None without a compiler."""
     if codegen.compiler() is None:
         return None
-    generator = ca.CodeGenerator("model.c", {"with_header": False})
-    functions = _functions(car).values()
-    for function in functions:
-        generator.add(function)
-    loop = resources.files("vsense_ros.model").joinpath("open_loop.c").read_text(encoding="utf-8")
-    if not car.memory.numel():
-        generated = "static int remember(const double **a, double **r, long long *i, double *w, int m) { return 0; }\n"
-    else:
-        generated = ""
-    # Not to be mistaken for functions of the same names elsewhere, such as the C library's own `advance`.
-    private = "#define CASADI_SYMBOL_EXPORT static\n"
-    constants = f"#define MEMORY {car.memory.numel()}\n#define GAMMA {GAMMA!r}\n"
-    built = codegen.library("open_loop", "\n".join((private, generator.dump(), generated, constants, loop)))
+    functions = _functions(car)
+    constants = {"MEMORY": car.memory.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
+    written = [
+        lanes.source(list(functions.values())),
+        *(f"#define {name} {value}" for name, value in constants.items()),
+    ]
+    if "remember" not in functions:
+        written.append("#define REMEMBER_WORK 0\n#define remember(in, out, work)")
+    written.append(resources.files("vsense_ros.model").joinpath("open_loop.c").read_text(encoding="utf-8"))
+    built = codegen.library("open_loop", "\n".join(written), _flags())
     if built is None:
         return None
-    loop_function = ctypes.CDLL(str(built)).open_loop
-    loop_function.restype = ctypes.c_longlong
-    work = np.zeros(max(f.sz_w() for f in functions))
-    integers = np.zeros(max(f.sz_iw() for f in functions) + 1, dtype=np.int64)
-    return loop_function, work, integers
+    library = ctypes.CDLL(str(built))
+    library.open_loop.restype = None
+    return _Compiled(library.open_loop, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
+
+
+def _flags() -> tuple[str, ...]:
+    """glibc on x86 has sine and the like for vectors."""
+    vectors = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
+    return ("-DVECTOR_MATH", "-lmvec") if vectors else ()
