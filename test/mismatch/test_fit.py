@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from vsense_ros.mismatch.fit import Fit, fit, slopes_at
@@ -65,3 +66,57 @@ def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_a
 
     best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
     assert found.value == pytest.approx(best, rel=0.01)
+
+
+def drawn(seed: int, knobs: int = 4, windows: int = 5) -> Fit:
+    """A fit with slopes and residuals at random, windows of different lengths."""
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(10, 40, windows)
+    every = tuple(knob(f"knob {i}", float(rng.uniform(0.5, 2))) for i in range(knobs))
+    return Fit(
+        Setting({}), every, rng.normal(size=knobs), [rng.normal(size=n) for n in rows],
+        [rng.normal(size=(n, knobs)) for n in rows], WEIGHT,
+    )  # fmt: skip
+
+
+def stacked(at: Fit, windows: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """A matrix and a right side whose least squares are the change that fits some windows."""
+    unit = np.sqrt(at.weight) * np.eye(len(at.knobs))
+    matrix = np.vstack([*(at.slopes[i] for i in windows), unit])
+    return matrix, -np.concatenate([*(at.residuals[i] for i in windows), unit @ at.prior])
+
+
+@given(st.integers(0, 10_000))
+def test_the_equations_turn_the_knobs_as_least_squares_on_all_rows_do(seed):
+    at = drawn(seed)
+    everything = list(range(len(at.residuals)))
+    matrix, right = stacked(at, everything)
+    expected, *_ = np.linalg.lstsq(matrix, right)
+    assert_allclose(at.equations.change(), expected, rtol=1e-9, atol=1e-9)
+    left = matrix @ expected - right
+    assert at.equations.values(expected).sum() == pytest.approx(left @ left)
+    assert at.equations.values().sum() == pytest.approx(at.value)
+
+
+@given(st.integers(0, 10_000), st.sets(st.integers(0, 4), min_size=1, max_size=4))
+def test_what_is_left_out_is_judged_by_what_fits_the_rest(seed, group):
+    at = drawn(seed)
+    rest = [i for i in range(len(at.residuals)) if i not in group]
+    change, *_ = np.linalg.lstsq(*stacked(at, rest))
+    off = np.concatenate([at.residuals[i] + at.slopes[i] @ change for i in group])
+    share = len(off) / sum(map(len, at.residuals))
+    expected = off @ off + share * at.weight * np.sum((at.prior + change) ** 2)
+    assert at.equations.left_out(sorted(group)) == pytest.approx(expected)
+
+
+@given(st.integers(0, 10_000))
+def test_a_signature_keeps_what_the_other_knobs_cannot_stand_in_for(seed):
+    at = drawn(seed)
+    *others, new = at.knobs
+    rows = np.vstack(at.slopes)
+    matrix = np.vstack([rows[:, :-1], np.sqrt(at.weight) * np.eye(len(others))])
+    signature = np.append(rows[:, -1], np.zeros(len(others)))
+    change, *_ = np.linalg.lstsq(matrix, signature)
+    left = rows[:, -1] - rows[:, :-1] @ change
+    assert at.equations.keeps([new]) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(rows[:, -1]))
+    assert at.equations.only(range(len(others))).keeps([new]) == 0.0

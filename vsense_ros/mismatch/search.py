@@ -30,8 +30,9 @@ SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
 ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
-POLISHED = 2  # explanations that are fitted again with secants of their own
-WORTH_POLISHING = 0.01  # least gain of those: an effect that base parameters have taken up is found by degrees
+# Least gain of explanations that are fitted again with secants of their own: an effect that base parameters have taken
+# up is found by degrees.
+WORTH_POLISHING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
 STRETCHES = 4  # of a window that is the only one, whose spread says how sure a size is
@@ -135,8 +136,7 @@ class Search:
     def singles(self) -> list[Explanation]:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
-        best = [self.polished(e) if e.gain > WORTH_POLISHING else e for e in found[:POLISHED]]
-        return sorted([*best, *found[POLISHED:]], key=lambda e: e.score, reverse=True)
+        return sorted(map(self.polished, found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """The explanations, the best of them with their shapes fitted besides."""
@@ -196,8 +196,8 @@ class Search:
                     promised = known + adds, signature
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
-        fitted = self._fitted([signature for _, signature in likeliest])
-        return [*map(self._on_the_road, fitted[:1]), *fitted[1:]]
+        fitted = map(self.polished, self._fitted([signature for _, signature in likeliest]))
+        return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
@@ -323,9 +323,11 @@ class Search:
         if any(candidate.along_road for candidate in explanation.candidates):
             return explanation  # each place would cost a simulation
         at = explanation.fit
-        fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
-        better = self._explanation(explanation.candidates, fitted, explanation.keep)
-        return self._on_the_road(better if fitted.value < at.value else explanation)
+        if explanation.gain > WORTH_POLISHING:
+            fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
+            if fitted.value < at.value:
+                explanation = self._explanation(explanation.candidates, fitted, explanation.keep)
+        return self._on_the_road(explanation)
 
     def _on_the_road(self, explanation: Explanation) -> Explanation:
         """The explanation, fitted in full from the parameters of the vehicle file if its car gets lost: there it keeps
