@@ -11,7 +11,7 @@ from vsense_ros.mismatch.prediction import with_all_effects
 from vsense_ros.model import codegen
 from vsense_ros.model.car import Car, car_of
 from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.open_loop import Inputs, OpenLoop
+from vsense_ros.model.open_loop import Inputs, OpenLoop, Run
 from vsense_ros.model.steps import advance_function, dynamics_function, linearize_function
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.vehicle_file import load_vehicle
@@ -52,12 +52,13 @@ def test_model(benchmark, vehicle, name, way):
     assert all(np.all(np.isfinite(result)) for result in kernel.results)
 
 
-def test_a_run_of_the_mismatch_search(benchmark, vehicle):
+@pytest.mark.parametrize("count", [1, 8])
+def test_runs_of_the_mismatch_search(benchmark, vehicle, count):
     """Ten seconds in a bend, in steps as the search takes them, with every effect."""
     vehicle = with_all_effects(vehicle)
     loop, (q, u, *_) = OpenLoop(car_of(vehicle)), arguments(vehicle, "dynamics")
     steering = np.array([0.05, 0.0, 0.0, 0.0, 0.0])
     driving = Inputs(0.005, np.tile(steering, (2000, 1)), np.zeros((2000, 4)))
-    benchmark.group = "run of the mismatch search, 10 s"
-    motion = benchmark(loop.run, q, u, driving, vehicle.parameter_vector())
-    assert np.all(np.isfinite(motion.u))
+    benchmark.group = "runs of the mismatch search, 10 s each, side by side"
+    motions = benchmark(loop.runs, [Run(q, u, driving, vehicle.parameter_vector())] * count)
+    assert all(np.all(np.isfinite(motion.u)) for motion in motions)
