@@ -43,7 +43,7 @@ def every_operation() -> ca.Function:
         a + b, a - b, a * b, a / b, c / b, 1 / a, -a, a**2, 2 * a, ca.fabs(a), ca.sign(a), ca.fmin(a, b), ca.fmax(a, b),
         a < b, a <= a, a >= b, ca.eq(a, a), ca.ne(a, b), ca.logic_not(a < 0), ca.logic_and(a < b, c < d),
         ca.logic_or(a < b, c < d), ca.if_else(a < b, c, d), ca.if_else(a < 0, ca.sqrt(-a), ca.sqrt(a)), ca.sin(a),
-        ca.cos(a), ca.tan(a / 3), ca.asin(a / 3), ca.acos(a / 3), ca.atan(a), ca.atan2(a, b), ca.sinh(a), ca.cosh(a),
+        ca.cos(a), ca.tan(a / 3), ca.asin(a / 4), ca.acos(a / 4), ca.atan(a), ca.atan2(a, b), ca.sinh(a), ca.cosh(a),
         ca.tanh(a), ca.exp(a), ca.log(ca.fabs(a)), ca.fabs(a) ** b, ca.fabs(a) ** 2.5, ca.fmin(a, ca.inf),
     ]  # fmt: skip
     return ca.Function("every", [x], [ca.vertcat(*results)])

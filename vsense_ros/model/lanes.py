@@ -42,7 +42,7 @@ def source(functions: Sequence[ca.Function]) -> str:
     return "\n".join((helpers, *(_function(function) for function in functions)))
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Value:
     """What a statement makes: an expression of other values, by their numbers; `out` where it is a result instead."""
 
