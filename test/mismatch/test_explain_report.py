@@ -340,6 +340,12 @@ def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
     assert "excluded: explains where it was fitted, but nothing held out" in read(found, [], tmp_path).text
 
 
+def test_physics_that_explains_more_than_the_force_that_is_told_has_its_reason(tmp_path):
+    found = finding("unknown")
+    found["effects"].append(effect("road_bank", 0.6, objection="it leaves the speed about as far off as it was"))
+    assert "refused: it leaves the speed about as far off as it was" in read(found, [], tmp_path).text
+
+
 def test_parameters_are_read_in_degrees_and_changes_in_percent():
     assert shown_value(np.pi / 180, "rad") == "1.00°"
     assert shown_value(-0.061, "-", change=True) == "−6.1 %"

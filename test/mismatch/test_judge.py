@@ -50,8 +50,8 @@ class Made:
     def gain_of_most(self, explanation: Explanation) -> float:
         return explanation.left_out
 
-    def mends_the_worst(self, explanation: Explanation) -> bool:
-        return explanation.name.strip() not in UNMENDED
+    def unmended(self, explanation: Explanation) -> str:
+        return "roll_rate" if explanation.name.strip() in UNMENDED else ""
 
     def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
         return 1.5 if explanation.name.strip() in ODD else 0.1
@@ -95,6 +95,24 @@ def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no
     drag = explaining("drag", 0.5, 0.45)
     assert said(replace(drag, spoilt=0.1)) == ("named", ("drag",))
     assert said(replace(drag, spoilt=0.3)) == ("no_mismatch", ())
+
+
+@pytest.mark.parametrize(
+    ("explanation", "words"),
+    [
+        (explaining("drag", 0.01, 0.01), "no more than chance"),
+        (explaining("drag", 0.5, 0.1), "lasts where it was not fitted"),
+        (explaining(GROWN[0], 0.5, 0.45), "lasts where it was not fitted"),
+        (replace(explaining("drag", 0.5, 0.45), spoilt=0.3), "spoils in some drives"),
+        (explaining(UNMENDED[0], 0.5, 0.45), "leaves the roll rate about as far off as it was"),
+        (explaining(ODD[0], 0.5, 0.45), "disagree in its size"),
+        (explaining("drag", 0.5, 0.45), ""),
+    ],
+)
+def test_what_is_refused_is_told_why(explanation, words):
+    (reason,) = judge([explanation], (), Made()).refused.values()
+    assert words in reason
+    assert bool(words) == bool(reason)
 
 
 def test_what_explains_as_much_is_said_besides_even_if_it_is_itself_unproven():
@@ -190,7 +208,7 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
             base=SimpleNamespace(residuals={"wheels": 2.5, "yaw rate": 1.0}),
             compared=lambda fit: (unseen, then),
         )
-        return Proof.mends_the_worst(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
+        return not Proof.unmended(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
 
     assert mends({"roll rate": 0.9}, {"roll rate": 0.95})
     assert not mends({"roll rate": 2.6}, {"roll rate": 2.7})
@@ -287,7 +305,7 @@ def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
     proof = Proof.__new__(Proof)
     proof.residuals, proof.fitted, proof.base = None, residuals, base
     assert residuals.furthest(base.residuals)[0] == "yaw_rate"
-    assert proof.mends_the_worst(replace(explaining("wind", 0.5, 0.5), fit=fitted))
+    assert not proof.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
 
 
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
@@ -338,7 +356,7 @@ def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
             (0.2, "rl", (drag["rl"],)),
         )
     ]  # fmt: skip
-    judged = Judged("named", found[0], (found[0],), (found[0],), tuple(found), {id(e): e.gain for e in found})
+    judged = Judged("named", found[0], (found[0],), (found[0],), tuple(found), {id(e): e.gain for e in found}, {})
     assert judged.other_places() == ("fr",)
 
 

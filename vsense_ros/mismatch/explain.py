@@ -334,6 +334,7 @@ def _entry(
         "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out_share,
         "gain_held_out": proof.gain(explanation), "adds_to_best": judged.adds(explanation), "keep": explanation.keep,
         "confidence": judged.confidence(explanation, candidate.effect),
+        "objection": judged.refused.get(id(explanation), ""),
     }  # fmt: skip
 
 

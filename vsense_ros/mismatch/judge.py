@@ -54,6 +54,7 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
+DISAGREED = "signals and recordings disagree in its size"
 MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
@@ -241,12 +242,12 @@ class Proof:
         count = len(evidence.windows)
         return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
 
-    def mends_the_worst(self, explanation: Explanation) -> bool:
-        """Whether the signal that is furthest from a good model comes near one or at least much closer, where it is: in
-        training or on what the fit has not seen. Where every signal is near, the effect gains by what base parameters
-        need no longer stand in for."""
+    def unmended(self, explanation: Explanation) -> str:
+        """The signal that is furthest from a good model, unless it comes near one or at least much closer, where it is:
+        in training or on what the fit has not seen. Nothing where every signal is near: there the effect gains by what
+        base parameters need no longer stand in for."""
         if self.worst <= ASTRAY:
-            return True
+            return ""
         residuals, before, after = self.fitted, self.base.residuals, explanation.fit.residuals
         if self.residuals is not None:
             unseen = self.compared(explanation.fit)
@@ -254,7 +255,7 @@ class Proof:
                 residuals, (before, after) = self.residuals, unseen
         worst, off = residuals.furthest(before)
         left = residuals.deviations(after)[worst] / residuals.deviations(before)[worst]
-        return left < max(min(1.0, ASTRAY / off), MENDED)
+        return "" if left < max(min(1.0, ASTRAY / off), MENDED) else worst
 
 
 @dataclass(frozen=True)
@@ -267,6 +268,7 @@ class Judged:
     ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
     explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
     held_out: dict[int, float | None]  # gains of most windows by id of the explanation
+    refused: dict[int, str]  # what speaks against each of those ranked, by its id; empty where nothing does
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
     in_doubt: tuple[Explanation, ...] = ()  # between which to choose, the best first; what they share may be sure
 
@@ -363,14 +365,28 @@ def judge(
         return _proven(e, held_out)
 
     def said(verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
-        return Judged(verdict, leader, rivals, tuple(ranked.values()), tuple(explanations), held_out)
+        refused = {id(e): objection(e) or ("" if agreed(e) else DISAGREED) for e in ranked.values()}
+        return Judged(verdict, leader, rivals, tuple(ranked.values()), tuple(explanations), held_out, refused)
+
+    def objection(e: Explanation) -> str:
+        """What speaks against an explanation, if anything does."""
+        unseen = proof.gain(e)
+        if proven(e) <= threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST)):
+            return "it explains no more than chance"
+        if proven(e) <= LASTING * e.gain or (unseen is not None and unseen <= 0):
+            return "little of what it explains lasts where it was not fitted"
+        if e.spoilt >= SPOILT:
+            return "it spoils in some drives a good part of what it mends in others"
+        if proof.fitted.level(e.fit.residuals) >= LEFT_OVER:
+            return "it leaves too much over to be what lacks"
+        if _negligible(e):
+            return "its size might as well be zero"
+        if signal := proof.unmended(e):
+            return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
+        return ""
 
     def holds(e: Explanation) -> bool:
-        left = proof.fitted.level(e.fit.residuals)
-        least = threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
-        unseen = proof.gain(e)
-        lasts = proven(e) > max(least, LASTING * e.gain) and e.spoilt < SPOILT and (unseen is None or unseen > 0)
-        return lasts and left < LEFT_OVER and not _negligible(e) and proof.mends_the_worst(e)
+        return not objection(e)
 
     best: dict[frozenset[str], Explanation] = {}
     for e in sorted(explanations, key=proven, reverse=True):

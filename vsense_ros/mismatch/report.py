@@ -456,7 +456,8 @@ def _standing(
     if within:
         return "cannot be excluded" + ("" if decisive == best else f": {relative}")
     if found["verdict"] not in ("named", "ambiguous"):
-        return f"not enough: {relative}"
+        objection = effect.get("objection", "")
+        return f"refused: {objection}" if objection else f"not enough: {relative}"
     adds = effect["adds_to_best"]
     besides = "" if adds is None else f", and {percent(adds) if adds > 0.0 else 'nothing'} besides it"
     return f"explains less: {relative}{besides}"
