@@ -134,10 +134,7 @@ def turning_of_the_wheels(*names: str) -> float:
     return float(1 / measured - 1)
 
 
-OFF = pytest.mark.xfail(strict=True, reason="11 % where the answer says 15 %: 0.034 apart; a lap tells it to 0.02")
-
-
-@pytest.mark.parametrize("name", [LAPS[0], pytest.param(LAPS[1], marks=OFF), LAPS[2]])
+@pytest.mark.parametrize("name", LAPS)
 def test_the_wheels_of_the_genesis_turn_as_much_more_than_measured_as_the_answer_says(name):
     (ratio,) = genesis_claims()["steering_ratio"]["parameters"]
     assert turning_of_the_wheels(name) == pytest.approx(ratio["value"], abs=0.03)
