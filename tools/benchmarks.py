@@ -1,4 +1,7 @@
-"""Render BENCHMARKS.md from pytest-benchmark's JSON: `python tools/benchmarks.py out/bench.json BENCHMARKS.md`."""
+"""Render BENCHMARKS.md from pytest-benchmark's JSON: `python tools/benchmarks.py out/bench.json BENCHMARKS.md`.
+
+Without the JSON, `python tools/benchmarks.py BENCHMARKS.md`, the scores of the examination alone are written anew.
+"""
 
 from __future__ import annotations
 
@@ -269,8 +272,22 @@ def render(results: dict[str, Any], picture: Path, scores: dict[str, Any] | None
     return "\n".join(lines)
 
 
+def with_examination(page: str, scores: dict[str, Any]) -> str:
+    """A page with the section of the examination written anew. Raises `ValueError` where it has none."""
+    head = EXAMINATION_HEAD.partition("\n")[0]
+    before, found, rest = page.partition(head)
+    if not found:
+        raise ValueError(f"no section {head!r} in the page")
+    after = rest[rest.index("\n## ") + 1 :] if "\n## " in rest else ""
+    return before + "\n".join([*examination(scores), after])
+
+
 if __name__ == "__main__":
-    source, target = (Path(argument) for argument in sys.argv[1:3])
-    results = json.loads(source.read_text(encoding="utf-8"))
-    target.write_text(render(results, PICTURE, all_scores(EXAMINATIONS)), encoding="utf-8")
+    *source, target = map(Path, sys.argv[1:3])
+    scores = all_scores(EXAMINATIONS)
+    if source:
+        page = render(json.loads(source[0].read_text(encoding="utf-8")), PICTURE, scores)
+    else:
+        page = with_examination(target.read_text(encoding="utf-8"), scores)
+    target.write_text(page, encoding="utf-8")
     print(f"wrote {target}")

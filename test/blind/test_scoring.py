@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -200,6 +201,15 @@ def test_no_release_has_the_cases_of_an_earlier_one():
     scored = [seed for file in files if (seed := json.loads(file.read_text(encoding="utf-8")).get("seed"))]
     assert set(scored) <= {*cases.SPENT, cases.SEEDS["release"]}
     assert len(set(scored)) == len(scored) >= 2
+
+
+def test_the_page_of_benchmarks_has_the_scores_that_are_kept():
+    root = Path(__file__).parents[2]
+    tool = runpy.run_path(str(root / "tools/benchmarks.py"))
+    page = (root / "BENCHMARKS.md").read_text(encoding="utf-8")
+    assert tool["with_examination"](page, tool["all_scores"](root / "docs/benchmarks")) == page
+    with pytest.raises(ValueError, match="no section"):
+        tool["with_examination"]("# Benchmarks\n", {})
 
 
 @pytest.mark.parametrize("split", cases.SEEDS)
