@@ -32,7 +32,7 @@ def speed(mass: float, drag: float, rolling: float) -> np.ndarray:
 class Speeds:
     """Residuals of the speed in standard deviations of 0.2 m/s."""
 
-    predictor = SimpleNamespace(lost=lambda setting: [False])
+    predictor = SimpleNamespace(lost=lambda setting: [False], ahead=1, foresee=lambda settings: None)
 
     def __init__(self, **true: float) -> None:
         self.measured = speed(**true) + 0.2 * np.random.default_rng(1).standard_normal(len(TIME))

@@ -28,7 +28,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slope, solve, strength, turned
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
 from vsense_ros.mismatch.judge import NORMAL_90
 from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import label
@@ -268,7 +268,7 @@ def _separation(
     for name, error in residuals.by_signal(base.residuals).items():  # of the true model: what the sensors leave
         residuals.deviation[name] = max(residuals.deviation[name], error)
     base = replace(base, residuals=residuals(fitted))
-    absorbing = [slope(residuals, start, base, knob) for knob in common]
+    absorbing = list(slopes_by(residuals, start, base, common))
     fits = [_rival(residuals, fitted, rival, knobs, test) for rival in rivals]
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
@@ -297,7 +297,7 @@ def _rival(
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     setting = turned(fitted, turning, sizes)
     fit = Fit(setting, turning, sizes, residuals(setting), [], 0.0)
-    columns = [slope(residuals, fitted, fit, knob) for knob in turning]
+    columns = slopes_by(residuals, fitted, fit, turning)
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])
 
 

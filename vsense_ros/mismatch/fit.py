@@ -6,7 +6,7 @@ without simulating anything again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -265,15 +265,7 @@ def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: floa
     """Secant of the residuals by a knob that is turned by `step` likely amounts from a fit that began at `start`, per
     deviation; by less where the car gets lost with that and does not in the fit, which would tell nothing."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
-    amounts = dict(zip((known.name for known in fit.knobs), fit.amounts, strict=True))
-    present = float(amounts.get(knob.name, 0.0))
-    knobs = (*(known for known in fit.knobs if known.name != knob.name), knob)
-    for share in STEPS:
-        by = share * step * knob.likely
-        if not knob.low <= present + by <= knob.high:
-            continue
-        amounts[knob.name] = present + by
-        setting = turned(start, knobs, np.array([amounts[known.name] for known in knobs]))
+    for by, setting in _attempts(start, fit, knob, step):
         try:
             changed = residuals(setting, fit.residuals)
         except DivergedError:
@@ -285,6 +277,30 @@ def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: floa
         if not lost or lost <= sum(residuals.predictor.lost(fit.setting)):
             break
     return best
+
+
+def slopes_by(
+    residuals: Residuals, start: Setting, fit: Fit, knobs: Sequence[Knob], step: float = STEP
+) -> Iterator[list[Array]]:
+    """`slope` by each of the knobs, several of which are driven side by side."""
+    ahead = residuals.predictor.ahead
+    for begin in range(0, len(knobs), ahead):
+        together = knobs[begin : begin + ahead]
+        first = (next(_attempts(start, fit, knob, step), None) for knob in together)
+        residuals.predictor.foresee([attempt[1] for attempt in first if attempt is not None])
+        yield from (slope(residuals, start, fit, knob, step) for knob in together)
+
+
+def _attempts(start: Setting, fit: Fit, knob: Knob, step: float) -> Iterator[tuple[float, Setting]]:
+    """By how much a knob is turned for a secant, and the car with that, the likeliest first."""
+    amounts = dict(zip((known.name for known in fit.knobs), fit.amounts, strict=True))
+    present = float(amounts.get(knob.name, 0.0))
+    knobs = (*(known for known in fit.knobs if known.name != knob.name), knob)
+    for share in STEPS:
+        by = share * step * knob.likely
+        if knob.low <= present + by <= knob.high:
+            amounts[knob.name] = present + by
+            yield by, turned(start, knobs, np.array([amounts[known.name] for known in knobs]))
 
 
 def solve(
@@ -401,8 +417,8 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
 def slopes_at(residuals: Residuals, start: Setting, at: Fit, progress: Callable[[], None]) -> list[Array]:
     """By window, (rows, k): secants by the knobs of a fit from where it is, per deviation; it began at `start`."""
     slopes = [np.zeros((len(r), len(at.knobs))) for r in at.residuals]
-    for i, knob in enumerate(at.knobs):
-        for window, column in zip(slopes, slope(residuals, start, at, knob), strict=True):
+    for i, columns in enumerate(slopes_by(residuals, start, at, at.knobs)):
+        for window, column in zip(slopes, columns, strict=True):
             window[:, i] = column
         progress()
     return slopes

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
+SIDE_BY_SIDE = 16  # runs that fill the lanes of a processor's vectors
+REMEMBERED = 3  # motions of each window, besides those that are foreseen
 SPUN = 0.5  # [rad] of side slip from which cars do not come back
 SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
 BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
@@ -111,6 +113,7 @@ class Predictor:
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in evidence.windows]
+        self.ahead = max(1, SIDE_BY_SIDE // max(len(evidence.windows), 1))  # settings that are driven at once
         measuring = {name: sensor for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
@@ -182,18 +185,35 @@ class Predictor:
             found.append(slips)
         return found
 
+    def foresee(self, settings: Sequence[Setting]) -> None:
+        """Drive the windows with up to `ahead` settings side by side; what then is asked of them is known."""
+        self._drive([self._ways(setting, self._sensors(setting)) for setting in settings])
+
+    def _ways(self, setting: Setting, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
+        """By window."""
+        return [self._driving(index, setting, sensors) for index in range(len(self.evidence.windows))]
+
+    def _drive(self, settings: Sequence[Sequence[_Driving]]) -> None:
+        """Side by side what was not driven before."""
+        new = {
+            (index, way.key): way
+            for ways in settings
+            for index, way in enumerate(ways)
+            if way.key not in self._motions[index]
+        }
+        motions = self._loop.runs([self._run(index, way) for (index, _), way in new.items()])
+        for (index, key), motion in zip(new, motions, strict=True):
+            known = self._motions[index]
+            if len(known) >= REMEMBERED + self.ahead:
+                known.pop(next(iter(known)))
+            known[key] = motion, {}
+
     def _all_moved(
         self, setting: Setting, sensors: Mapping[str, SensorBase]
     ) -> list[tuple[Motion, dict[int, dict[str, Array]], Array]]:
-        """Motion in each window, what of its signals is known already, by the sensors, and the surroundings. The
-        windows that were not driven with this setting before are driven side by side."""
-        ways = [self._driving(index, setting, sensors) for index in range(len(self.evidence.windows))]
-        new = [i for i, (way, known) in enumerate(zip(ways, self._motions, strict=True)) if way.key not in known]
-        for index, motion in zip(new, self._loop.runs([self._run(i, ways[i]) for i in new]), strict=True):
-            known = self._motions[index]
-            if len(known) > 3:
-                known.pop(next(iter(known)))
-            known[ways[index].key] = motion, {}
+        """Motion in each window, what of its signals is known already, by the sensors, and the surroundings."""
+        ways = self._ways(setting, sensors)
+        self._drive([ways])
         found = []
         for way, known in zip(ways, self._motions, strict=True):
             known[way.key] = known.pop(way.key)  # the last to be forgotten

@@ -7,7 +7,7 @@ left out), then fitted in full.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from operator import itemgetter
@@ -15,7 +15,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Equations, Fit, Residuals, fit, slope, slopes_at, turned
+from vsense_ros.mismatch.fit import DivergedError, Equations, Fit, Residuals, fit, slopes_at, slopes_by, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -128,6 +128,7 @@ class Search:
     @cached_property
     def visible(self) -> frozenset[str]:
         """Ids of the effects that would change something that was recorded."""
+        self._simulate_new(self.offered)
         return frozenset(
             c.effect for c in self.offered
             if any(np.abs(part).max(initial=0.0) > 1e-6 for knob in c.knobs for part in self._column(knob))
@@ -145,7 +146,7 @@ class Search:
             at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect, self.start.values)
             if not knobs or explanation.gain < ENOUGH:
                 continue
-            columns = [slope(self.residuals, self.start, at, knob) for knob in knobs]
+            columns = slopes_by(self.residuals, self.start, at, knobs)
             slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
             signature = Signature(
                 explanation.candidates, partial(_joined, at, knobs, slopes), explanation.keep, explanation.gain,
@@ -201,7 +202,9 @@ class Search:
 
     def described(self) -> list[Explanation]:
         """Terms without known physics, fitted in full, best first."""
-        found = [self._signature(self.base, (), (term,)) for term in terms(self.start.values)]
+        every = terms(self.start.values)
+        self._simulate_new(every)
+        found = [self._signature(self.base, (), (term,)) for term in every]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
     def united(self, explanations: Sequence[Explanation]) -> list[Explanation]:
@@ -217,11 +220,13 @@ class Search:
 
     def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:
         """All candidates at once, without a search."""
+        self._simulate_new(candidates)
         return self._fitted([self._signature(self.base, (), tuple(candidates))])
 
     def _screened(self, at: Fit, present: tuple[Candidate, ...], count: int) -> list[Signature]:
         """The likeliest candidates besides those present: `count` by what they gain, as many by what they gain where
         they are left out, and by what they gain elsewhere than where they promise most."""
+        self._simulate_new(self.offered)
         names = {candidate.effect for candidate in present}
         found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
         found = [s for s in found if s.keep > 0]
@@ -235,18 +240,23 @@ class Search:
         for free in (s for s in found if s.candidates[-1].along_road and not present):
             one = next((s for s in single if _first(s) == _first(free)), None)
             if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
-                self._simulate_places(free.candidates[-1])
+                self._simulate(knob for knob in free.candidates[-1].knobs if knob.place is not None)
                 free = self._signature(at, present, free.candidates[-1:])
                 chosen |= {s.candidates[-1].name: s for s in (one, free)}
         return list(chosen.values())
 
-    def _simulate_places(self, candidate: Candidate) -> None:
-        """Secants in the place of what `at_place` takes for them."""
-        for knob in candidate.knobs:
-            if knob.place is not None:
-                secant = slope(self.residuals, self.start, self.base, knob, SECANT)
-                self._columns[knob.name, knob.form] = [part / knob.deviation for part in secant]
-        self._progress()
+    def _simulate(self, knobs: Iterable[Knob]) -> None:
+        """Secants of the base fit."""
+        every = {(knob.name, knob.form): knob for knob in knobs}
+        secants = slopes_by(self.residuals, self.start, self.base, list(every.values()), SECANT)
+        for (key, knob), secant in zip(every.items(), secants, strict=True):
+            self._columns[key] = [part / knob.deviation for part in secant]
+            self._progress()
+
+    def _simulate_new(self, candidates: Iterable[Candidate]) -> None:
+        """Of candidates that are met for the first time, without what `at_place` tells."""
+        knobs = (knob for candidate in candidates for knob in candidate.knobs if knob.place is None)
+        self._simulate(knob for knob in knobs if (knob.name, knob.form) not in self._columns)
 
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         knobs = tuple(knob for candidate in new for knob in candidate.knobs)
@@ -283,15 +293,11 @@ class Search:
         )
 
     def _column(self, knob: Knob) -> list[Array]:
-        """Secant per unit of a knob."""
+        """Secant per unit of a knob that was simulated, or of what `at_place` tells."""
         key = knob.name, knob.form
         if key not in self._columns and knob.place is not None:
             size, abscissa = knob.place
             self._columns[key] = at_place(self.residuals, self._columns[size, knob.form], abscissa)
-        elif key not in self._columns:
-            secant = slope(self.residuals, self.start, self.base, knob, SECANT)
-            self._columns[key] = [part / knob.deviation for part in secant]
-            self._progress()
         return self._columns[key]
 
     def _gains_left_out(self, fitted: Equations) -> tuple[float, float]:
