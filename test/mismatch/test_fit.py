@@ -1,4 +1,5 @@
-"""Damped Gauss-Newton steps against an optimiser of another library, where parameters can stand in for one another."""
+"""Fits and their equations against other libraries: an optimiser, where parameters can stand in for one another, and
+least squares on all rows."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,8 +1,4 @@
-"""Fitting what may be wrong to the evidence: weighted residuals, their derivatives, and damped Gauss-Newton steps.
-
-Each window's share of the normal equations is kept apart, so that any part of the evidence can be left out afterwards
-without simulating anything again.
-"""
+"""Fitting what may be wrong to the evidence: weighted residuals, their derivatives, and damped Gauss-Newton steps."""
 
 from __future__ import annotations
 
@@ -14,6 +10,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.equations import Equations, least
 from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference, grid
@@ -188,67 +185,6 @@ class Fit:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Equations:
-    """The normal equations of a fit: all that it takes to judge small changes of its knobs, on any of its windows."""
-
-    knobs: tuple[Knob, ...]
-    prior: Array  # (k,) where the knobs are [deviations]
-    weight: float  # what a knob that is one deviation off costs
-    normal: Array  # (windows, k, k) products of the slopes
-    right: Array  # (windows, k) of the slopes and the residuals
-    costs: Array  # (windows,) sums of squared residuals
-    rows: NDArray[np.int64]  # (windows,) numbers of residuals
-
-    def change(self, windows: Sequence[int] | None = None) -> Array:
-        """(k,) by which the knobs have to turn [deviations] for the least value of all or some of the windows."""
-        chosen = slice(None) if windows is None else list(windows)
-        normal, right = self.normal[chosen].sum(axis=0), self.right[chosen].sum(axis=0)
-        return np.asarray(
-            np.linalg.solve(normal + self.weight * np.eye(len(self.prior)), -right - self.weight * self.prior)
-        )
-
-    def values(self, change: Array | None = None) -> Array:
-        """(windows,) what is minimised, after a change of the knobs [deviations], by window. Where the knobs are costs
-        each as much as its share of all residuals says."""
-        moved, prior = self.costs, self.prior
-        if change is not None:
-            moved = moved + 2 * self.right @ change + (self.normal @ change) @ change
-            prior = prior + change
-        return np.asarray(moved + self.weight * float(prior @ prior) * self.rows / self.rows.sum())
-
-    def left_out(self, group: Sequence[int]) -> float:
-        """The value of a group of windows after a fit to all others; where there are no others, as they are."""
-        rest = [i for i in range(len(self.rows)) if i not in group]
-        return float(self.values(self.change(rest) if rest else None)[list(group)].sum())
-
-    def only(self, stay: Sequence[int]) -> Equations:
-        """With those knobs alone that have these places."""
-        stay = list(stay)
-        return replace(
-            self,
-            knobs=tuple(self.knobs[i] for i in stay),
-            prior=self.prior[stay],
-            normal=self.normal[:, stay][:, :, stay],
-            right=self.right[:, stay],
-        )
-
-    def keeps(self, knobs: Sequence[Knob]) -> float:
-        """Share of what some of the knobs do that is left when all others are fitted to it, in the norm of the
-        residuals."""
-        names = {knob.name for knob in knobs}
-        rest = [i for i, knob in enumerate(self.knobs) if knob.name not in names]
-        whole = self.normal.sum(axis=0)
-        others = whole[np.ix_(rest, rest)]
-        total, left = 0.0, 0.0
-        for i in (i for i, knob in enumerate(self.knobs) if knob.name in names):
-            along = whole[rest, i]
-            change = -np.linalg.solve(others + self.weight * np.eye(len(rest)), along)
-            total += whole[i, i]
-            left += whole[i, i] + 2 * along @ change + change @ others @ change
-        return float(np.sqrt(max(left, 0.0) / total)) if total > 0 else 0.0
-
-
 def cost(residuals: Sequence[Array]) -> float:
     """Sum of squares."""
     return float(sum(r @ r for r in residuals))
@@ -312,7 +248,7 @@ def solve(
     normal = sum((s.T @ s for s in slopes), np.zeros((len(prior), len(prior))))
     right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(prior)))
     normal = normal + caution * np.diag(np.diag(normal))
-    return np.asarray(np.linalg.solve(normal + strength * np.eye(len(prior)), -right - strength * prior), dtype=float)
+    return least(normal, right, prior, strength)
 
 
 def strength(residuals: Sequence[Array]) -> float:

@@ -365,7 +365,6 @@ def judge(
         return _proven(e, held_out)
 
     def said(verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
-        refused = {id(e): objection(e) or ("" if agreed(e) else DISAGREED) for e in ranked.values()}
         return Judged(verdict, leader, rivals, tuple(ranked.values()), tuple(explanations), held_out, refused)
 
     def objection(e: Explanation) -> str:
@@ -413,6 +412,7 @@ def judge(
     ranked: dict[str, Explanation] = {}
     for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
         ranked.setdefault(e.effects[0], e)
+    refused = {id(e): objection(e) or ("" if agreed(e) else DISAGREED) for e in ranked.values()}
     likeliest = [e for e in ranked.values() if holds(e)][:1]
     leaders = [e for e in likeliest if agreed(e)]
     for count in (2, 3):

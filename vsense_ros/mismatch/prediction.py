@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
-SIDE_BY_SIDE = 16  # runs that fill the lanes of a processor's vectors
+SIDE_BY_SIDE = 16  # runs that are given to the vectors at once: twice what the widest hold (AVX-512, eight lanes)
 REMEMBERED = 3  # motions of each window, besides those that are foreseen
 SPUN = 0.5  # [rad] of side slip from which cars do not come back
 SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted

@@ -15,7 +15,8 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.fit import DivergedError, Equations, Fit, Residuals, fit, slopes_at, slopes_by, turned
+from vsense_ros.mismatch.equations import Equations
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
@@ -452,10 +453,10 @@ def _within_bounds(joint: Equations, knobs: Sequence[Knob]) -> tuple[Equations, 
     asked = {knob.name for knob in knobs}
     while True:
         change = joint.change()
-        amounts = joint.prior * [knob.deviation for knob in joint.knobs]
         beyond = {
-            knob.name for knob, amount, by in zip(joint.knobs, amounts, change, strict=True)
-            if knob.name in asked and ((amount <= knob.low and by < 0) or (amount >= knob.high and by > 0))
+            knob.name for knob, at, by in zip(joint.knobs, joint.prior, change, strict=True)
+            if knob.name in asked
+            and ((at <= knob.low / knob.deviation and by < 0) or (at >= knob.high / knob.deviation and by > 0))
         }  # fmt: skip
         if not beyond:
             return joint, change

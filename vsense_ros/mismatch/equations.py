@@ -1,0 +1,82 @@
+"""The normal equations of a fit: what small changes of its knobs would do.
+
+Each window's share is kept apart, so that any part of the evidence can be left out without simulating anything again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.knobs import Knob
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The normal equations of a fit: all that it takes to judge small changes of its knobs, on any of its windows."""
+
+    knobs: tuple[Knob, ...]
+    prior: Array  # (k,) where the knobs are [deviations]
+    weight: float  # what a knob that is one deviation off costs
+    normal: Array  # (windows, k, k) products of the slopes
+    right: Array  # (windows, k) of the slopes and the residuals
+    costs: Array  # (windows,) sums of squared residuals
+    rows: NDArray[np.int64]  # (windows,) numbers of residuals
+
+    def change(self, windows: Sequence[int] | None = None) -> Array:
+        """(k,) by which the knobs have to turn [deviations] for the least value of all or some of the windows."""
+        chosen = slice(None) if windows is None else list(windows)
+        normal, right = self.normal[chosen].sum(axis=0), self.right[chosen].sum(axis=0)
+        return least(normal, right, self.prior, self.weight)
+
+    def values(self, change: Array | None = None) -> Array:
+        """(windows,) what is minimised, after a change of the knobs [deviations], by window. Where the knobs are costs
+        each as much as its share of all residuals says."""
+        moved, prior = self.costs, self.prior
+        if change is not None:
+            moved = moved + 2 * self.right @ change + (self.normal @ change) @ change
+            prior = prior + change
+        return np.asarray(moved + self.weight * float(prior @ prior) * self.rows / self.rows.sum())
+
+    def left_out(self, group: Sequence[int]) -> float:
+        """The value of a group of windows after a fit to all others; where there are no others, as they are."""
+        rest = [i for i in range(len(self.rows)) if i not in group]
+        return float(self.values(self.change(rest) if rest else None)[list(group)].sum())
+
+    def only(self, stay: Sequence[int]) -> Equations:
+        """With those knobs alone that have these places."""
+        stay = list(stay)
+        return replace(
+            self,
+            knobs=tuple(self.knobs[i] for i in stay),
+            prior=self.prior[stay],
+            normal=self.normal[:, stay][:, :, stay],
+            right=self.right[:, stay],
+        )
+
+    def keeps(self, knobs: Sequence[Knob]) -> float:
+        """Share of what some of the knobs do that is left when all others are fitted to it, in the norm of the
+        residuals."""
+        names = {knob.name for knob in knobs}
+        rest = [i for i, knob in enumerate(self.knobs) if knob.name not in names]
+        whole = self.normal.sum(axis=0)
+        others = whole[np.ix_(rest, rest)]
+        total, left = 0.0, 0.0
+        for i in (i for i, knob in enumerate(self.knobs) if knob.name in names):
+            along = whole[rest, i]
+            change = least(others, along, np.zeros(len(rest)), self.weight)
+            total += whole[i, i]
+            left += whole[i, i] + 2 * along @ change + change @ others @ change
+        return float(np.sqrt(max(left, 0.0) / total)) if total > 0 else 0.0
+
+
+def least(normal: Array, right: Array, prior: Array, weight: float) -> Array:
+    """The change (k,) of the knobs, in deviations, that is least in squared residuals and `weight` times the squared
+    distance of the knobs from zero: from the products `normal` (k, k) of the slopes, `right` (k,) of the slopes and the
+    residuals, and `prior` (k,), where the knobs are."""
+    return np.asarray(np.linalg.solve(normal + weight * np.eye(len(prior)), -right - weight * prior), dtype=float)
