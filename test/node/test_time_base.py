@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vsense_ros.node.time_base import Arrivals, TimeBase
@@ -63,6 +63,7 @@ def test_a_clock_that_was_paused_is_followed(pause: int) -> None:
     assert base.at((2000 + pause) * MS) == START + 2000 * MS
 
 
+@example(waited=123, rate=0.5, spacing=0.19921875)
 @given(waited=st.integers(6, 150), rate=st.sampled_from([0.5, 1.0, 3.0]), spacing=st.floats(0.01, 0.2))
 def test_ticks_that_have_waited_for_a_process_leave_neither_a_wrong_time_nor_a_wrong_rate(
     waited: int, rate: float, spacing: float

@@ -11,7 +11,8 @@ from typing import Generic, TypeVar
 
 _RATE_TICKS = 512  # clock messages from which the rate of the clock is taken
 _OFFSET_TICKS = 64  # newest of them from which the offset is taken
-_RATE_EVERY = 16  # ticks between two looks at the rate, once there are many
+_RATE_EVERY = 16  # ticks between two looks at the rate …
+_RATE_OFTEN = 640_000_000  # [ns] … beyond this wall time from the first: until then each tick counts, however many wait
 _RATE_SPAN = 80_000_000  # [ns] of wall time before the rate is believed; until then it is 1
 _RATE_NOISE = 0.02  # a rate this close to 1 is 1
 _JUMP = 50_000_000  # [ns]
@@ -59,7 +60,7 @@ class TimeBase:
             self._late_since = None
             self._ticks.appendleft((wall, simulated))
             self._count += 1
-            if len(self._ticks) < _OFFSET_TICKS or self._count % _RATE_EVERY == 0:
+            if wall - self._ticks[-1][0] < _RATE_OFTEN or self._count % _RATE_EVERY == 0:
                 self._find_rate()
             self._best = self._promptest(islice(self._ticks, _OFFSET_TICKS))
 
