@@ -29,10 +29,8 @@ def _both_axles(hidden: Hidden, car: Car) -> dict[str, float]:
 
 
 def _conicity(hidden: Hidden, car: Car) -> dict[str, float]:
-    """Of the axle: the other wheel has none."""
-    axle = "front" if hidden.where.startswith("f") else "rear"
-    load = getattr(car, axle).nominal_load
-    return {axle: hidden.value / (2 * load)}
+    axle = car.front if hidden.where.startswith("f") else car.rear
+    return {hidden.where: hidden.value / axle.nominal_load}
 
 
 _EXPECTED: Mapping[str, Callable[[Hidden, Car], dict[str, float]]] = {

@@ -187,7 +187,7 @@ def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_g
     outputs = ca.Function("outputs", arguments, [car.wheel_outputs[[1, 2, 5], :]])
     q, u = rolling_straight(pushing, 20.0)
     u[1] = 20.0 * slip
-    changes = {"effects.tyre_conicity.front": 0.05, "effects.tyre_conicity.rear": 0.05}
+    changes = {f"effects.tyre_conicity.{wheel}": 0.05 for wheel in ("fl", "fr", "rl", "rr")}
     without, with_it = (
         np.array(outputs(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
         for c in ({}, changes)
