@@ -205,8 +205,8 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
             worst=2.5,
             fitted=told,
             residuals=told,
-            base=SimpleNamespace(residuals={"wheels": 2.5, "yaw rate": 1.0}),
             compared=lambda fit: (unseen, then),
+            trained=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
         )
         return not Proof.unmended(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
 
@@ -249,8 +249,15 @@ def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_woul
     assert said(one, two) == ("named", ("drag + bank",))
     assert said(one, small) == ("named", ("drag",))
     assert said(one, enough) == ("named", ("drag + bank",))
-    assert said(one, two, explaining("drag + wind", 0.56, 0.56)) == ("named", ("drag",))
+    judged = judge((one, two, explaining("drag + wind", 0.56, 0.56)), (), Made())
+    assert (judged.verdict, judged.rivals, judged.besides) == ("named", (one,), ("bank", "wind"))
     assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
+
+
+def test_a_second_effect_that_explains_what_the_form_of_a_large_first_one_may_leave_is_not_told():
+    large = explaining("drag", 0.93, 0.93)
+    assert said(large, explaining("drag + bank", 0.938, 0.938)) == ("named", ("drag",))
+    assert said(large, explaining("drag + bank", 0.943, 0.943)) == ("named", ("drag + bank",))
 
 
 def test_what_explains_half_as_much_beside_the_first_effect_does_not_count_if_the_second_leaves_it_nothing():
@@ -304,6 +311,7 @@ def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
     base, fitted = (replace(FITTED, residuals=[np.array([float(i)])]) for i in range(2))
     proof = Proof.__new__(Proof)
     proof.residuals, proof.fitted, proof.base = None, residuals, base
+    proof.trained = lambda fit: (base.residuals, fit.residuals)
     assert residuals.furthest(base.residuals)[0] == "yaw_rate"
     assert not proof.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
 
@@ -375,12 +383,21 @@ def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_
 def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torque, deviation, verdict):
     knob = Knob("torque", "N m", 10.0, -100.0, 100.0, lambda values, amount: {"torque": amount})
     found = replace(
-        explaining("drag", 0.2, 0.2),
-        candidates=(Candidate("drag", "", (knob,), "a brake that drags"),),
+        explaining("brake_drag", 0.2, 0.2),
+        candidates=(Candidate("brake_drag", "", (knob,), "a brake that drags"),),
         fit=replace(FITTED, knobs=(knob,), amounts=np.array([torque])),
         deviations={"torque": deviation},
     )
     assert judge((found,), (), Made()).verdict == verdict
+
+
+@pytest.mark.parametrize(("mended", "verdict"), [(True, "named"), (False, "no_mismatch")])
+def test_a_signal_that_one_size_for_all_of_the_road_leaves_off_may_be_how_the_road_changes(mended, verdict):
+    level = explaining("effect that mends another signal", 0.2, 0.2)
+    changing = explaining("bank of another size at every place" if mended else level.name, 0.5, -0.1)
+    judged = judge((level,), (), Made(), lambda explanation: changing)
+    assert judged.verdict == verdict
+    assert judged.leader in (level, None)  # what is told is what lasts
 
 
 @given(st.floats(-10.0, 10.0), st.floats(0.0, 5.0))

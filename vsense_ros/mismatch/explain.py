@@ -180,20 +180,31 @@ def answer(
     threshold = THRESHOLD
     if ablation == "chi2_thresholds":
         found["threshold"] = threshold = float(chi2.isf(0.05 / len(offered), 1)) / search.whole  # Bonferroni
-    judged = judge(explanations, described, proof, threshold)
+    judged = judge(explanations, described, proof, search.along_the_road, threshold)
     if judged.verdict == "no_mismatch" and not assume and not described:
-        judged = judge(explanations, search.described(), proof, threshold)
+        judged = judge(explanations, search.described(), proof, search.along_the_road, threshold)
     if judged.in_doubt and not assume:
-        judged = judge([*explanations, *search.united(judged.in_doubt)], described, proof, threshold)
+        united = search.united(judged.in_doubt)
+        judged = judge([*explanations, *united], described, proof, search.along_the_road, threshold)
     if assume and explanations:
         judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
+    off, freed = "", None
     if judged.leader is not None:
+        if off := proof.unmended(judged.leader):
+            freed = search.along_the_road(judged.leader)
         judged = judged.led_by(search.settled(judged.leader), proof)
+        if freed is not None and judged.leader is not None and proof.lasting(freed) > proof.lasting(judged.leader):
+            judged = judged.led_by(freed, proof)
     leader, verdict = judged.leader, judged.verdict
     if strange and (leader is None or misfit(leader.fit, residuals)):
         return nothing_said(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += proof.lost(shown)
+    if leader is not None and freed not in (None, leader):
+        found["remarks"].append(
+            f"with one size for all of the road the {off.replace('_', ' ')} stays off, with another at every place it "
+            "does not; too few places were passed twice to say what it is where"
+        )
     if leader is not None and (against := proof.against(leader)):
         found["remarks"].append(against)
     if verdict == "no_mismatch" and proof.fits_together:

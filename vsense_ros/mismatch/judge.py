@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
-from vsense_ros.mismatch.knobs import Knob
+from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
+from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.base import RoadEffect
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -27,6 +29,9 @@ OWN, ASKED_AT_MOST = 0.3, 1.5
 # where a signal is still off, because what an imperfect effect leaves looks like others; the second, in multiples of
 # the least gain, where no other explains half as much.
 FURTHER, CLEAR = 0.2, 4 / 3
+# Least that it explains, over what is explained without it: an effect whose form is a tenth off on the real car
+# leaves a hundredth of what it explains.
+FORM = 0.01
 DESCRIBED = 0.05  # least gain of a term without known physics: there are many of them
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
@@ -54,6 +59,7 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
+MIGHT_BE_ZERO = "its size might as well be zero"
 DISAGREED = "signals and recordings disagree in its size"
 MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
@@ -100,7 +106,8 @@ class Proof:
         self.residuals: Residuals | None = None
         self._progress = progress
         self.base, self.fitted = base, residuals
-        self._compared: dict[int, tuple[Fit, list[Array], list[Array]]] = {}  # by id of the fit, which stays its own
+        # By ids of what was simulated and of the fit, which stays its own.
+        self._compared: dict[tuple[int, int], tuple[Fit, list[Array], list[Array]]] = {}
         if evidence.windows:
             evidence = evidence.without(Predictor(vehicle, evidence).lost(base.setting), LOST)
         self.remarks = evidence.remarks
@@ -111,18 +118,27 @@ class Proof:
             self.before = self.residuals(base.setting)
 
     def compared(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
-        """Residuals of the base fit and of one with effects, simulated once: in each window until the car gets lost. If
-        that leaves little, or nothing can be said of the fit, until the end, with those of the base fit from there on.
-        """
+        """Residuals of the base fit and of one with effects on what no fit has seen, simulated once: in each window
+        until the car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of
+        the base fit from there on."""
         assert self.residuals is not None
-        if id(fitted) not in self._compared:
-            until = self.residuals.predictor.lost_from(fitted.setting)
-            before = self.residuals.compared(self.base.setting, until)
-            after = self.residuals.compared(fitted.setting, until)
-            if sum(map(len, before)) < COMPARED * sum(map(len, self.before)):
-                before, after = self.before, self.residuals(fitted.setting, self.before)
-            self._compared[id(fitted)] = fitted, before, after
-        return self._compared[id(fitted)][1:]
+        return self._until_lost(self.residuals, self.before, fitted)
+
+    def trained(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """The same on what was fitted."""
+        return self._until_lost(self.fitted, self.base.residuals, fitted)
+
+    def _until_lost(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """`compared` on what these residuals are of; `whole` are those of the base fit."""
+        key = id(residuals), id(fitted)
+        if key not in self._compared:
+            until = residuals.predictor.lost_from(fitted.setting)
+            before = residuals.compared(self.base.setting, until)
+            after = residuals.compared(fitted.setting, until)
+            if sum(map(len, before)) < COMPARED * sum(map(len, whole)):
+                before, after = whole, residuals(fitted.setting, whole)
+            self._compared[key] = fitted, before, after
+        return self._compared[key][1:]
 
     def lost(self, fitted: Fit) -> list[str]:
         """Remarks on windows that say nothing of a setting, or not to their end."""
@@ -136,6 +152,11 @@ class Proof:
     def gain(self, explanation: Explanation) -> float | None:
         """Relative fall of what is minimised. None without held-out recordings."""
         return None if self.residuals is None else float(self._gains(explanation)[0])
+
+    def lasting(self, explanation: Explanation) -> float:
+        """What it gains where it was not fitted."""
+        unseen = self.gain(explanation)
+        return explanation.left_out if unseen is None else unseen
 
     def gain_of_most(self, explanation: Explanation) -> float | None:
         """The same without the one window of many that speaks most against it: at its limit a car goes other ways for a
@@ -248,7 +269,8 @@ class Proof:
         base parameters need no longer stand in for."""
         if self.worst <= ASTRAY:
             return ""
-        residuals, before, after = self.fitted, self.base.residuals, explanation.fit.residuals
+        residuals = self.fitted
+        before, after = self.trained(explanation.fit)
         if self.residuals is not None:
             unseen = self.compared(explanation.fit)
             if self.residuals.worst(unseen[0]) > residuals.worst(before):
@@ -344,21 +366,26 @@ def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> f
     return min(explanation.gain, explanation.left_out if unseen is None else unseen)
 
 
-def _negligible(explanation: Explanation) -> bool:
-    """Whether one of its effects has next to no size, or one that might as well be zero."""
+def _negligible(explanation: Explanation) -> list[Candidate]:
+    """Those of its effects that have next to no size, or one that might as well be zero."""
     sizes, deviations = explanation.sizes, explanation.deviations
 
     def least(knob: Knob) -> float:
         return max(NEGLIGIBLE * knob.likely, CERTAIN_SIZE * deviations[knob.name])
 
-    return any(c.knobs and all(abs(sizes[knob.name]) < least(knob) for knob in c.knobs) for c in explanation.candidates)
+    return [c for c in explanation.candidates if c.knobs and all(abs(sizes[k.name]) < least(k) for k in c.knobs)]
 
 
 def judge(
-    explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof, threshold: float = THRESHOLD
+    explanations: Sequence[Explanation],
+    described: Sequence[Explanation],
+    proof: Proof,
+    along_the_road: Callable[[Explanation], Explanation | None] = lambda _: None,
+    threshold: float = THRESHOLD,
 ) -> Judged:
     """`explanations` are effects, alone and several at once, and united those that are in doubt; `described` are terms
-    without known physics."""
+    without known physics. `along_the_road` tells what an explanation with one size for all of the road becomes if that
+    is another at every place."""
     held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
 
     def proven(e: Explanation) -> float:
@@ -376,10 +403,15 @@ def judge(
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= SPOILT:
             return "it spoils in some drives a good part of what it mends in others"
+        if any(not issubclass(EVERY[c.effect], RoadEffect) for c in _negligible(e)):
+            return MIGHT_BE_ZERO
+        # That the road is not level or even, one size tells; what it is where may be another at every place.
+        if _negligible(e) or proof.unmended(e):
+            e = along_the_road(e) or e
         if proof.fitted.level(e.fit.residuals) >= LEFT_OVER:
             return "it leaves too much over to be what lacks"
         if _negligible(e):
-            return "its size might as well be zero"
+            return MIGHT_BE_ZERO
         if signal := proof.unmended(e):
             return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
         return ""
@@ -415,13 +447,15 @@ def judge(
     refused = {id(e): objection(e) or ("" if agreed(e) else DISAGREED) for e in ranked.values()}
     likeliest = [e for e in ranked.values() if holds(e)][:1]
     leaders = [e for e in likeliest if agreed(e)]
+    besides: frozenset[str] = frozenset()
     for count in (2, 3):
         several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
         if not several:
             continue
         explained = max((proven(e) for e in explanations if len(e.candidates) < count), default=0.0)
         left = max(1 - explained, least_whole)
-        share = (proven(several[0]) - explained) / left
+        adds = proven(several[0]) - explained
+        share = adds / left if adds > FORM * explained else 0.0
         unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > ASTRAY
         added = set(several[0].effects) - {effect for leader in leaders for effect in leader.effects}
         others = [
@@ -430,7 +464,10 @@ def judge(
         ]  # fmt: skip
         if (unfinished and share > FURTHER) or share > max(CLEAR * threshold, 2 * max(others, default=0.0)):
             likeliest = several[:1]
-            leaders = [e for e in likeliest if agreed(e)] or leaders
+            leaders, besides = [e for e in likeliest if agreed(e)] or leaders, frozenset()
+        elif share > CLEAR * threshold and agreed(several[0]) and (sure := set(several[0].effects) - added):
+            alike = (e for e in several if sure <= set(e.effects) and proven(e) - explained > adds / 2)
+            besides = frozenset().union(*(e.effects for e in alike))
     term = max(described, key=proven, default=None)
     term = term if term is not None and proven(term) > DESCRIBED else None
     explained = max(map(proven, leaders), default=0.0)
@@ -455,13 +492,13 @@ def judge(
     rivals = in_doubt = within_reach(leader)
     names = {frozenset(e.effects) for e in rivals}
     shared = frozenset.intersection(*names)
-    besides: frozenset[str] = frozenset()
+    besides = besides - shared if len(names) == 1 else frozenset()
     if len(names) > 1 and shared:
         # What all rivals share is sure; what else there is, is not, and if it is the smaller part it may be left open.
-        sure = [e for e in explanations if set(e.effects) == shared and holds(e)]
-        if sure and max(map(proven, sure)) > SURE * proven(leader):
+        alone = [e for e in explanations if set(e.effects) == shared and holds(e)]
+        if alone and max(map(proven, alone)) > SURE * proven(leader):
             besides = frozenset.union(*names) - shared
-            leader = max(sure, key=proven)
+            leader = max(alone, key=proven)
             rivals = within_reach(leader)
             names = {frozenset(e.effects) for e in rivals}
     if len(names) > 1 and term is None and proven(leader) < ALIKE * threshold:

@@ -115,6 +115,7 @@ class Search:
     ) -> None:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
         self.groups = groups(residuals)
+        self._along_the_road: dict[int, tuple[Explanation, Explanation | None]] = {}  # by id of the first
         self._progress = progress
         self._before = np.array([base.equations.left_out(group) for group in self.groups])
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
@@ -219,6 +220,32 @@ class Search:
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
         return [self.polished(e) for e in fitted]
 
+    def along_the_road(self, explanation: Explanation) -> Explanation | None:
+        """An explanation that holds an effect of the road with one size for all places, with another size at every
+        place, if that explains more. None without such an effect."""
+        if id(explanation) not in self._along_the_road:
+            self._along_the_road[id(explanation)] = explanation, self._freed(explanation)
+        return self._along_the_road[id(explanation)][1]
+
+    def _freed(self, explanation: Explanation) -> Explanation | None:
+        profiles = {_first(c): c for c in self.offered if c.along_road}
+        single = next((c for c in explanation.candidates if _first(c) in profiles), None)
+        if single is None or any(c.along_road for c in explanation.candidates):
+            return None
+        profile, at = profiles[_first(single)], explanation.fit
+        points = [knob for knob in profile.knobs if knob.place is not None]
+        by_place = [self._at_place(self._column(profile.knobs[0]), point) for point in points]
+        slopes = [np.column_stack(parts) * points[0].deviation for parts in zip(*by_place, strict=True)]
+        try:
+            fitted = self._fit(_joined(at, points, slopes))
+            fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
+        except DivergedError:
+            return None
+        if at.value - fitted.value < WORTH * self.whole:
+            return None
+        candidates = tuple(profile if c is single else c for c in explanation.candidates)
+        return self._explanation(candidates, fitted, explanation.keep)
+
     def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:
         """All candidates at once, without a search."""
         self._simulate_new(candidates)
@@ -239,7 +266,7 @@ class Search:
         best = max((s.score for s in single), default=0.0)
         # Beside another effect, which is never quite right, a size that is free at every place would mend everything.
         for free in (s for s in found if s.candidates[-1].along_road and not present):
-            one = next((s for s in single if _first(s) == _first(free)), None)
+            one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
             if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
                 self._simulate(knob for knob in free.candidates[-1].knobs if knob.place is not None)
                 free = self._signature(at, present, free.candidates[-1:])
@@ -297,9 +324,12 @@ class Search:
         """Secant per unit of a knob that was simulated, or of what `at_place` tells."""
         key = knob.name, knob.form
         if key not in self._columns and knob.place is not None:
-            size, abscissa = knob.place
-            self._columns[key] = at_place(self.residuals, self._columns[size, knob.form], abscissa)
+            self._columns[key] = self._at_place(self._columns[knob.place[0], knob.form], knob)
         return self._columns[key]
+
+    def _at_place(self, everywhere: Sequence[Array], knob: Knob) -> list[Array]:
+        assert knob.place is not None
+        return at_place(self.residuals, everywhere, knob.place[1])
 
     def _gains_left_out(self, fitted: Equations) -> tuple[float, float]:
         """How much less than the base a fit leaves of each recording that it does not see, over the base's value, and
@@ -393,10 +423,9 @@ class Search:
         )  # fmt: skip
 
 
-def _first(signature: Signature) -> tuple[str, str]:
-    """Name and form of the first size of what is new."""
-    knob = signature.candidates[-1].knobs[0]
-    return knob.name, knob.form
+def _first(candidate: Candidate) -> tuple[str, str]:
+    """Name and form of its first size."""
+    return candidate.knobs[0].name, candidate.knobs[0].form
 
 
 def _worth_their_freedom(explanations: Sequence[Explanation]) -> list[Explanation]:
