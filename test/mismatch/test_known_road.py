@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, without
@@ -189,6 +189,7 @@ def test_grip_at_one_place_is_that_of_the_place_alone():
     across=st.floats(-0.99 * NEAR, 0.99 * NEAR),
     askew=st.floats(-0.8, 0.8),
 )
+@example(heading=-1.6521719041126177, values=[0.0, 0.1, 0.0, 0.0], share=1 / 3, across=14.0, askew=0.0)
 def test_between_its_rows_a_profile_is_linear_for_who_drives_its_way(heading, values, share, across, askew):
     """Along a straight road in any direction."""
     way, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
