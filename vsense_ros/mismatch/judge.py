@@ -133,7 +133,7 @@ class Proof:
         key = id(residuals), id(fitted)
         if key not in self._compared:
             until = residuals.predictor.lost_from(fitted.setting)
-            before = residuals.compared(self.base.setting, until)
+            before = whole if np.isinf(until).all() else residuals.compared(self.base.setting, until)
             after = residuals.compared(fitted.setting, until)
             if sum(map(len, before)) < COMPARED * sum(map(len, whole)):
                 before, after = whole, residuals(fitted.setting, whole)

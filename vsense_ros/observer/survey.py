@@ -126,8 +126,8 @@ class Profile:
         if not near.any():
             return 0.0, False
         i = int(np.argmin(np.where(near, along, np.inf)))
-        past, ahead_of = share[self._begin == i - 1], share[self._begin == i]
-        if np.any(past > 1) and np.any(ahead_of < 0):  # outside of a bend, abreast of the row
+        ending, beginning = share[self._begin == i - 1], share[self._begin == i]
+        if np.any(ending > 1) and np.any(beginning < 0):  # outside of a bend, abreast of the row
             return float(self._value[i]), True
         return float(self._value[i] * (1 - along[i] / SPACING)), False
 

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class TyreConicity(Effect):
-    """A lateral force of a tyre in proportion to the load, without slip: conicity and ply steer. That of one wheel
-    grows with the load on it, so that a turn to one side shows more of it than one to the other; that of both front
-    wheels alike is a steering wheel that is not straight.
+    """A lateral force of a tyre in proportion to the load, without slip: conicity and ply steer (Pacejka 2012,
+    chapter 4). That of one wheel grows with the load on it, so that a turn to one side shows more of it than one to the
+    other; that of both front wheels alike is a steering wheel that is not straight.
     """
 
     id: ClassVar[str] = "tyre_conicity"
