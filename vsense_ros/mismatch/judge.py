@@ -386,20 +386,97 @@ def judge(
     """`explanations` are effects, alone and several at once, and united those that are in doubt; `described` are terms
     without known physics. `along_the_road` tells what an explanation with one size for all of the road becomes if that
     is another at every place."""
-    held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
+    return _Judge(explanations, described, proof, along_the_road, threshold).judged()
 
-    def proven(e: Explanation) -> float:
-        return _proven(e, held_out)
 
-    def said(verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
-        return Judged(verdict, leader, rivals, tuple(ranked.values()), tuple(explanations), held_out, refused)
+@dataclass(frozen=True)
+class _Leading:
+    """What explains most."""
 
-    def objection(e: Explanation) -> str:
+    likeliest: Explanation | None  # of what nothing else speaks against, whether or not signals agree in its size
+    leader: Explanation | None  # the likeliest in whose size they do
+    besides: frozenset[str] = frozenset()  # ids of effects of which one may be there as well, nobody knows which
+
+
+class _Judge:
+    """The arguments of `judge`, and what follows from them."""
+
+    def __init__(
+        self, explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof,
+        along_the_road: Callable[[Explanation], Explanation | None], threshold: float,
+    ) -> None:  # fmt: skip
+        self.explanations, self.described, self.proof = explanations, described, proof
+        self.along_the_road, self.threshold = along_the_road, threshold
+        self.held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
+        size = float(sum(len(r) for r in proof.base.residuals))
+        self.least_whole = size / max(proof.base.value, size)
+        self.best: dict[frozenset[str], Explanation] = {}  # by ids
+        self.ranked: dict[str, Explanation] = {}  # single effects, by id
+        for e in sorted(explanations, key=self.proven, reverse=True):
+            self.best.setdefault(frozenset(e.effects), e)
+            if len(e.candidates) == 1:
+                self.ranked.setdefault(e.effects[0], e)
+        self._objections: dict[int, str] = {}  # by id of the explanation
+
+    def judged(self) -> Judged:
+        leading, term = self.leading(), self.term()
+        leader = leading.leader
+        disagreed = leading.likeliest is not None and leader is None
+        left_over = term is not None or disagreed or self.proof.astray()
+        nothing_known = self.said("unknown" if left_over else "no_mismatch", term)
+        if leader is None or (term is not None and self.proven(term) > self.proven(leader) + DESCRIBED):
+            return nothing_known
+        rivals = in_doubt = self.within_reach(leader)
+        names = {frozenset(e.effects) for e in rivals}
+        shared = frozenset.intersection(*names)
+        besides = leading.besides - shared if len(names) == 1 else frozenset()
+        if len(names) > 1 and shared:
+            # What all rivals share is sure; what else there is, is not, and if it is the smaller part it may be left
+            # open.
+            alone = [e for e in self.explanations if set(e.effects) == shared and self.holds(e)]
+            if alone and max(map(self.proven, alone)) > SURE * self.proven(leader):
+                besides = frozenset.union(*names) - shared
+                leader = max(alone, key=self.proven)
+                rivals = self.within_reach(leader)
+                names = {frozenset(e.effects) for e in rivals}
+        if len(names) > 1 and term is None and self.proven(leader) < ALIKE * self.threshold:
+            return nothing_known
+        return replace(
+            self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
+            besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else (),
+        )  # fmt: skip
+
+    def said(self, verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
+        refused = {
+            id(e): self.objection(e) or ("" if self.agreed(e) else DISAGREED) for e in self.ranked.values()
+        }  # fmt: skip
+        return Judged(
+            verdict, leader, rivals, tuple(self.ranked.values()), tuple(self.explanations), self.held_out, refused
+        )
+
+    def proven(self, e: Explanation) -> float:
+        return _proven(e, self.held_out)
+
+    def term(self) -> Explanation | None:
+        """The term without known physics that explains most, if that is enough."""
+        most = max(self.described, key=self.proven, default=None)
+        return most if most is not None and self.proven(most) > DESCRIBED else None
+
+    def holds(self, e: Explanation) -> bool:
+        return not self.objection(e)
+
+    def objection(self, e: Explanation) -> str:
         """What speaks against an explanation, if anything does."""
+        if id(e) not in self._objections:
+            self._objections[id(e)] = self._objection(e)
+        return self._objections[id(e)]
+
+    def _objection(self, e: Explanation) -> str:
+        proof, proven = self.proof, self.proven(e)
         unseen = proof.gain(e)
-        if proven(e) <= threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST)):
+        if proven <= self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST)):
             return "it explains no more than chance"
-        if proven(e) <= LASTING * e.gain or (unseen is not None and unseen <= 0):
+        if proven <= LASTING * e.gain or (unseen is not None and unseen <= 0):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= SPOILT:
             return "it spoils in some drives a good part of what it mends in others"
@@ -407,7 +484,7 @@ def judge(
             return MIGHT_BE_ZERO
         # That the road is not level or even, one size tells; what it is where may be another at every place.
         if _negligible(e) or proof.unmended(e):
-            e = along_the_road(e) or e
+            e = self.along_the_road(e) or e
         if proof.fitted.level(e.fit.residuals) >= LEFT_OVER:
             return "it leaves too much over to be what lacks"
         if _negligible(e):
@@ -416,94 +493,63 @@ def judge(
             return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
         return ""
 
-    def holds(e: Explanation) -> bool:
-        return not objection(e)
-
-    best: dict[frozenset[str], Explanation] = {}
-    for e in sorted(explanations, key=proven, reverse=True):
-        best.setdefault(frozenset(e.effects), e)
-
-    def agreed(e: Explanation) -> bool:
+    def agreed(self, e: Explanation) -> bool:
         """Whether signals and recordings agree in each of its effects."""
         if len(e.effects) == 1:
-            return proof.at_odds(e) < AT_ODDS
-        known = (best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
-        return all(proof.at_odds(e, one) < AT_ODDS for one in known if one is not None)
+            return self.proof.at_odds(e) < AT_ODDS
+        known = (self.best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
+        return all(self.proof.at_odds(e, one) < AT_ODDS for one in known if one is not None)
 
-    size = float(sum(len(r) for r in proof.base.residuals))
-    least_whole = size / max(proof.base.value, size)
-
-    def surpassed(e: Explanation, by: Explanation) -> bool:
+    def surpassed(self, e: Explanation, by: Explanation) -> bool:
         """Whether the two were fitted together and one adds next to nothing to what it is surpassed by."""
-        united = best.get(frozenset((*by.effects, *e.effects)))
+        united = self.best.get(frozenset((*by.effects, *e.effects)))
         if united is None:
             return False
-        adds, added = ((proven(united) - proven(one)) / max(1 - proven(one), least_whole) for one in (e, by))
-        return adds > threshold and added < SURPASSED * adds
+        adds, added = (
+            (self.proven(united) - self.proven(one)) / max(1 - self.proven(one), self.least_whole) for one in (e, by)
+        )
+        return adds > self.threshold and added < SURPASSED * adds
 
-    ranked: dict[str, Explanation] = {}
-    for e in sorted((e for e in explanations if len(e.candidates) == 1), key=proven, reverse=True):
-        ranked.setdefault(e.effects[0], e)
-    refused = {id(e): objection(e) or ("" if agreed(e) else DISAGREED) for e in ranked.values()}
-    likeliest = [e for e in ranked.values() if holds(e)][:1]
-    leaders = [e for e in likeliest if agreed(e)]
-    besides: frozenset[str] = frozenset()
-    for count in (2, 3):
-        several = sorted((e for e in explanations if len(e.candidates) == count and holds(e)), key=proven, reverse=True)
+    def leading(self) -> _Leading:
+        """One effect, or several where each that joins explains enough besides."""
+        single = next(filter(self.holds, self.ranked.values()), None)
+        leading = _Leading(single, single if single is not None and self.agreed(single) else None)
+        for count in (2, 3):
+            leading = self._joined_by_one(leading, count)
+        return leading
+
+    def _joined_by_one(self, leading: _Leading, count: int) -> _Leading:
+        """What leads where explanations of so many effects are heard, too."""
+        several = [e for e in self.explanations if len(e.candidates) == count and self.holds(e)]
         if not several:
-            continue
-        explained = max((proven(e) for e in explanations if len(e.candidates) < count), default=0.0)
-        left = max(1 - explained, least_whole)
-        adds = proven(several[0]) - explained
+            return leading
+        several.sort(key=self.proven, reverse=True)
+        best, leader = several[0], leading.leader
+        explained = max((self.proven(e) for e in self.explanations if len(e.candidates) < count), default=0.0)
+        left = max(1 - explained, self.least_whole)
+        adds = self.proven(best) - explained
         share = adds / left if adds > FORM * explained else 0.0
-        unfinished = not leaders or proof.fitted.worst(leaders[0].fit.residuals) > ASTRAY
-        added = set(several[0].effects) - {effect for leader in leaders for effect in leader.effects}
+        unfinished = leader is None or self.proof.fitted.worst(leader.fit.residuals) > ASTRAY
+        added = set(best.effects) - set(leader.effects if leader is not None else ())
         others = [
-            (proven(e) - explained) / left for e in several
-            if not added & set(e.effects) and not surpassed(e, several[0])
+            (self.proven(e) - explained) / left for e in several
+            if not added & set(e.effects) and not self.surpassed(e, best)
         ]  # fmt: skip
-        if (unfinished and share > FURTHER) or share > max(CLEAR * threshold, 2 * max(others, default=0.0)):
-            likeliest = several[:1]
-            leaders, besides = [e for e in likeliest if agreed(e)] or leaders, frozenset()
-        elif share > CLEAR * threshold and agreed(several[0]) and (sure := set(several[0].effects) - added):
-            alike = (e for e in several if sure <= set(e.effects) and proven(e) - explained > adds / 2)
-            besides = frozenset().union(*(e.effects for e in alike))
-    term = max(described, key=proven, default=None)
-    term = term if term is not None and proven(term) > DESCRIBED else None
-    explained = max(map(proven, leaders), default=0.0)
-    disagreed = bool(likeliest) and not leaders
-    nothing_known = said("unknown" if term is not None or disagreed or proof.astray() else "no_mismatch", term)
-    if not leaders or (term is not None and proven(term) > explained + DESCRIBED):
-        return nothing_known
+        if (unfinished and share > FURTHER) or share > max(CLEAR * self.threshold, 2 * max(others, default=0.0)):
+            return _Leading(best, best) if self.agreed(best) else _Leading(best, leader)
+        if share > CLEAR * self.threshold and self.agreed(best) and (sure := set(best.effects) - added):
+            alike = (e for e in several if sure <= set(e.effects) and self.proven(e) - explained > adds / 2)
+            return replace(leading, besides=frozenset().union(*(e.effects for e in alike)))
+        return leading
 
-    def within_reach(leader: Explanation) -> tuple[Explanation, ...]:
+    def within_reach(self, leader: Explanation) -> tuple[Explanation, ...]:
         """A leader and its rivals. What excludes another explanation is what it gains beyond what the two share: that
         it is itself unproven does not."""
 
         def is_rival(e: Explanation) -> bool:
             shared = frozenset(e.effects) & frozenset(leader.effects)
-            known = proven(best[shared]) if shared in best else 0.0
-            return _as_good(proven(e), proven(leader), known) and not surpassed(e, leader)
+            known = self.proven(self.best[shared]) if shared in self.best else 0.0
+            return _as_good(self.proven(e), self.proven(leader), known) and not self.surpassed(e, leader)
 
-        alike = (e for e in explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
-        return leader, *sorted(filter(is_rival, alike), key=proven, reverse=True)
-
-    leader = leaders[0]
-    rivals = in_doubt = within_reach(leader)
-    names = {frozenset(e.effects) for e in rivals}
-    shared = frozenset.intersection(*names)
-    besides = besides - shared if len(names) == 1 else frozenset()
-    if len(names) > 1 and shared:
-        # What all rivals share is sure; what else there is, is not, and if it is the smaller part it may be left open.
-        alone = [e for e in explanations if set(e.effects) == shared and holds(e)]
-        if alone and max(map(proven, alone)) > SURE * proven(leader):
-            besides = frozenset.union(*names) - shared
-            leader = max(alone, key=proven)
-            rivals = within_reach(leader)
-            names = {frozenset(e.effects) for e in rivals}
-    if len(names) > 1 and term is None and proven(leader) < ALIKE * threshold:
-        return nothing_known
-    verdict = "named" if len(names) == 1 else "ambiguous"
-    return replace(
-        said(verdict, leader, *rivals), besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else ()
-    )
+        alike = (e for e in self.explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
+        return leader, *sorted(filter(is_rival, alike), key=self.proven, reverse=True)
