@@ -94,6 +94,24 @@ def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
+def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags():
+    def bank(x: np.ndarray) -> np.ndarray:
+        return 0.05 + 1.25 * waves(x)
+
+    true = having(prototype(), brake_drag={"fl": 17.0})
+    recordings = [driven(true, m, bank=bank) for m in ("sweep", "slalom")]
+    recordings.append(driven(true, "brake", duration=10.0, bank=bank))
+    found = answer(recordings[:2], wrong(prototype()), recordings[2:]).found
+    assert (found["verdict"], set(found["answer_set"])) == ("named", {"brake_drag", "road_bank"})
+    brake, road = sorted((e for e in found["effects"] if e["accepted"]), key=lambda e: e["id"])
+    assert (brake["wheel"], brake["parameters"][0]["value"]) == ("fl", pytest.approx(17.0, rel=0.07))
+    profile = [(one["distance"], one["value"] + road["parameters"][0]["value"]) for one in road["profile"]]
+    within = [(s, value) for s, value in profile if 0 <= s < 220]
+    assert [value for _, value in within] == pytest.approx([float(bank(np.array(s))) for s, _ in within], abs=0.012)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_where_one_bank_is_enough_no_profile_is_told():
     true = having(prototype())
     recordings = [driven(true, m, bank=lambda x: 0.03 + 0 * x) for m in ("sweep", "slalom", "brake")]

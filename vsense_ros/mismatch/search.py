@@ -116,6 +116,7 @@ class Search:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
         self.groups = groups(residuals)
         self._along_the_road: dict[int, tuple[Explanation, Explanation | None]] = {}  # by id of the first
+        self._varying: set[str] = set()  # names of candidates with another size at every place that are worth it alone
         self._progress = progress
         self._before = np.array([base.equations.left_out(group) for group in self.groups])
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
@@ -139,6 +140,7 @@ class Search:
     def singles(self) -> list[Explanation]:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
+        self._varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
         return sorted(map(self.polished, found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
@@ -264,14 +266,20 @@ class Search:
         elsewhere = sorted((s for s in single if s.elsewhere > 0), key=lambda s: s.elsewhere, reverse=True)[:count]
         chosen = {s.candidates[-1].name: s for s in (*by_score, *by_gain, *elsewhere)}
         best = max((s.score for s in single), default=0.0)
-        # Beside another effect, which is never quite right, a size that is free at every place would mend everything.
-        for free in (s for s in found if s.candidates[-1].along_road and not present):
+        for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
             if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
                 self._simulate(knob for knob in free.candidates[-1].knobs if knob.place is not None)
                 free = self._signature(at, present, free.candidates[-1:])
                 chosen |= {s.candidates[-1].name: s for s in (one, free)}
         return list(chosen.values())
+
+    def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
+        """Whether a size may be another at every place besides the candidates present: beside an effect, which is never
+        quite right, it would mend everything, unless it was worth its freedom alone."""
+        if any(candidate.along_road for candidate in present):
+            return False
+        return not present or profile.name in self._varying
 
     def _simulate(self, knobs: Iterable[Knob]) -> None:
         """Secants of the base fit."""
