@@ -13,8 +13,9 @@ import pytest
 from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.design import NEXT
-from vsense_ros.mismatch.explain import EXTENDED, NO_COURSE, ROAD, answer
+from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
 from vsense_ros.mismatch.knobs import candidates
+from vsense_ros.mismatch.telling import NO_COURSE
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.vehicle_file import load_vehicle
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype, wrong
+from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.explain import _extended, answer
+from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.vehicle_file import load_vehicle
@@ -134,8 +135,8 @@ def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(s
     surveyed = (row(0.0, 0.02), row(SPACING, 0.02), row(2 * SPACING, 0.02))
     known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
     fitted = Setting.of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
-    extended = _extended(known, evidence, fitted)
+    extended = extension.extended(known, evidence, fitted)
     predictor = Predictor(extended, evidence)
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
     assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
-    assert _extended(known, evidence, Setting.of(known)).physics.effects.road_bank.profile == surveyed
+    assert extension.extended(known, evidence, Setting.of(known)).physics.effects.road_bank.profile == surveyed
