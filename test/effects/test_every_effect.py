@@ -247,3 +247,14 @@ def test_terms_of_one_suspension_resist_the_compression_of_that_wheel_alone(bare
     q[6:10], u[6:10] = [0.01, 0.02, 0.03, 0.04], [0.1, 0.2, 0.3, 0.4]  # fl, fr, rl, rr
     found = np.array(ca.Function("forces", [car.q, car.u], [forces])(q, u))[:, 0]
     assert_allclose(found, [0, 1000.0 * 0.2 + 20_000.0 * 0.02, 0, 0], atol=1e-9)
+
+
+def test_terms_between_the_wheels_of_an_axle_take_from_the_left_what_they_give_to_the_right(bare):
+    car = car_of(bare)
+    terms = Unmodelled(torque_across_rear_steering=2000.0, torque_across_front_lateral=5.0)
+    torques = ca.vertcat(*(terms.wheel_torque(car.inputs[1 + i], corner, car) for i, corner in enumerate(car.corners)))
+    q, u = rolling_straight(bare, 20.0)
+    u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
+    inputs = np.array([0.03, 100.0, 100.0, 50.0, 50.0])
+    found = np.array(ca.Function("torques", [car.q, car.u, car.inputs], [torques])(q, u, inputs))[:, 0]
+    assert_allclose(found, [90.0, 110.0, -10.0, 110.0], atol=1e-9)

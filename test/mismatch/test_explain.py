@@ -78,6 +78,16 @@ def test_what_is_off_only_where_nothing_was_fitted_is_unknown_and_said_to_be_the
 
 
 @pytest.mark.slow
+def test_torque_steered_to_the_outer_wheel_is_described_and_not_called_a_differential():
+    true = having(prototype(), unmodelled={"torque_across_rear_steering": -3000.0})
+    found = answer([driven(true, m) for m in ("sweep", "slalom")], wrong(prototype()), [driven(true, "brake")]).found
+    assert (found["verdict"], found["answer_set"]) == ("unknown", [])
+    assert "from the left to the right rear wheel that follows the steering angle" in found["sentence"]
+    (size,) = found["located"]["force"]["sizes"]
+    assert size["value"] == pytest.approx(-3000.0, rel=0.05)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["no_refit", "no_projection"])
 def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
     true = having(prototype(), brake_drag={"fl": 30.0})

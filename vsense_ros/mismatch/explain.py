@@ -25,7 +25,7 @@ from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import SUSPICIOUS, THRESHOLD, Judged, Proof, judge
+from vsense_ros.mismatch.judge import THRESHOLD, Judged, Proof, judge
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor
@@ -222,17 +222,12 @@ def _searched(
 
 
 def _judged(search: Search, explanations: list[Explanation], proof: Proof, threshold: float) -> Judged:
-    """Single effects, and what explains more with further ones, judged; if need be beside terms without known
-    physics."""
+    """Single effects, and what explains more with further ones, judged beside terms without known physics."""
     found_last = explanations
     while found_last := search.further(found_last, THRESHOLD, proof.proven, bool(proof.recordings)):
         explanations = [*explanations, *found_last]
-    described: list[Explanation] = []
-    if min(search.residuals.level(f.residuals) for f in (search.base, *(e.fit for e in explanations))) > SUSPICIOUS:
-        described = search.described()
+    described = search.described()
     judged = judge(explanations, described, proof, search.along_the_road, threshold)
-    if judged.verdict == "no_mismatch" and not described:
-        judged = judge(explanations, search.described(), proof, search.along_the_road, threshold)
     if judged.in_doubt:
         united = search.united(judged.in_doubt)
         judged = judge([*explanations, *united], described, proof, search.along_the_road, threshold)

@@ -65,7 +65,6 @@ MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
 JOINT = 3  # iterations of a fit to all recordings, from where the base fit is
 COMPARED = 0.5  # least share of what was held out that must be left to compare, where the explained car gets lost
-SUSPICIOUS = 1.0  # root mean square of all residuals, in deviations, from where on terms are tried beside effects
 
 
 # How probable it is that a name of the answer is right, from the public split of the examination by

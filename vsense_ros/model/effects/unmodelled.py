@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import CORNERS, WHEELS, Effect, size
+from vsense_ros.model.effects.base import AXLES, CORNERS, WHEELS, Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car import Car, Corner
@@ -19,12 +19,12 @@ SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 
 @dataclass(frozen=True)
 class Channel:
-    """Where a term acts: a component of the force on the chassis about `cog`, in body axes, or against the compression
-    of one suspension."""
+    """Where a term acts: a component of the force on the chassis about `cog`, in body axes, against the compression of
+    one suspension, or between the wheels of an axle."""
 
     words: str
     unit: str
-    row: int  # of moments and forces on the chassis; of a suspension, of its travel among the coordinates
+    row: int  # of moments and forces on the chassis; of a suspension, of its travel among the coordinates; of an axle
     typical: float  # size where its feature has its usual size
 
 
@@ -64,10 +64,18 @@ CHASSIS = {
     "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
 }
 _SUSPENSIONS = [f"suspension_force_{wheel}" for wheel in WHEELS]
-CHANNELS = CHASSIS | {
-    name: Channel(f"a force in the {place} suspension", "N", 6 + i, 50.0)
-    for i, (name, place) in enumerate(zip(_SUSPENSIONS, CORNERS.values(), strict=True))
-}
+_ACROSS = [f"torque_across_{axle}" for axle in AXLES]
+CHANNELS = (
+    CHASSIS
+    | {
+        name: Channel(f"a force in the {place} suspension", "N", 6 + i, 50.0)
+        for i, (name, place) in enumerate(zip(_SUSPENSIONS, CORNERS.values(), strict=True))
+    }
+    | {
+        name: Channel(f"a torque from the left to the right {axle} wheel", "N m", i, 50.0)
+        for i, (name, axle) in enumerate(zip(_ACROSS, AXLES, strict=True))
+    }
+)
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
 SQUARE = Feature("that grows with the square of the speed", "m²/s²", 500.0, lambda car: car.u[0] ** 2)
@@ -106,12 +114,17 @@ TURNING = {
     "roll_rate": Feature("that follows the roll rate", "rad/s", 0.1, lambda car: car.u[3]),
 }  # fmt: skip
 ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking": BRAKING}
-TERMS = {
-    "longitudinal_force": EVEN,
-    "lateral_force": ASYMMETRIC | TURNING,
-    "yaw_moment": ASYMMETRIC | TURNING,
-    "roll_moment": {"constant": CONSTANT} | TURNING,
-} | {name: _travel(CHANNELS[name].row) for name in _SUSPENSIONS}
+WITH_TORQUE = ("lateral", "lateral_driving", "lateral_braking", "steering")
+TERMS = (
+    {
+        "longitudinal_force": EVEN,
+        "lateral_force": ASYMMETRIC | TURNING,
+        "yaw_moment": ASYMMETRIC | TURNING,
+        "roll_moment": {"constant": CONSTANT} | TURNING,
+    }
+    | {name: _travel(CHANNELS[name].row) for name in _SUSPENSIONS}
+    | {name: {"driving": DRIVING, "braking": BRAKING} | {f: TURNING[f] for f in WITH_TORQUE} for name in _ACROSS}
+)
 
 
 def _field(channel: Channel, feature: Feature) -> Any:
@@ -122,8 +135,8 @@ def _field(channel: Channel, feature: Feature) -> Any:
 
 
 class _Unmodelled(Effect):
-    """A sum of terms, each a force or moment on the chassis, or a force in a suspension, that is proportional to
-    something which the car does."""
+    """A sum of terms, each a force or moment on the chassis, a force in a suspension or a torque between the wheels of
+    an axle, that is proportional to something which the car does."""
 
     id: ClassVar[str] = "unmodelled"
     sentence: ClassVar[str] = "a force for which no physics is known"
@@ -137,6 +150,10 @@ class _Unmodelled(Effect):
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
         return force + self._sum(_SUSPENSIONS[corner.index], car)
+
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+        to_the_right = -1 if corner.index % 2 == 0 else 1
+        return torque + to_the_right * self._sum(_ACROSS[corner.index // 2], car)
 
     def left_out_of_observer(self, kinds: Collection[str]) -> str:
         if "wheel_torques" in kinds:
