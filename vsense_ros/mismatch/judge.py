@@ -33,6 +33,9 @@ FURTHER, CLEAR = 0.2, 4 / 3
 # leaves a hundredth of what it explains.
 FORM = 0.01
 DESCRIBED = 0.05  # least gain of a term without known physics: there are many of them
+# Least that it explains besides, over what proven physics does: one of the same form gains a little as it is not drawn
+# to the same size.
+DISPLACED = 0.1
 CERTAIN_SIZE = 1.28  # standard deviations that a size is away from zero: zero is outside its one-sided 90 % interval
 NEGLIGIBLE = 0.2  # of a likely size, below which an effect that seems to explain something is not worth telling
 LASTING = 1 / 3  # least share of the gain in training that an effect has where it was not fitted
@@ -423,7 +426,7 @@ class _Judge:
         disagreed = leading.likeliest is not None and leader is None
         left_over = term is not None or disagreed or self.proof.astray()
         nothing_known = self.said("unknown" if left_over else "no_mismatch", term)
-        if leader is None or (term is not None and self.proven(term) > self.proven(leader) + DESCRIBED):
+        if leader is None or (term is not None and self.displaced(leader, term)):
             return nothing_known
         rivals = in_doubt = self.within_reach(leader)
         names = {frozenset(e.effects) for e in rivals}
@@ -460,6 +463,11 @@ class _Judge:
         """The term without known physics that explains most, if that is enough."""
         most = max(self.described, key=self.proven, default=None)
         return most if most is not None and self.proven(most) > DESCRIBED else None
+
+    def displaced(self, leader: Explanation, term: Explanation) -> bool:
+        """Whether a term explains clearly more than what is known."""
+        more = self.proven(term) - self.proven(leader)
+        return more > max(DESCRIBED, DISPLACED * self.proven(leader))
 
     def holds(self, e: Explanation) -> bool:
         return not self.objection(e)
