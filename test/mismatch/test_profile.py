@@ -22,6 +22,11 @@ def waves(x: np.ndarray) -> np.ndarray:
     return 0.04 * np.sin(2 * np.pi * x / 200)
 
 
+def told(effect: dict) -> list[tuple[float, float]]:
+    """Way [m] and size of an entry of explain.json that has another at every place."""
+    return [(one["distance"], one["value"] + effect["parameters"][0]["value"]) for one in effect["profile"]]
+
+
 @pytest.fixture(scope="module")
 def slalom():
     vehicle = prototype()
@@ -80,7 +85,7 @@ def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     best = found["effects"][0]
     assert best["id"] == "road_bank"
     assert best["gain_held_out"] > 0.3
-    profile = [(one["distance"], one["value"] + best["parameters"][0]["value"]) for one in best["profile"]]
+    profile = told(best)
     within = [(s, value) for s, value in profile if 0 <= s < 220]
     assert [value for _, value in within] == pytest.approx([float(waves(np.array(s))) for s, _ in within], abs=0.012)
 
@@ -106,8 +111,7 @@ def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags()
     assert (found["verdict"], set(found["answer_set"])) == ("named", {"brake_drag", "road_bank"})
     brake, road = sorted((e for e in found["effects"] if e["accepted"]), key=lambda e: e["id"])
     assert (brake["wheel"], brake["parameters"][0]["value"]) == ("fl", pytest.approx(17.0, rel=0.07))
-    profile = [(one["distance"], one["value"] + road["parameters"][0]["value"]) for one in road["profile"]]
-    within = [(s, value) for s, value in profile if 0 <= s < 220]
+    within = [(s, value) for s, value in told(road) if 0 <= s < 220]
     assert [value for _, value in within] == pytest.approx([float(bank(np.array(s))) for s, _ in within], abs=0.012)
 
 

@@ -423,11 +423,8 @@ class _Judge:
     def judged(self) -> Judged:
         leading, term = self.leading(), self.term()
         leader = leading.leader
-        disagreed = leading.likeliest is not None and leader is None
-        left_over = term is not None or disagreed or self.proof.astray()
-        nothing_known = self.said("unknown" if left_over else "no_mismatch", term)
         if leader is None or (term is not None and self.displaced(leader, term)):
-            return nothing_known
+            return self.nothing_known(leading, term)
         rivals = in_doubt = self.within_reach(leader)
         names = {frozenset(e.effects) for e in rivals}
         shared = frozenset.intersection(*names)
@@ -442,13 +439,19 @@ class _Judge:
                 rivals = self.within_reach(leader)
                 names = {frozenset(e.effects) for e in rivals}
         if len(names) > 1 and term is None and self.proven(leader) < ALIKE * self.threshold:
-            return nothing_known
+            return self.nothing_known(leading, term)
         return replace(
             self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
             besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else (),
         )  # fmt: skip
 
+    def nothing_known(self, leading: _Leading, term: Explanation | None) -> Judged:
+        """Whether something is left over all the same, which a term may describe."""
+        disagreed = leading.likeliest is not None and leading.leader is None
+        return self.said("unknown" if term is not None or disagreed or self.proof.astray() else "no_mismatch", term)
+
     def said(self, verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
+        """A verdict, with what speaks against each of the effects that were fitted alone."""
         refused = {
             id(e): self.objection(e) or ("" if self.agreed(e) else DISAGREED) for e in self.ranked.values()
         }  # fmt: skip

@@ -152,6 +152,8 @@ def _place(evidence: Evidence, abscissa: float) -> dict[str, Any]:
 
 
 def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
+    """Where the base fit is off: signals with their errors, and what a good model leaves, in their units, the worst
+    first; windows [s] with their shares of the squared error, those in which the car got lost, and the region."""
     by_signal = residuals.by_signal(base.residuals)
     units = {signal.name: signal.unit for signal in SIGNALS}
     worst = sorted(by_signal, key=lambda name: by_signal[name] / residuals.deviation[name], reverse=True)
@@ -235,6 +237,8 @@ def base_parameters(base: Fit, explained: Fit | None) -> dict[str, Any]:
 
 
 def errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:
+    """Root mean square errors of each signal in its unit with the base fit and with what is told, in training and on
+    what was held out."""
     units = {signal.name: signal.unit for signal in SIGNALS}
     before, after = residuals.by_signal(base.residuals), residuals.by_signal(shown.residuals)
     result: dict[str, Any] = {
@@ -288,6 +292,7 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
 
 
 def traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[Trace]:
+    """Each signal in each window as it was measured, and as simulated with the base fit and with what is told."""
     predictor = residuals.predictor
     units = {signal.name: signal.unit for signal in SIGNALS}
     pairs = zip(

@@ -114,7 +114,9 @@ TURNING = {
     "roll_rate": Feature("that follows the roll rate", "rad/s", 0.1, lambda car: car.u[3]),
 }  # fmt: skip
 ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking": BRAKING}
-WITH_TORQUE = ("lateral", "lateral_driving", "lateral_braking", "steering")
+TO_ONE_SIDE = {"driving": DRIVING, "braking": BRAKING} | {
+    name: TURNING[name] for name in ("lateral", "lateral_driving", "lateral_braking", "steering")
+}
 TERMS = (
     {
         "longitudinal_force": EVEN,
@@ -123,7 +125,7 @@ TERMS = (
         "roll_moment": {"constant": CONSTANT} | TURNING,
     }
     | {name: _travel(CHANNELS[name].row) for name in _SUSPENSIONS}
-    | {name: {"driving": DRIVING, "braking": BRAKING} | {f: TURNING[f] for f in WITH_TORQUE} for name in _ACROSS}
+    | dict.fromkeys(_ACROSS, TO_ONE_SIDE)
 )
 
 
