@@ -12,7 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.judge import ASTRAY, REFUSED, THRESHOLD, TRUSTED, Judged, Proof, confidence, interval, judge
+from vsense_ros.mismatch.judge import (
+    ASTRAY,
+    OUTDONE,
+    REFUSED,
+    THRESHOLD,
+    TRUSTED,
+    Judged,
+    Proof,
+    confidence,
+    interval,
+    judge,
+)
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.search import Explanation
@@ -353,6 +364,14 @@ def test_a_small_gain_that_several_effects_give_alike_is_in_doubt_where_a_term_p
     judged = judge(alike, [explaining("force", 0.06, 0.06)], Made())
     assert (judged.verdict, [e.name.strip() for e in judged.rivals]) == ("ambiguous", ["drag", "slope"])
     assert judge(alike, [explaining("force", 0.12, 0.12)], Made()).verdict == "unknown"
+
+
+def test_an_effect_that_a_term_explains_clearly_better_is_refused_with_that_reason():
+    drag = explaining("drag", 0.7, 0.7)
+    outdone = judge([drag], [explaining("force", 0.78, 0.78)], Made())
+    assert (outdone.verdict, outdone.refused[id(drag)]) == ("unknown", OUTDONE)
+    enough = judge([drag], [explaining("force", 0.76, 0.76)], Made())
+    assert (enough.verdict, enough.refused[id(drag)]) == ("named", "")
 
 
 def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():

@@ -63,6 +63,7 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
 MIGHT_BE_ZERO = "its size might as well be zero"
+OUTDONE = "a term without known physics explains clearly more"
 DISAGREED = "signals and recordings disagree in its size"
 MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
@@ -448,7 +449,14 @@ class _Judge:
     def nothing_known(self, leading: _Leading, term: Explanation | None) -> Judged:
         """Whether something is left over all the same, which a term may describe."""
         disagreed = leading.likeliest is not None and leading.leader is None
-        return self.said("unknown" if term is not None or disagreed or self.proof.astray() else "no_mismatch", term)
+        left_over = term is not None or disagreed or self.proof.astray()
+        judged = self.said("unknown" if left_over else "no_mismatch", term)
+        if leading.leader is None or term is None or not self.displaced(leading.leader, term):
+            return judged
+        outdone = {id(e) for e in self.ranked.values() if e.effects[0] in leading.leader.effects}
+        return replace(
+            judged, refused={e: why or (OUTDONE if e in outdone else "") for e, why in judged.refused.items()}
+        )
 
     def said(self, verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
         """A verdict, with what speaks against each of the effects that were fitted alone."""

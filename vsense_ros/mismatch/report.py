@@ -31,6 +31,7 @@ from vsense_ros.mismatch.picture import (
     size_unit,
     when,
 )
+from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.effects.base import CORNERS
 
 PLACES = ("wheel", "axle", "sensor", "axis", "form")
@@ -445,6 +446,8 @@ def _standing(
     effect: Mapping[str, Any], gains: Mapping[str, float], best: float, found: Mapping[str, Any], *, within: bool
 ) -> str:
     """Why an effect is not the answer, or not the only one."""
+    if effect["id"] not in BY_ID:
+        return "describes what is left over, and explains nothing"
     weakest, decisive = _decisive(gains)
     threshold = found["threshold"]
     if not within and (decisive < threshold or best <= 0.0):
