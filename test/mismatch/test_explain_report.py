@@ -6,7 +6,9 @@ import base64
 import json
 import re
 from dataclasses import replace
+from datetime import UTC, datetime
 from html.parser import HTMLParser
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,6 +18,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from synthetic_findings import SIGNALS, effect, finding, traces
+from vsense_ros.mismatch import report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
 from vsense_ros.mismatch.report import VERDICTS, in_words, percent, printed, shown_number, shown_value, write_report
 
@@ -95,7 +98,9 @@ def test_the_terminal_says_the_sentence_and_every_remark(verdict):
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_what_is_read_back_from_the_file_gives_the_same_page(verdict, tmp_path):
+def test_what_is_read_back_from_the_file_gives_the_same_page(verdict, tmp_path, monkeypatch):
+    written = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # a page tells the minute
+    monkeypatch.setattr(report, "datetime", SimpleNamespace(now=lambda zone: written))
     found = finding(verdict)
     again = json.loads(json.dumps(found, allow_nan=False))
     assert read(found, [], tmp_path).text == read(again, [], tmp_path).text
