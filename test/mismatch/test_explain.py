@@ -120,10 +120,13 @@ def test_without_gnss_a_wind_is_told_with_directions_from_where_the_recordings_s
 
 
 @pytest.mark.slow
-def test_one_stretch_of_driving_alone_proves_nothing_and_the_answer_says_so():
+def test_one_stretch_of_driving_alone_is_proven_on_parts_of_itself_and_the_answer_says_so():
     found = answer([driven(having(prototype(), brake_drag={"fl": 30.0}), "sweep")], wrong(prototype())).found
     assert found["verdict"] == "named"
-    assert "nothing was left out of the fit to prove it on" in found["sentence"]
+    (named,) = [effect for effect in found["effects"] if effect["accepted"]]
+    assert named["id"] == "brake_drag"
+    assert named["gain_left_out"] != named["gain_training"]
+    assert "where it was left out of the fit" in found["sentence"]
     assert "one stretch of driving" in found["remarks"][-1]
 
 

@@ -16,6 +16,7 @@ from vsense_ros.mismatch.judge import (
     ASTRAY,
     OUTDONE,
     REFUSED,
+    SHORT,
     THRESHOLD,
     TRUSTED,
     Judged,
@@ -23,6 +24,7 @@ from vsense_ros.mismatch.judge import (
     confidence,
     interval,
     judge,
+    least_gain,
 )
 from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.prediction import Setting
@@ -42,6 +44,12 @@ def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
     assert confidence(THRESHOLD, 0.0) < 0.5
     assert confidence(10 * THRESHOLD, THRESHOLD) == pytest.approx(TRUSTED, rel=0.01)
     assert confidence(10 * THRESHOLD, THRESHOLD) > 0.8
+
+
+@given(st.floats(0.1, 2000.0), st.floats(1.0, 10.0))
+def test_chance_explains_more_of_less_driving_but_never_less_than_of_much(driven, times):
+    assert least_gain(driven) >= least_gain(times * driven) >= THRESHOLD
+    assert least_gain(SHORT / times) == pytest.approx(times * THRESHOLD)
 
 
 @dataclass

@@ -14,6 +14,7 @@ from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
+from vsense_ros.mismatch.signals import grid
 from vsense_ros.vehicle_file import load_vehicle
 
 
@@ -144,3 +145,52 @@ def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(s
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
     assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
     assert extension.extended(known, evidence, Setting.of(known)).physics.effects.road_bank.profile == surveyed
+
+
+def test_a_body_that_follows_its_road_turns_with_the_slope_and_is_heavier_on_its_way_into_a_climb(slalom):
+    """The slope grows by 2·10⁻⁴ rad on every metre: at a speed v the nose rises at 2·10⁻⁴ v, and the path of the car
+    has a radius of 5 km, which takes v²/5 km. On a bank that grows alike the left side rises, and nothing is heavier.
+    """
+    vehicle, evidence = slalom
+    predictor = Predictor(vehicle, evidence)
+    (window,) = evidence.windows
+    t = grid(window)
+    passing = np.gradient(np.interp(t, window.place.t, window.place.value[:, 0]), t)  # m of the road per second
+
+    def followed(size: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """What it adds to the signals that the body follows, and the speed."""
+        along = predictor.start.changed(
+            {point(size, STRETCH / 2 + s): 2e-4 * s for s in np.arange(0.0, 600.0, SPACING)}
+        )
+        (stiff,), (soft,) = (predictor.simulated(along.changed({"road.followed": share})) for share in (1.0, 0.0))
+        added = {name: stiff[name] - soft[name] for name in stiff}
+        return {name: change for name, change in added.items() if np.abs(change).max() > 1e-9}, soft["speed"]
+
+    climb, speed = followed("effects.road_grade.grade")
+    assert climb.keys() == {"pitch_rate", "vertical_acceleration"}
+    assert climb["pitch_rate"] == pytest.approx(-2e-4 * passing, rel=0.02)
+    assert climb["vertical_acceleration"] == pytest.approx(passing * speed / 5e3, rel=0.02)
+    bank, _ = followed("effects.road_bank.bank")
+    assert bank.keys() == {"roll_rate"}
+    assert bank["roll_rate"] == pytest.approx(2e-4 * passing, rel=0.02)
+
+
+def hills(x: np.ndarray) -> np.ndarray:
+    return 0.04 * np.sin(2 * np.pi * x / 400)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("duration", "known"), [(50.0, True), (20.0, False)])
+def test_a_road_that_one_recording_passes_once_is_known_if_it_is_long_enough(duration, known):
+    """Nothing is held out, and no place is met twice: each second piece of the road follows from its neighbours."""
+    recording = driven(prototype(), "brake", duration=duration, bank=hills)
+    found = answer([recording], wrong(prototype())).found
+    assert found["answer_set"] == (["road_bank"] if known else [])
+    assert any("profile" in effect for effect in found["effects"]) == known
+    if known:
+        bank = found["effects"][0]
+        assert bank["gain_left_out"] > 0.8 * bank["gain_training"]
+        within = [(s, value) for s, value in told(bank) if 100 <= s < 800]
+        off = np.array([value - float(hills(np.array(s))) for s, value in within])
+        assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)

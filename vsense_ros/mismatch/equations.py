@@ -43,6 +43,13 @@ class Equations:
             prior = prior + change
         return np.asarray(moved + self.weight * float(prior @ prior) * self.rows / self.rows.sum())
 
+    def spread(self) -> Array:
+        """(k,) standard deviations of the knobs [deviations], if what is likely of them and what they are found to cost
+        is all that is known."""
+        normal = self.normal.sum(axis=0)
+        inverse = np.linalg.inv(normal + self.weight * np.eye(len(normal)))
+        return np.asarray(np.sqrt(self.weight * np.diag(inverse)))
+
     def left_out(self, group: Sequence[int]) -> float:
         """The value of a group of windows after a fit to all others; where there are no others, as they are."""
         rest = [i for i in range(len(self.rows)) if i not in group]

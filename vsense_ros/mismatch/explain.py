@@ -25,7 +25,7 @@ from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import THRESHOLD, Judged, Proof, judge
+from vsense_ros.mismatch.judge import THRESHOLD, Judged, Proof, judge, least_gain
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor
@@ -145,12 +145,13 @@ def _explained(
         raise NotAssessableError("no effect of the library would leave a trace in these recordings")
     proof = Proof(unseen, vehicle, residuals, base, progress)
     found["remarks"] = [*residuals.predictor.evidence.remarks, *proof.remarks]
-    if proof.residuals is None and len(search.groups) == 1:
+    if proof.residuals is None and len(residuals.layout) == 1:
         found["remarks"].append(telling.ALONE)
     found["held_out"] = proof.recordings
-    threshold = THRESHOLD
+    threshold = least_gain(residuals.predictor.evidence.driven + unseen.driven)
     if ablation == "chi2_thresholds":
-        found["threshold"] = threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
+        threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
+    found["threshold"] = threshold
     if assume:
         judged = judge(explanations, (), proof, search.along_the_road, threshold)
         if explanations:
@@ -224,7 +225,7 @@ def _searched(
 def _judged(search: Search, explanations: list[Explanation], proof: Proof, threshold: float) -> Judged:
     """Single effects, and what explains more with further ones, judged beside terms without known physics."""
     found_last = explanations
-    while found_last := search.further(found_last, THRESHOLD, proof.proven, bool(proof.recordings)):
+    while found_last := search.further(found_last, max(threshold, THRESHOLD), proof.proven, bool(proof.recordings)):
         explanations = [*explanations, *found_last]
     described = search.described()
     judged = judge(explanations, described, proof, search.along_the_road, threshold)

@@ -111,10 +111,16 @@ class Residuals:
 
     def furthest(self, residuals: Sequence[Array]) -> tuple[str, float]:
         """The worst signal by name, empty if there is none, and how bad it is."""
+        good = self.good(residuals)
+        off = {name: error / good[name] for name, error in self.deviations(residuals).items()}
+        return max(off.items(), key=itemgetter(1), default=("", 0.0))
+
+    def good(self, residuals: Sequence[Array]) -> dict[str, float]:
+        """Root mean square of what a good model leaves of each signal, in standard deviations: more of those that any
+        road shakes, by how much this one does."""
         errors = self.deviations(residuals)
         road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
-        off = {name: error / (road if name in _SHAKEN else 1.0) for name, error in errors.items()}
-        return max(off.items(), key=itemgetter(1), default=("", 0.0))
+        return {name: road if name in _SHAKEN else 1.0 for name in errors}
 
     def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual, in standard deviations."""

@@ -21,6 +21,9 @@ from vsense_ros.model.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden do not give
+# [s] of driving, of less of which more gain is asked for, in inverse proportion: single manoeuvres of ten and twenty
+# seconds with nothing hidden give up to 1.7 s over their duration (public split, each recording alone).
+SHORT = 80.0
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
 # they take up most of an effect, a tyre formula that is a little different takes up as much of another. Not more than
 # this multiple: with nothing hidden no such effect has explained as much (public split).
@@ -62,6 +65,8 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
+# Root mean square, in deviations, of a change that a signal does not tell: no multiple of it is evidence.
+UNTOLD = 0.1
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
 DISAGREED = "signals and recordings disagree in its size"
@@ -80,6 +85,11 @@ TRUSTED, BY_LEAD, REFUSED = 0.89, 8.0, 0.04
 # agree in it, so that their spread does not show it. How many intervals hold with it, the same command tells.
 SIZE_OFF = 0.12
 NORMAL_90 = 1.645  # standard deviations to either side that hold 90 % of a normal distribution
+
+
+def least_gain(driven: float) -> float:
+    """Of an effect, of so much driving [s]."""
+    return THRESHOLD * max(1.0, SHORT / driven)
 
 
 def confidence(gain: float, other: float) -> float:
@@ -357,8 +367,9 @@ def _resized(
             continue
         was, rest = (rows.reshape(len(names), -1) for rows in (old, new))
         change = rest - was
-        size = np.maximum(np.sum(change**2, axis=1), 1e-12)
-        besides = float(np.sum(np.sum(rest * change, axis=1) ** 2 / size))
+        size = np.sum(change**2, axis=1)
+        told = size > UNTOLD**2 * change.shape[1]
+        besides = float(np.sum(np.sum(rest[told] * change[told], axis=1) ** 2 / size[told]))
         found.append((besides, cost([old]) - cost([new])))
     return found
 
@@ -419,6 +430,7 @@ class _Judge:
             self.best.setdefault(frozenset(e.effects), e)
             if len(e.candidates) == 1:
                 self.ranked.setdefault(e.effects[0], e)
+        self.described_from = DESCRIBED * max(1.0, threshold / THRESHOLD)
         self._objections: dict[int, str] = {}  # by id of the explanation
 
     def judged(self) -> Judged:
@@ -473,12 +485,12 @@ class _Judge:
     def term(self) -> Explanation | None:
         """The term without known physics that explains most, if that is enough."""
         most = max(self.described, key=self.proven, default=None)
-        return most if most is not None and self.proven(most) > DESCRIBED else None
+        return most if most is not None and self.proven(most) > self.described_from else None
 
     def displaced(self, leader: Explanation, term: Explanation) -> bool:
         """Whether a term explains clearly more than what is known."""
         more = self.proven(term) - self.proven(leader)
-        return more > max(DESCRIBED, DISPLACED * self.proven(leader))
+        return more > max(self.described_from, DISPLACED * self.proven(leader))
 
     def holds(self, e: Explanation) -> bool:
         return not self.objection(e)

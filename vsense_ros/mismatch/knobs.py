@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import RoadEffect, role
+from vsense_ros.model.effects.base import Effect, RoadEffect, role
 from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
@@ -82,6 +82,12 @@ UNKNOWN_TORQUES = tuple(
 )
 
 
+# Share of how fast a road tilts, from place to place, that the body of the car tilts by as well: all of it on a road,
+# nothing where gravity alone is tilted, in a simulation or by a sensor. Found once a road is.
+FOLLOWED = {"road.followed": 0.0}
+FOLLOWING = Knob("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added("road.followed"))
+
+
 def base_knobs(
     vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",)
 ) -> tuple[Knob, ...]:
@@ -135,10 +141,11 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
     )  # fmt: skip
 
 
-def shapes(effect: str, values: Values) -> tuple[Knob, ...]:
+def shapes(candidate: Candidate, values: Values) -> tuple[Knob, ...]:
     """What else of an effect may be another, once it has a size: turned from what it is."""
-    fields = EVERY[effect].model_fields
-    return tuple(_knob(effect, name, values) for name, field in fields.items() if role(field) == "shape")
+    id, kind = candidate.effect, EVERY[candidate.effect]
+    found = tuple(_knob(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
+    return (*found, FOLLOWING) if candidate.along_road and kind.slope is not Effect.slope else found
 
 
 _SENSORS = {

@@ -11,9 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from vsense_ros.mismatch.evidence import HOLDING_TIME, RUN_IN, SLOWEST, Evidence, Readings, Window
-from vsense_ros.mismatch.knobs import TORQUE_SHARES, size_of
-from vsense_ros.mismatch.road import place_of, profile
+from vsense_ros.mismatch.evidence import (
+    HOLDING_TIME,
+    RUN_IN,
+    SLOWEST,
+    Evidence,
+    Readings,
+    Window,
+    to_axes_of_car,
+)
+from vsense_ros.mismatch.knobs import FOLLOWED, TORQUE_SHARES, size_of
+from vsense_ros.mismatch.road import POINT, place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.model import codegen
 from vsense_ros.model.car import SPIN, SURROUNDINGS, YAW, Car, X, Y, car_of
@@ -22,7 +30,7 @@ from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop, Run
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 
@@ -60,7 +68,7 @@ class Setting:
     @classmethod
     def of(cls, vehicle: Vehicle) -> Setting:
         """As the file has it, effects that it does not have with size zero."""
-        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES})
+        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, **FOLLOWED})
 
     def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
         """An effect with its present parameters, some of which may be `varying`."""
@@ -98,6 +106,7 @@ class _Driving:
     shares: Sequence[float]  # as TORQUE_SHARES
     delays: tuple[float, float]  # of steering and torques [s]
     around: Array  # (n, 4) as model.car.SURROUNDINGS
+    tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
@@ -138,14 +147,12 @@ class Predictor:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
         sensors = self._sensors(setting)
         result = []
-        for window, (motion, sensed, around) in zip(
-            self.evidence.windows, self._all_moved(setting, sensors), strict=True
-        ):
+        for window, (motion, sensed, way) in zip(self.evidence.windows, self._all_moved(setting, sensors), strict=True):
             reading = hash(tuple(sensors.items()))
             if reading not in sensed:
                 if len(sensed) > 3:
                     sensed.pop(next(iter(sensed)))
-                sensed[reading] = self._signals(window, motion, sensors, around[::KEEP])
+                sensed[reading] = self._signals(window, motion, sensors, way)
             result.append(sensed[reading])
         return result
 
@@ -210,14 +217,14 @@ class Predictor:
 
     def _all_moved(
         self, setting: Setting, sensors: Mapping[str, SensorBase]
-    ) -> list[tuple[Motion, dict[int, dict[str, Array]], Array]]:
-        """Motion in each window, what of its signals is known already, by the sensors, and the surroundings."""
+    ) -> list[tuple[Motion, dict[int, dict[str, Array]], _Driving]]:
+        """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
         ways = self._ways(setting, sensors)
         self._drive([ways])
         found = []
         for way, known in zip(ways, self._motions, strict=True):
             known[way.key] = known.pop(way.key)  # the last to be forgotten
-            found.append((*known[way.key], way.around))
+            found.append((*known[way.key], way))
         return found
 
     @cached_property
@@ -253,19 +260,24 @@ class Predictor:
         """What the motion in a window depends on."""
         turned, place = self._way[index]
         varying = setting.varying(place, self._surveyed(place))
-        around = np.zeros((len(place), len(SURROUNDINGS)))
+        around, tilting = np.zeros((len(place), len(SURROUNDINGS))), np.zeros((len(place), 2))
         for id in _SLOPING:
             along, across = setting.effect(id, varying).slope(turned)
             around[:, 0] += along
             around[:, 1] += across
+            if (size := size_of(id)) in varying:
+                on_one_road = np.abs(np.gradient(place)) < POINT
+                changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
+                tilting += np.column_stack(np.broadcast_arrays(*setting.effect(id, changing).slope(turned)))
         late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
         delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        changing = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
-        road = (around.tobytes(), *((name, values.tobytes()) for name, values in changing.items()))
+        tilting *= setting.values["road.followed"]
+        felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
+        road = (around.tobytes(), tilting.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
         shares = [setting.values[name] for name in TORQUE_SHARES]
-        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, changing)
+        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, tilting, felt)
 
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
@@ -319,7 +331,7 @@ class Predictor:
         return found
 
     def _signals(
-        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], around: Array
+        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], way: _Driving
     ) -> dict[str, Array]:
         if not _in_bounds(motion):
             return {}
@@ -328,7 +340,9 @@ class Predictor:
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
-            value = sensing(motion, around, now.mounting()) + _offset(now) - _offset(base)
+            value = sensing(motion, way.around[::KEEP], now.mounting()) + _offset(now) - _offset(base)
+            if isinstance(now, Imu) and way.tilting.any():
+                value += _over_crests_and_dips(motion, way.tilting[::KEEP], now)
             at = stamps - (now.latency - base.latency) - window.begin
             readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
             gaps = ~np.isfinite(window.readings[name].value)
@@ -366,6 +380,16 @@ def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array
     smooth = uniform_filter1d(acceleration, round(SMOOTH / STEP))
     front = driving + (braking - driving) * np.clip(-smooth / BRAKED, 0.0, 1.0)
     return np.column_stack([front, front, 1 - front, 1 - front])
+
+
+def _over_crests_and_dips(motion: Motion, tilting: Array, sensor: Imu) -> Array:
+    """What an inertial sensor has in its readings, (n, 6), because the road tilts the car along and across itself
+    (n, 2) [rad/s]: rates, and what keeps the car on a path that is bent upwards."""
+    along, across = tilting.T
+    flat = np.zeros_like(along)
+    rates, force = np.column_stack([across, -along, flat]), np.column_stack([flat, flat, motion.u[:, X] * along])
+    to_car = to_axes_of_car(sensor)
+    return np.hstack([rates @ to_car, force @ to_car])
 
 
 def _in_bounds(motion: Motion) -> bool:

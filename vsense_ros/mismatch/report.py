@@ -170,7 +170,7 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
             force=_described(located["force"]),
             candidates=candidates,
             profiles=[
-                (_sentence(effect), _embedded(road_profile(effect)))
+                (_sentence(effect), _embedded(road_profile(effect)), "latitude" in effect["profile"][0])
                 for effect in found["effects"]
                 if "profile" in effect and effect["id"] in found["answer_set"]
             ],

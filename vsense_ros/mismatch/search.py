@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from vsense_ros.mismatch.equations import Equations
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
+from vsense_ros.mismatch.left_out import LeftOut, as_it_is, by_pieces, by_stretches, by_windows, passed_once, places
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
-from vsense_ros.mismatch.signals import grid
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 WORTH_POLISHING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
-STRETCHES = 4  # of a window that is the only one, whose spread says how sure a size is
+PIECES = 10  # least number of places of a road that is passed once
 FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
 
 
@@ -93,15 +93,6 @@ class Explanation:
         return {knob.name: float(amounts[knob.name]) for candidate in self.candidates for knob in candidate.knobs}
 
 
-def groups(residuals: Residuals) -> list[list[int]]:
-    """Windows that are left out together: those of a recording, or each alone where there is one recording."""
-    windows = residuals.predictor.evidence.windows
-    numbers = sorted({w.recording for w in windows})
-    if len(numbers) > 1:
-        return [[i for i, w in enumerate(windows) if w.recording == number] for number in numbers]
-    return [[i] for i in range(len(windows))]
-
-
 class Search:
     """What explains that a fit leaves something over; secants are simulated once, at the base fit."""
 
@@ -114,11 +105,9 @@ class Search:
         progress: Callable[[], None] = lambda: None,
     ) -> None:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
-        self.groups = groups(residuals)
         self._along_the_road: dict[int, tuple[Explanation, Explanation | None]] = {}  # by id of the first
         self._varying: set[str] = set()  # names of candidates with another size at every place that are worth it alone
         self._progress = progress
-        self._before = np.array([base.equations.left_out(group) for group in self.groups])
         # What gains are relative to: residuals below what sensors and models can do are no evidence.
         least_whole = float(sum(len(r) for r in base.residuals))
         self.whole = max(base.value, least_whole)
@@ -147,7 +136,7 @@ class Search:
         """The explanations, the best of them with their shapes fitted besides."""
         found = list(explanations)
         for i, explanation in enumerate(explanations[:BEAM]):
-            at, knobs = explanation.fit, shapes(explanation.candidates[-1].effect, self.start.values)
+            at, knobs = explanation.fit, shapes(explanation.candidates[-1], self.start.values)
             if not knobs or explanation.gain < ENOUGH:
                 continue
             columns = slopes_by(self.residuals, self.start, at, knobs)
@@ -235,6 +224,8 @@ class Search:
         if single is None or any(c.along_road for c in explanation.candidates):
             return None
         profile, at = profiles[_first(single)], explanation.fit
+        if not self._known_well(profile):
+            return None
         points = [knob for knob in profile.knobs if knob.place is not None]
         by_place = [self._at_place(self._column(profile.knobs[0]), point) for point in points]
         slopes = [np.column_stack(parts) * points[0].deviation for parts in zip(*by_place, strict=True)]
@@ -268,18 +259,24 @@ class Search:
         best = max((s.score for s in single), default=0.0)
         for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
-            if one is not None and free.score > max(one.score + WORTH, PROMISING * best):
+            known = one.score if one is not None else 0.0
+            if free.score > max(known + WORTH, PROMISING * best):
                 self._simulate(knob for knob in free.candidates[-1].knobs if knob.place is not None)
                 free = self._signature(at, present, free.candidates[-1:])
-                chosen |= {s.candidates[-1].name: s for s in (one, free)}
+                chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
         return list(chosen.values())
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """Whether a size may be another at every place besides the candidates present: beside an effect, which is never
         quite right, it would mend everything, unless it was worth its freedom alone."""
-        if any(candidate.along_road for candidate in present):
+        if any(candidate.along_road for candidate in present) or not self._known_well(profile):
             return False
         return not present or profile.name in self._varying
+
+    def _known_well(self, profile: Candidate) -> bool:
+        """Whether a road is passed more than once, or is so long that what one manoeuvre leaves over is a part of it:
+        that lasts as long as a few of its pieces."""
+        return not self.passed_once or sum(knob.place is not None for knob in profile.knobs) >= PIECES
 
     def _simulate(self, knobs: Iterable[Knob]) -> None:
         """Secants of the base fit."""
@@ -305,9 +302,11 @@ class Search:
         equations = self._joined_equations(at, knobs)
         free, change = _within_bounds(equations, knobs)
         falls = self.base.equations.values() - free.values(change)
+        left_out = self._left_out((*present, *new))
+        known = free if left_out.apart is as_it_is else left_out.apart(joint()).equations
         return Signature(
             (*present, *new), joint, equations.keeps(knobs), float(falls.sum()) / self.whole,
-            self._gains_left_out(free)[0], float(falls.sum() - falls.max()) / self.whole,
+            left_out.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
         )  # fmt: skip
 
     def _joined_equations(self, at: Fit, knobs: Sequence[Knob]) -> Equations:
@@ -339,18 +338,25 @@ class Search:
         assert knob.place is not None
         return at_place(self.residuals, everywhere, knob.place[1])
 
-    def _gains_left_out(self, fitted: Equations) -> tuple[float, float]:
-        """How much less than the base a fit leaves of each recording that it does not see, over the base's value, and
-        over what the base leaves of them, together. What is predicted linearly may be far off where one recording alone
-        holds a parameter: over the base's value none of them may count for more than it costs itself."""
-        values = self.base.equations.values()
-        own = np.array([values[group].sum() for group in self.groups])
-        before = self._before
-        falls = before - [fitted.left_out(group) for group in self.groups]
-        least = self.least_whole * self.whole * np.array([len(g) for g in self.groups]) / len(self.base.residuals)
-        most = np.maximum(before, own)
-        share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, least))
-        return float(np.sum(np.clip(falls, -own, own))) / self.whole, float(share)
+    @cached_property
+    def passed_once(self) -> bool:
+        """Whether no place is met twice."""
+        return passed_once(self.residuals.predictor.evidence.windows)
+
+    def _left_out(self, candidates: Sequence[Candidate]) -> LeftOut:
+        """What is left out of a fit with these candidates in turn."""
+        if self.passed_once and any(candidate.along_road for candidate in candidates):
+            return self._pieces
+        return self.left_out
+
+    @cached_property
+    def left_out(self) -> LeftOut:
+        """The same where no size is another at every place."""
+        return (by_stretches if len(self.base.residuals) == 1 else by_windows)(self.residuals, self.base)
+
+    @cached_property
+    def _pieces(self) -> LeftOut:
+        return by_pieces(self.residuals, self.base)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
         found = []
@@ -413,7 +419,7 @@ class Search:
         at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes)
         return replace(
             self._explanation(explanation.candidates, at_same_costs, explanation.keep),
-            deviations=_deviations(fitted, self.residuals.layout),
+            deviations=self._deviations(explanation.candidates, fitted),
         )
 
     def _fit(self, joint: Fit) -> Fit:
@@ -424,11 +430,26 @@ class Search:
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
         falls = self.base.equations.values() - fitted.equations.values()
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
+        left_out = self._left_out(candidates)
+        gains_left_out = left_out.gains(left_out.apart(fitted).equations, self.whole)
         return Explanation(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole,
-            *self._gains_left_out(fitted.equations),
-            float(lost / max(gained, 1e-12)), _deviations(fitted, self.residuals.layout),
+            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *gains_left_out,
+            float(lost / max(gained, 1e-12)), self._deviations(candidates, fitted),
         )  # fmt: skip
+
+    def _deviations(self, candidates: Sequence[Candidate], fitted: Fit) -> dict[str, float]:
+        """Standard deviations of the knobs by name. Residuals of neighbouring instants err together: the spread between
+        the parts of a fit says how much they tell, by a jackknife. What a size is everywhere that may be another at
+        every place is known no better than all that shifts with it: sensors with an offset see the same, and only what
+        is likely of them tells them apart."""
+        equations = self._left_out(candidates).apart(fitted).equations
+        n = len(equations.rows)
+        changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
+        spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
+        everywhere = {c.knobs[0].name for c in candidates if c.along_road}
+        unknown = np.array([knob.name in everywhere for knob in fitted.knobs])
+        spread = np.hypot(spread, np.where(unknown, equations.spread(), 0.0))
+        return {knob.name: float(s * knob.deviation) for knob, s in zip(fitted.knobs, spread, strict=True)}
 
 
 def _first(candidate: Candidate) -> tuple[str, str]:
@@ -449,8 +470,7 @@ def at_place(residuals: Residuals, slopes: Sequence[Array], abscissa: float) -> 
     """Slopes by a size at one place, if the car forgot at once: its slopes everywhere, times the share of the place."""
     found = []
     for window, names, everywhere in zip(residuals.predictor.evidence.windows, residuals.layout, slopes, strict=True):
-        place = np.interp(grid(window), window.place.t, window.place.value[:, 0])
-        found.append(np.tile(profile({abscissa: 1.0}, place), len(names)) * everywhere)
+        found.append(np.tile(profile({abscissa: 1.0}, places(window)), len(names)) * everywhere)
     return found
 
 
@@ -498,23 +518,3 @@ def _within_bounds(joint: Equations, knobs: Sequence[Knob]) -> tuple[Equations, 
         if not beyond:
             return joint, change
         joint = joint.only([i for i, knob in enumerate(joint.knobs) if knob.name not in beyond])
-
-
-def _deviations(fitted: Fit, layout: Sequence[Sequence[str]]) -> dict[str, float]:
-    """Standard deviations of the knobs by name. Residuals of neighbouring instants err together: the spread between
-    windows says how much they tell, by a jackknife over windows, or over stretches of the only one. `layout` names the
-    signals of each window."""
-    if len(fitted.residuals) == 1:
-        (names,) = layout
-        slopes = [part.reshape(-1, len(fitted.knobs)) for part in _split(fitted.slopes[0], len(names))]
-        rest = [part.reshape(-1) for part in _split(fitted.residuals[0], len(names))]
-        fitted = replace(fitted, slopes=slopes, residuals=rest)
-    equations, n = fitted.equations, len(fitted.residuals)
-    changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
-    spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
-    return {knob.name: float(s * knob.deviation) for knob, s in zip(fitted.knobs, spread, strict=True)}
-
-
-def _split(rows: Array, signals: int) -> list[Array]:
-    """Stretches of a window whose rows are signals × instants."""
-    return np.array_split(rows.reshape(signals, -1, *rows.shape[1:]), STRETCHES, axis=1)

@@ -23,9 +23,13 @@ from vsense_ros.model.effects.base import AXLES, WHEELS
 
 Array = NDArray[np.float64]
 
+NO_PLACE = (
+    "what it is along the road is told by the distance driven, as no sensor knows the place: the extended vehicle has "
+    "of it what it is everywhere, and road.csv all"
+)
 ALONE = (
-    "all of it is one stretch of driving: nothing can be left out of the fit, and gains are those of the fit itself; "
-    "add another recording, or hold one out"
+    "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
+    "driven as in the others; add another recording, or hold one out"
 )
 NO_COURSE = (
     "nothing tells where the car heads on the map: directions are counted as if each recording set out to the east"
@@ -61,6 +65,8 @@ def remarks(
         ]
     if leader is not None and "gnss_velocity" not in kinds and any(EVERY[id].on_map for id in leader.effects):
         said.append(NO_COURSE)
+    if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
+        said.append(NO_PLACE)
     if leader is not None and (elsewhere := judged.other_places()):
         place = leader.candidates[0].where
         said.append(f"where it is, is not sure: {' or '.join(elsewhere)} explains about as much as {place}")
@@ -156,7 +162,8 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     first; windows [s] with their shares of the squared error, those in which the car got lost, and the region."""
     by_signal = residuals.by_signal(base.residuals)
     units = {signal.name: signal.unit for signal in SIGNALS}
-    worst = sorted(by_signal, key=lambda name: by_signal[name] / residuals.deviation[name], reverse=True)
+    good = {name: off * residuals.deviation[name] for name, off in residuals.good(base.residuals).items()}
+    worst = sorted(by_signal, key=lambda name: by_signal[name] / good[name], reverse=True)
     whole = max(cost(base.residuals), 1e-12)
     windows = residuals.predictor.evidence.windows
     segments = [
@@ -164,9 +171,7 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
         for w, r in zip(windows, base.residuals, strict=True)
     ]
     return {
-        "signals": [
-            {"name": n, "unit": units[n], "before": by_signal[n], "null": residuals.deviation[n]} for n in worst
-        ],
+        "signals": [{"name": n, "unit": units[n], "before": by_signal[n], "null": good[n]} for n in worst],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
         "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
         "region": _region(*_most_off(residuals, base, proof)),
@@ -283,8 +288,6 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
     said = (
         f"The model leaves out {named}; with it the squared error falls by {100 * accepted[0]['gain_training']:.0f} %"
     )
-    if ALONE in found["remarks"]:
-        return f"{said}; nothing was left out of the fit to prove it on."
     proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
     if proven is None:
         proven, on = accepted[0]["gain_left_out"], "where it was left out of the fit"

@@ -1,0 +1,110 @@
+"""What is left out of a fit in turn, to see whether what it says lasts there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.equations import Equations
+from vsense_ros.mismatch.evidence import Window
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.road import POINT
+from vsense_ros.mismatch.signals import grid
+from vsense_ros.model.effects.base import SPACING
+
+Array = NDArray[np.float64]
+
+STRETCHES = 4  # of a window that is the only one
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How a fit is taken apart, which parts are left out together, and what the base fit leaves of them."""
+
+    apart: Callable[[Fit], Fit]
+    groups: Sequence[Sequence[int]]
+    own: Array  # (groups,) value of the base fit
+    unseen: Array  # (groups,) the same where it does not see the group
+    rows: NDArray[np.int64]  # (groups,) numbers of residuals
+
+    @classmethod
+    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> LeftOut:
+        equations = apart(base).equations
+        own, rows = (
+            np.array([of[list(group)].sum() for group in groups]) for of in (equations.values(), equations.rows)
+        )
+        return cls(apart, groups, own, np.array([equations.left_out(group) for group in groups]), rows)
+
+    def gains(self, fitted: Equations, whole: float) -> tuple[float, float]:
+        """How much less than the base a fit, taken apart, leaves of each group that it does not see: over a `whole`,
+        and over what the base leaves of them, together. What is predicted linearly may be far off where one group alone
+        holds a parameter: over the whole none of them may count for more than it costs itself."""
+        falls = self.unseen - [fitted.left_out(group) for group in self.groups]
+        most = np.maximum(self.unseen, self.own)
+        share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, self.rows))
+        return float(np.sum(np.clip(falls, -self.own, self.own))) / whole, float(share)
+
+
+def as_it_is(fitted: Fit) -> Fit:
+    """A fit taken apart into its windows."""
+    return fitted
+
+
+def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
+    """Recordings, or windows where there is one recording."""
+    windows = residuals.predictor.evidence.windows
+    numbers = sorted({w.recording for w in windows})
+    groups = [[i for i, w in enumerate(windows) if w.recording == number] for number in numbers]
+    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(windows))])
+
+
+def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
+    """Stretches of the only window."""
+    (names,) = residuals.layout
+
+    def cut(rows: Array) -> list[Array]:
+        parts = np.array_split(rows.reshape(len(names), -1, *rows.shape[1:]), STRETCHES, axis=1)
+        return [part.reshape(-1, *rows.shape[1:]) for part in parts]
+
+    def apart(fitted: Fit) -> Fit:
+        (rest,), (slopes,) = fitted.residuals, fitted.slopes
+        return replace(fitted, residuals=cut(rest), slopes=cut(slopes))
+
+    return LeftOut.of(base, apart, [[i] for i in range(STRETCHES)])
+
+
+def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
+    """Each second piece of the road, in all windows, then all others: a road follows from its neighbouring pieces."""
+    windows = residuals.predictor.evidence.windows
+    odd = [
+        np.tile(places(window) // SPACING % 2 == 1, len(names))
+        for window, names in zip(windows, residuals.layout, strict=True)
+    ]
+    halves = [*odd, *(~rows for rows in odd)]
+
+    def apart(fitted: Fit) -> Fit:
+        def chosen(parts: list[Array]) -> list[Array]:
+            return [part[rows] for part, rows in zip([*parts, *parts], halves, strict=True)]
+
+        return replace(fitted, residuals=chosen(fitted.residuals), slopes=chosen(fitted.slopes))
+
+    n = len(windows)
+    return LeftOut.of(base, apart, [range(n), range(n, 2 * n)])
+
+
+def passed_once(windows: Sequence[Window]) -> bool:
+    """Whether no part of them tells what another one meets on its way: those of one recording, whose road is for the
+    most part another all the time."""
+    if len({window.recording for window in windows}) > 1:
+        return False
+    passed = Counter(point for window in windows for point in set(places(window) // POINT))
+    return 2 * sum(count == 1 for count in passed.values()) > len(passed)
+
+
+def places(window: Window) -> Array:
+    """Abscissa at each instant of a window that is compared [m]."""
+    return np.asarray(np.interp(grid(window), window.place.t, window.place.value[:, 0]))
