@@ -13,27 +13,79 @@ from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import build, import_recording
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.model.effects import BY_ID
+from vsense_ros.model.effects.base import SPACING
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
 from vsense_ros.shared_files import vehicle_path
 from vsense_ros.vehicle_file import load_vehicle
 
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
+RAV4 = EXAMPLES / "rav4/vehicle.yaml"  # rav4.yaml without GNSS
 
-@pytest.mark.slow
-def test_on_a_motorway_with_a_phone_for_an_imu_no_effect_is_named():
-    """CAN and IMU of the RAV4 alone: a minute on a motorway, a phone behind the windscreen. Nothing in the channels
-    that are left out speaks of an effect that could be known from these, so that any name would be wrong."""
+
+def without_sensors(vehicle: Vehicle) -> dict:
+    return vehicle.model_dump(exclude={"sensors"})
+
+
+def test_the_example_of_the_rav4_is_the_car_of_the_library_without_gnss():
+    whole, seen = load_vehicle(vehicle_path("rav4")), load_vehicle(RAV4)
+    assert without_sensors(seen) == without_sensors(whole)
+    rest = {name: sensor for name, sensor in whole.sensors.items() if not sensor.kind.startswith("gnss")}
+    assert seen.sensors == rest
+
+
+def rav4_recording() -> Recording:
     folder = datasets.find("comma2k19_rav4")
     if folder is None:
         pytest.skip("the RAV4's recording is not there: `vsense datasets fetch comma2k19_rav4`")
-    car = load_vehicle(vehicle_path("rav4"))
-    seen = {name: sensor for name, sensor in car.sensors.items() if not sensor.kind.startswith("gnss")}
-    found = answer([import_recording(folder)], car.model_copy(update={"sensors": seen})).found
-    assert found["verdict"] in ("no_mismatch", "unknown")
-    assert not [effect for effect in found["effects"] if effect["accepted"]]
+    return import_recording(folder)
+
+
+@pytest.mark.slow
+def test_from_can_and_the_imu_of_a_phone_the_road_under_the_rav4_is_named_and_nothing_else():
+    found = answer([rav4_recording()], load_vehicle(RAV4)).found
+    assert found["verdict"] == "named"
+    assert found["answer_set"] == ["road_grade"]
     assert {entry["id"] for entry in found["out_of_reach"]} >= {"aero_drag", "gnss_lever_arm"}
+    told = json.loads((EXAMPLES / "rav4/explain.json").read_text(encoding="utf-8"))
+    assert grade_along(found)[1] == pytest.approx(grade_along(told)[1], abs=0.002)
+
+
+def grade_along(found: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [m] and grade [rad] that an answer tells."""
+    (entry,) = (effect for effect in found["effects"] if effect["id"] == "road_grade")
+    everywhere = entry["parameters"][0]["value"]
+    return (
+        np.array([place["distance"] for place in entry["profile"]]),
+        np.array([everywhere + place["value"] for place in entry["profile"]]),
+    )
+
+
+def test_the_rav4_climbs_and_falls_as_the_answer_says():
+    """Its height, which the answer was not given, over the distance. A sensor with an offset, or one that sits
+    otherwise than the file says, feels the same as a slope that is everywhere: that is known within the interval."""
+    found = json.loads((EXAMPLES / "rav4/explain.json").read_text(encoding="utf-8"))
+    distance, grade = grade_along(found)
+    position = rav4_recording()["reference/odometry"].columns["position"]
+    steps = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
+    driven = np.concatenate([[0.0], np.cumsum(steps)])
+    height = savgol_filter(position[:, 2], 2 * 20 + 1, 2)  # 2 s
+    half = SPACING / 2
+    inside = (distance > half) & (distance < driven[-1] - half)
+    ends = np.array([distance - half, distance + half])[:, inside]
+    from_height = np.diff(np.interp(ends, driven, height), axis=0)[0] / SPACING
+    assert inside.sum() >= 15
+    assert np.ptp(from_height) > 0.08  # there is something to find
+    assert np.corrcoef(grade[inside], from_height)[0, 1] > 0.95
+    assert np.polyfit(from_height, grade[inside], 1)[0] == pytest.approx(1.0, abs=0.2)
+    everywhere = found["effects"][0]["parameters"][0]
+    low, high = everywhere["interval_90"]
+    off = float(np.mean(from_height - grade[inside]))
+    assert low < everywhere["value"] + off < high
 
 
 LAPS = ("cpg_slow_lap", "cpg_fast_lap", "med_lap_center_8_21")
-GENESIS = Path(__file__).parents[2] / "docs/examples/genesis/explain.json"
+GENESIS = EXAMPLES / "genesis/explain.json"
 SPAN = 51  # samples of a quadratic that smooths: half a second
 
 
