@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,27 @@ def test_from_can_and_the_imu_of_a_phone_the_road_under_the_rav4_is_named_and_no
     assert {entry["id"] for entry in found["out_of_reach"]} >= {"aero_drag", "gnss_lever_arm"}
     told = json.loads((EXAMPLES / "rav4/explain.json").read_text(encoding="utf-8"))
     assert grade_along(found)[1] == pytest.approx(grade_along(told)[1], abs=0.002)
+
+
+def between(recording: Recording, begin: float, end: float) -> Recording:
+    """What was recorded between two times [s]."""
+    origin = min(int(channel.stamp.min()) for channel in recording.channels.values())
+    parts = {}
+    for topic, channel in recording.channels.items():
+        inside = (channel.stamp >= origin + begin * 1e9) & (channel.stamp < origin + end * 1e9)
+        columns = {name: values[inside] for name, values in channel.columns.items()}
+        parts[topic] = replace(channel, stamp=channel.stamp[inside], columns=columns)
+    return replace(recording, channels=parts, name=f"from {begin:g} s")
+
+
+@pytest.mark.slow
+def test_a_road_is_not_proven_on_another_road_and_the_answer_says_so():
+    whole = rav4_recording()
+    found = answer([between(whole, 0, 33)], load_vehicle(RAV4), [between(whole, 33, 60)]).found
+    assert found["verdict"] == "unknown"
+    (grade,) = (effect for effect in found["effects"] if effect["id"] == "road_grade")
+    assert grade["gain_left_out"] > 0.8 * grade["gain_training"] > 0.1
+    assert "another road" in grade["objection"]
 
 
 def grade_along(found: dict) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.knobs import Candidate, Knob
+from vsense_ros.mismatch.left_out import passed
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
 from vsense_ros.model.effects import EVERY
@@ -69,6 +70,7 @@ AT_ODDS = 0.63
 UNTOLD = 0.1
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
+ANOTHER_ROAD = "what was held out is of another road, which proves nothing of this one; it may join what is fitted"
 DISAGREED = "signals and recordings disagree in its size"
 MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
@@ -232,6 +234,15 @@ class Proof:
     def _share(self, fitted: Fit, found: list[Array]) -> float:
         """How much was `found` over what was fitted."""
         return sum(len(r) for r in found) / sum(len(r) for r in fitted.residuals)
+
+    @cached_property
+    def on_another_road(self) -> bool:
+        """Whether most of the road of what no fit has seen is not that of what was fitted."""
+        if self.residuals is None:
+            return False
+        both = (self.fitted.predictor.evidence.windows, self.residuals.predictor.evidence.windows)
+        fitted, unseen = (set[float]().union(*map(passed, windows)) for windows in both)
+        return 2 * len(fitted & unseen) < len(unseen)
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
@@ -504,7 +515,11 @@ class _Judge:
     def _objection(self, e: Explanation) -> str:
         proof, proven = self.proof, self.proven(e)
         unseen = proof.gain(e)
-        if proven <= self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST)):
+        least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
+        along_road = any(candidate.along_road for candidate in e.candidates)
+        if along_road and proven <= max(least, LASTING * e.gain) < e.score and proof.on_another_road:
+            return ANOTHER_ROAD
+        if proven <= least:
             return "it explains no more than chance"
         if proven <= LASTING * e.gain or (unseen is not None and unseen <= 0):
             return "little of what it explains lasts where it was not fitted"

@@ -98,8 +98,13 @@ def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
 
 def passed_once(windows: Sequence[Window]) -> bool:
     """Whether no part of them tells what another one meets on its way: most of the road is another all the time."""
-    passed = Counter(point for window in windows for point in set(places(window) // POINT))
-    return 2 * sum(count == 1 for count in passed.values()) > len(passed)
+    times = Counter(point for window in windows for point in passed(window))
+    return 2 * sum(count == 1 for count in times.values()) > len(times)
+
+
+def passed(window: Window) -> set[float]:
+    """Where on the road a window has been [`road.POINT`]."""
+    return set(places(window) // POINT)
 
 
 def places(window: Window) -> Array:
