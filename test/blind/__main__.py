@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed, wait
 from dataclasses import replace
 from multiprocessing import Manager
@@ -199,6 +200,46 @@ def _ask_oracle(number: str, out: Path, truth: list[str]) -> None:
 
 def _ask_without(number: str, out: Path) -> None:
     oracle.ask_without(_twins(out) / number, _oracle(out, number))
+
+
+@main.command()
+@click.pass_obj
+def alone(options: dict) -> None:
+    """What the tool says of every recording by itself, nothing held out: how often each verdict, and what explains most
+    of what is there, over its duration. With `--kind nothing` that is chance."""
+    _check_seal(options)
+    jobs = []
+    for case in options["chosen"]:
+        if (finished := options["out"] / "cases" / case.number / FINISHED).exists():
+            jobs += [(case.number, name, options["out"]) for name in json.loads(finished.read_text())["train"]]
+    _all(options, "recordings", _answer_alone, jobs)
+    found = {f"{number}, {name}": tool.earlier(_alone(out, number, name)).explain for number, name, out in jobs}
+    verdicts = Counter(answer["verdict"] for answer in found.values() if answer)
+    CONSOLE.print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()))
+    most = sorted(((_explained(answer), name) for name, answer in found.items() if answer), reverse=True)
+    for (explained, id), name in most[:5]:
+        CONSOLE.print(f"{explained:.2f} s explained by {id}: {name}")
+
+
+def _alone(out: Path, number: str, name: str) -> Path:
+    return out / "alone" / number / Path(name).name
+
+
+def _answer_alone(number: str, name: str, out: Path) -> None:
+    case, part = out / "cases" / number, _alone(out, number, name)
+    if tool.earlier(part) is None:
+        folder = part.with_name(f"{part.name}.case")
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(case / "vehicle.yaml", folder)
+        told = {"train": [str((case / name).resolve())], "held_out": []}
+        (folder / FINISHED).write_text(json.dumps(told), encoding="utf-8")
+        tool.explain(folder, part, hidden=out / "labels")
+
+
+def _explained(answer: dict) -> tuple[float, str]:
+    """The gain that lasts times the duration [s], of the effect of which that is most, and its id."""
+    every = ((min(e["gain_training"], e["gain_left_out"]) * answer["driven_s"], e["id"]) for e in answer["effects"])
+    return max(every, default=(0.0, "nothing"))
 
 
 def _oracle(out: Path, number: str) -> Path:

@@ -67,8 +67,8 @@ def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
     (names,) = residuals.layout
 
     def cut(rows: Array) -> list[Array]:
-        parts = np.array_split(rows.reshape(len(names), -1, *rows.shape[1:]), STRETCHES, axis=1)
-        return [part.reshape(-1, *rows.shape[1:]) for part in parts]
+        instants = np.arange(len(rows)).reshape(len(names), -1)
+        return [rows[part.reshape(-1)] for part in np.array_split(instants, STRETCHES, axis=1)]
 
     def apart(fitted: Fit) -> Fit:
         (rest,), (slopes,) = fitted.residuals, fitted.slopes
