@@ -133,7 +133,7 @@ def _explained(
     beyond = out_of_reach(kinds)
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
         raise NotAssessableError("; ".join(lacking))
-    search, explanations = _searched(vehicle, evidence, bool(unseen.windows), assume, ablation, beyond, kinds, progress)
+    search, explanations = _searched(vehicle, evidence, assume, ablation, beyond, kinds, progress)
     residuals, base = search.residuals, search.base
     strange = misfit(base, residuals)  # unless what the model leaves out is the reason
     traceless = {c.effect for c in search.offered} - search.visible
@@ -189,7 +189,7 @@ def _explained(
 
 
 def _searched(
-    vehicle: Vehicle, evidence: Evidence, held_out: bool, assume: Sequence[str], ablation: str, beyond: Collection[str],
+    vehicle: Vehicle, evidence: Evidence, assume: Sequence[str], ablation: str, beyond: Collection[str],
     kinds: Collection[str], progress: Callable[[], None],
 ) -> tuple[Search, list[Explanation]]:  # fmt: skip
     """The base parameters fitted, and single effects, or those to `assume` together, fitted besides; once more from
@@ -214,10 +214,10 @@ def _searched(
             return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
         return search.singles()
 
-    search = Search(residuals, start, base, offered, progress, held_out)
+    search = Search(residuals, start, base, offered, progress)
     explanations = fitted(search)
     if (better := search.better_base(explanations)) is not None:
-        search = Search(residuals, start, better, offered, progress, held_out)
+        search = Search(residuals, start, better, offered, progress)
         explanations = fitted(search)
     return search, explanations
 

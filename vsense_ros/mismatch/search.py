@@ -103,10 +103,8 @@ class Search:
         base: Fit,
         offered: Sequence[Candidate],
         progress: Callable[[], None] = lambda: None,
-        held_out: bool = False,
     ) -> None:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
-        self._held_out = held_out  # whether there are recordings to prove it on
         self._along_the_road: dict[int, tuple[Explanation, Explanation | None]] = {}  # by id of the first
         self._varying: set[str] = set()  # names of candidates with another size at every place that are worth it alone
         self._progress = progress
@@ -342,11 +340,10 @@ class Search:
 
     @cached_property
     def passed_once(self) -> bool:
-        """Whether no place is met twice. Where recordings are held out, others have been given to share their road."""
+        """Whether there is one recording, in which no place is met twice. Of several, what one manoeuvre leaves over of
+        each would look like a road of its own."""
         windows = self.residuals.predictor.evidence.windows
-        if self._held_out and len({window.recording for window in windows}) > 1:
-            return False
-        return passed_once(windows)
+        return len({window.recording for window in windows}) == 1 and passed_once(windows)
 
     def _left_out(self, candidates: Sequence[Candidate]) -> LeftOut:
         """What is left out of a fit with these candidates in turn."""
