@@ -58,10 +58,13 @@ def remarks(
             "all of it: that tells of no missing physics"
         )
     if leader is not None and judged.verdict != "unknown":
+        # Where wheel torques are unknown the car follows its wheels, whatever resists them: what an accelerometer tells
+        # of the car is something else.
+        unlike = {"wheel_torques"} if "imu" in kinds else set()
         said += [
             f"{BY_ID[id].sentence} may look the same and is not excluded: {reason}"
             for id, reason in beyond.items()
-            if set(BY_ID[id].mistaken_for) & set(leader.effects)
+            if set(BY_ID[id].mistaken_for) & set(leader.effects) and set(BY_ID[id].needs) - set(kinds) - unlike
         ]
     if leader is not None and "gnss_velocity" not in kinds and any(EVERY[id].on_map for id in leader.effects):
         said.append(NO_COURSE)
