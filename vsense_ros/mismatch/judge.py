@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 THRESHOLD = 0.03  # least gain of an effect that recordings with nothing hidden do not give
 # [s] of driving, of less of which more gain is asked for, in inverse proportion: of single manoeuvres of ten and twenty
-# seconds with nothing hidden chance explains up to 1 s over their duration, and two effects together 1.7 s (public split,
+# seconds with nothing hidden chance explains up to 1 s over their duration, two effects together 1.7 s (public split,
 # `python -m blind --kind nothing alone`); this asks for 2.4 s.
 SHORT = 80.0
 # Share of a signature that stays when the base parameters are fitted to it, below which more gain is asked for: where
