@@ -12,6 +12,7 @@ from hidden import driven, having, prototype, wrong
 from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.knobs import FOLLOWED
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.mismatch.signals import grid
@@ -162,7 +163,7 @@ def test_a_body_that_follows_its_road_turns_with_the_slope_and_is_heavier_on_its
         along = predictor.start.changed(
             {point(size, STRETCH / 2 + s): 2e-4 * s for s in np.arange(0.0, 600.0, SPACING)}
         )
-        (stiff,), (soft,) = (predictor.simulated(along.changed({"road.followed": share})) for share in (1.0, 0.0))
+        (stiff,), (soft,) = (predictor.simulated(along.changed({FOLLOWED: share})) for share in (1.0, 0.0))
         added = {name: stiff[name] - soft[name] for name in stiff}
         return {name: change for name, change in added.items() if np.abs(change).max() > 1e-9}, soft["speed"]
 

@@ -84,8 +84,8 @@ UNKNOWN_TORQUES = tuple(
 
 # Share of how fast a road tilts, from place to place, that the body of the car tilts by as well: all of it on a road,
 # nothing where gravity alone is tilted, in a simulation or by a sensor. Found once a road is.
-FOLLOWED = {"road.followed": 0.0}
-FOLLOWING = Knob("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added("road.followed"))
+FOLLOWED = "road.followed"
+FOLLOWING = Knob("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added(FOLLOWED))
 
 
 def base_knobs(

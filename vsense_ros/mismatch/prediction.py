@@ -68,7 +68,7 @@ class Setting:
     @classmethod
     def of(cls, vehicle: Vehicle) -> Setting:
         """As the file has it, effects that it does not have with size zero."""
-        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, **FOLLOWED})
+        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
 
     def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
         """An effect with its present parameters, some of which may be `varying`."""
@@ -273,7 +273,7 @@ class Predictor:
         delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        tilting *= setting.values["road.followed"]
+        tilting *= setting.values[FOLLOWED]
         felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
         road = (around.tobytes(), tilting.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
         shares = [setting.values[name] for name in TORQUE_SHARES]

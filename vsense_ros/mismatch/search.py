@@ -45,12 +45,11 @@ class Signature:
     """What candidates would do to the residuals of a fit, and what of it cannot be had from the knobs of that fit."""
 
     candidates: tuple[Candidate, ...]  # all of them, the last one is new
-    joint: Callable[
-        [], Fit
-    ]  # the fit with their knobs besides, not turned yet; made anew, for all would take gigabytes
+    # The fit with their knobs besides, not turned yet: made anew each time, for those of all would take gigabytes.
+    joint: Callable[[], Fit]
     keep: float  # share of the signature that is left after the other knobs have been fitted to it [-]
     gain: float  # relative fall of the base's value, linearly
-    left_out: float  # the same on recordings that the fit did not see
+    left_out: float  # the same of what was left out of the fit in turn
     # The gain without the window that promises most: where a car is at its limit, lines promise what no fit keeps.
     elsewhere: float
 
@@ -67,8 +66,8 @@ class Explanation:
     fit: Fit
     keep: float  # of the last one
     gain: float  # relative fall of the base's value
-    left_out: float  # the same fall on recordings that the fit did not see, over the same value
-    left_out_share: float  # that fall over what the base leaves of recordings that it does not see
+    left_out: float  # the same fall of what was left out in turn, over the same value
+    left_out_share: float  # that fall over what the base leaves where it was left out
     spoilt: float  # what windows that fit worse than the base lose, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
 
@@ -302,7 +301,7 @@ class Search:
         equations = self._joined_equations(at, knobs)
         free, change = _within_bounds(equations, knobs)
         falls = self.base.equations.values() - free.values(change)
-        left_out = self._left_out((*present, *new))
+        left_out = self._left_out_with((*present, *new))
         known = free if left_out.apart is as_it_is else left_out.apart(joint()).equations
         return Signature(
             (*present, *new), joint, equations.keeps(knobs), float(falls.sum()) / self.whole,
@@ -345,7 +344,7 @@ class Search:
         windows = self.residuals.predictor.evidence.windows
         return len({window.recording for window in windows}) == 1 and passed_once(windows)
 
-    def _left_out(self, candidates: Sequence[Candidate]) -> LeftOut:
+    def _left_out_with(self, candidates: Sequence[Candidate]) -> LeftOut:
         """What is left out of a fit with these candidates in turn."""
         if self.passed_once and any(candidate.along_road for candidate in candidates):
             return self._pieces
@@ -353,7 +352,7 @@ class Search:
 
     @cached_property
     def left_out(self) -> LeftOut:
-        """The same where no size is another at every place."""
+        """What is left out in turn where no size is another at every place."""
         return (by_stretches if len(self.base.residuals) == 1 else by_windows)(self.residuals, self.base)
 
     @cached_property
@@ -432,7 +431,7 @@ class Search:
     def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Explanation:
         falls = self.base.equations.values() - fitted.equations.values()
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
-        left_out = self._left_out(candidates)
+        left_out = self._left_out_with(candidates)
         gains_left_out = left_out.gains(left_out.apart(fitted).equations, self.whole)
         return Explanation(
             candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *gains_left_out,
@@ -444,7 +443,7 @@ class Search:
         the parts of a fit says how much they tell, by a jackknife. What a size is everywhere that may be another at
         every place is known no better than all that shifts with it: sensors with an offset see the same, and only what
         is likely of them tells them apart."""
-        equations = self._left_out(candidates).apart(fitted).equations
+        equations = self._left_out_with(candidates).apart(fitted).equations
         n = len(equations.rows)
         changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
         spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
