@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from hidden import driven, having, prototype, wrong
+from hidden import driven, having, prototype, unheard, wrong
 from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import answer
-from vsense_ros.mismatch.knobs import FOLLOWED
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.knobs import FOLLOWED, candidates
+from vsense_ros.mismatch.left_out import odd
 from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.mismatch.signals import grid
+from vsense_ros.mismatch.survey import survey
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import load_vehicle
 
 
@@ -195,3 +201,71 @@ def test_a_road_that_one_recording_passes_once_is_known_if_it_is_long_enough(dur
         within = [(s, value) for s, value in told(bank) if 100 <= s < 800]
         off = np.array([value - float(hills(np.array(s))) for s, value in within])
         assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)
+
+
+def other_hills(x: np.ndarray) -> np.ndarray:
+    return 0.03 * np.sin(2 * np.pi * x / 300 + 1.0)
+
+
+def without_place(vehicle: Vehicle, bank: Callable[[np.ndarray], np.ndarray]) -> Recording:
+    """Most of a kilometre without GNSS, so that nothing tells that it is where another recording was."""
+    return unheard(driven(vehicle, "brake", duration=50.0, bank=bank), "gps/fix", "gps/velocity")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_of_recordings_of_roads_of_their_own_each_road_is_known():
+    recordings = [without_place(prototype(), bank) for bank in (hills, other_hills)]
+    found = answer(recordings, wrong(prototype())).found
+    assert (found["verdict"], found["answer_set"]) == ("named", ["road_bank"])
+    (effect,) = (e for e in found["effects"] if e["id"] == "road_bank")
+    for stretch, bank in enumerate((hills, other_hills)):
+        places = [p for p in effect["profile"] if p["stretch"] == stretch and 100 <= p["distance"] < 700]
+        off = np.array([p["value"] - float(bank(np.array(p["distance"]))) for p in places])
+        assert len(off) > 10
+        assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("there", "verdict"), [(other_hills, "named"), (np.zeros_like, "unknown")])
+def test_a_road_is_proven_on_one_that_no_fit_has_seen_if_that_is_not_level_either(there, verdict):
+    known, unseen = (without_place(prototype(), bank) for bank in (hills, there))
+    found = answer([known], wrong(prototype()), [unseen]).found
+    bank = found["effects"][0]
+    assert (found["verdict"], bank["id"]) == (verdict, "road_bank")
+    assert (bank["gain_held_out"] > 0.2) == (verdict == "named")
+    assert ("another road" in bank["objection"]) == (verdict != "named")
+    assert any("each second piece of 50 m" in remark for remark in found["remarks"]) == (verdict == "named")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_two_cars_are_not_taken_for_one_on_two_roads():
+    van = prototype().with_parameters(
+        {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}
+    )
+    recordings = [without_place(vehicle, np.zeros_like) for vehicle in (prototype(), van)]
+    found = answer(recordings, prototype()).found
+    assert found["verdict"] in ("unknown", "not_assessable")
+    assert not any("profile" in effect for effect in found["effects"])
+
+
+@pytest.mark.slow
+def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_foretold_of_it():
+    """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
+    vehicle = prototype()
+    evidence = gather([without_place(vehicle, hills)], vehicle)
+    told = Residuals(Predictor(vehicle, evidence))
+    (bank,) = (c for c in candidates([0.0], told.predictor.start.values) if c.name == "road_bank along the road")
+    elsewhere = Fit(told.predictor.start, bank.knobs, np.zeros(2), [], [], 0.0)
+    spoilt = Residuals(Predictor(vehicle, evidence))
+    for window, measured in zip(evidence.windows, spoilt.predictor.measured, strict=True):
+        measured["lateral_acceleration"] = measured["lateral_acceleration"] + np.where(odd(window), 0.0, 1.0)
+    size = "effects.road_bank.bank"
+    of = {}
+    for residuals in (told, spoilt):
+        there = survey(residuals, residuals(residuals.predictor.start), elsewhere)
+        of[residuals] = [np.array([*s._profiles[size].values()]) for s in (there.by_odd, there.by_even)]
+    assert np.abs(of[spoilt][0] - of[told][0]).mean() < 0.004
+    assert np.abs(of[spoilt][1] - of[told][1]).mean() > 0.05

@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.mismatch.road import ALONG, Road
+from vsense_ros.mismatch.road import ALONG, Road, points
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulate import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -82,6 +82,11 @@ class Evidence:
             whole += w.end - max(w.begin, until.get(w.recording, w.begin))
             until[w.recording] = w.end
         return whole
+
+    @property
+    def points(self) -> list[float]:
+        """Abscissae of the points that a profile of the road needs [m]."""
+        return points([window.place.value[:, 0] for window in self.windows])
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""

@@ -30,7 +30,6 @@ from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candida
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.report import PAGE, write_report
-from vsense_ros.mismatch.road import points
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.model.effects import BY_ID
@@ -181,9 +180,9 @@ def _explained(
         "misfit": residuals.level(base.residuals),
     }
     found["sentence"] = telling.sentence(found, [e.effects for e in judged.rivals])
-    traces = telling.traces(residuals, base, shown, False)
+    traces = telling.traces(residuals, base, residuals.predictor.simulated(shown.setting), False)
     if proof.residuals is not None:
-        traces += telling.traces(proof.residuals, base, shown, True)
+        traces += telling.traces(proof.residuals, base, proof.simulated(shown), True)
     sure = leader is not None and verdict != "ambiguous"
     return Answer(found, traces, extended(vehicle, evidence, shown.setting) if sure else None)
 
@@ -203,7 +202,7 @@ def _searched(
             "of this car?"
         ) from None
     start = residuals.predictor.start
-    library = candidates(points([w.place.value[:, 0] for w in evidence.windows]), start.values)
+    library = candidates(evidence.points, start.values)
     offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
     if ablation == "no_projection":
         base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])

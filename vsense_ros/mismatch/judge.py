@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
 from vsense_ros.mismatch.knobs import Candidate, Knob
-from vsense_ros.mismatch.left_out import passed
+from vsense_ros.mismatch.left_out import passed, tells_its_pieces
 from vsense_ros.mismatch.prediction import LOST, Predictor
 from vsense_ros.mismatch.search import Explanation
+from vsense_ros.mismatch.survey import Survey, survey
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import RoadEffect
 from vsense_ros.model.vehicle import Vehicle
@@ -71,7 +72,9 @@ AT_ODDS = 0.63
 UNTOLD = 0.1
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
-ANOTHER_ROAD = "what was held out is of another road, which proves nothing of this one; it may join what is fitted"
+ANOTHER_ROAD = (
+    "what was held out is of another road, and too short or too level to tell of this one; it may join what is fitted"
+)
 DISAGREED = "signals and recordings disagree in its size"
 MANY = 4  # windows, of which one may disagree
 REMARKABLE = 0.05  # by which a gain is smaller with that one, from where on a remark tells it
@@ -122,6 +125,7 @@ class Proof:
         self.residuals: Residuals | None = None
         self._progress = progress
         self.base, self.fitted = base, residuals
+        self._surveys: dict[int, tuple[Fit, Survey | None]] = {}  # by id of the fit
         # By ids of what was simulated and of the fit, which stays its own.
         self._compared: dict[tuple[int, int], tuple[Fit, list[Array], list[Array]]] = {}
         if evidence.windows:
@@ -136,9 +140,34 @@ class Proof:
     def compared(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
         """Residuals of the base fit and of one with effects on what no fit has seen, simulated once: in each window
         until the car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of
-        the base fit from there on."""
+        the base fit from there on. What is on a road that no fit has seen is compared as its other pieces tell it."""
         assert self.residuals is not None
+        if (there := self._survey(fitted)) is not None:
+            return self.before, there.foretold(self.before)
         return self._until_lost(self.residuals, self.before, fitted)
+
+    def simulated(self, fitted: Fit) -> list[dict[str, Array]]:
+        """Signals of each window that no fit has seen, as they are compared."""
+        assert self.residuals is not None
+        there = self._survey(fitted)
+        return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.setting)
+
+    def surveyed(self, fitted: Fit) -> bool:
+        """Whether a fit has found a road and what it has not seen is of another, which is told by its pieces there."""
+        return self._survey(fitted) is not None
+
+    def _survey(self, fitted: Fit) -> Survey | None:
+        if self.residuals is None or not self.on_another_road or not any(knob.place for knob in fitted.knobs):
+            return None
+        if not tells_its_pieces(self.residuals.predictor.evidence):
+            return None
+        if id(fitted) not in self._surveys:
+            try:
+                there = survey(self.residuals, self.before, fitted)
+            except DivergedError:
+                there = None
+            self._surveys[id(fitted)] = fitted, there
+        return self._surveys[id(fitted)][1]
 
     def trained(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
         """The same on what was fitted."""
@@ -517,8 +546,8 @@ class _Judge:
         proof, proven = self.proof, self.proven(e)
         unseen = proof.gain(e)
         least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
-        along_road = any(candidate.along_road for candidate in e.candidates)
-        if along_road and proven <= max(least, LASTING * e.gain) < e.score and proof.on_another_road:
+        elsewhere = any(candidate.along_road for candidate in e.candidates) and proof.on_another_road
+        if elsewhere and proven <= max(least, LASTING * e.gain) < e.score:
             return ANOTHER_ROAD
         if proven <= least:
             return "it explains no more than chance"

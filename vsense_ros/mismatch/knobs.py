@@ -185,7 +185,7 @@ def size_of(effect: str) -> str:
     return next(f"effects.{effect}.{name}" for name, f in EVERY[effect].model_fields.items() if role(f) == "size")
 
 
-def _points(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
+def at_places(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
     """What a size is at places, beyond what it is everywhere. Each place has its share of the evidence: a likely size
     at all of them costs as much as a likely size everywhere."""
     deviation = knob.deviation * len(abscissae) ** 0.5
@@ -213,7 +213,7 @@ def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyTyp
             if form:
                 found.append(Candidate(effect, form, knobs, kind.sentence))
             if abscissae and issubclass(kind, RoadEffect):
-                points = (point for knob in knobs for point in _points(knob, abscissae))
+                points = (point for knob in knobs for point in at_places(knob, abscissae))
                 where = f"{form}, {ALONG_ROAD}".strip(", ")
                 found.append(Candidate(effect, where, (*knobs, *points), kind.sentence))
     return tuple(found)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.evidence import Window
+from vsense_ros.mismatch.evidence import Evidence, Window
 from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.road import POINT
 from vsense_ros.mismatch.signals import grid
@@ -19,6 +19,7 @@ from vsense_ros.model.effects.base import SPACING
 Array = NDArray[np.float64]
 
 STRETCHES = 4  # of a window that is the only one
+PIECES = 10  # least number of places of a road, in each recording, that is proven by its pieces
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,15 @@ def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
 
 def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
     """Each second piece of the road, in all windows, then all others: a road follows from its neighbouring pieces."""
+    n = len(residuals.layout)
+    return LeftOut.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
+
+
+def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
+    """Takes a fit apart into what is on odd pieces of the road, by window, and then what is on even ones."""
     windows = residuals.predictor.evidence.windows
-    odd = [
-        np.tile(places(window) // SPACING % 2 == 1, len(names))
-        for window, names in zip(windows, residuals.layout, strict=True)
-    ]
-    halves = [*odd, *(~rows for rows in odd)]
+    on_odd = [np.tile(odd(window), len(names)) for window, names in zip(windows, residuals.layout, strict=True)]
+    halves = [*on_odd, *(~rows for rows in on_odd)]
 
     def apart(fitted: Fit) -> Fit:
         def chosen(parts: list[Array]) -> list[Array]:
@@ -92,8 +96,18 @@ def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
 
         return replace(fitted, residuals=chosen(fitted.residuals), slopes=chosen(fitted.slopes))
 
-    n = len(windows)
-    return LeftOut.of(base, apart, [range(n), range(n, 2 * n)])
+    return apart
+
+
+def odd(window: Window) -> NDArray[np.bool_]:
+    """Whether each instant of a window that is compared is on an odd piece of the road."""
+    return np.asarray(places(window) // SPACING % 2 == 1)
+
+
+def tells_its_pieces(evidence: Evidence) -> bool:
+    """Whether a road is so long that what one manoeuvre leaves over is a part of it: that lasts as long as a few of its
+    pieces."""
+    return len(evidence.points) >= PIECES * len(evidence.by_recording())
 
 
 def passed_once(windows: Sequence[Window]) -> bool:

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from vsense_ros.mismatch.equations import Equations
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
 from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
-from vsense_ros.mismatch.left_out import LeftOut, as_it_is, by_pieces, by_stretches, by_windows, passed_once, places
+from vsense_ros.mismatch.left_out import (
+    LeftOut,
+    as_it_is,
+    by_pieces,
+    by_stretches,
+    by_windows,
+    passed_once,
+    places,
+    tells_its_pieces,
+)
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import profile
 
@@ -36,7 +45,6 @@ ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 WORTH_POLISHING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
-PIECES = 10  # least number of places of a road that is passed once
 FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
 
 
@@ -223,7 +231,7 @@ class Search:
         if single is None or any(c.along_road for c in explanation.candidates):
             return None
         profile, at = profiles[_first(single)], explanation.fit
-        if not self._known_well(profile):
+        if not self._known_well:
             return None
         points = [knob for knob in profile.knobs if knob.place is not None]
         by_place = [self._at_place(self._column(profile.knobs[0]), point) for point in points]
@@ -258,7 +266,7 @@ class Search:
         best = max((s.score for s in single), default=0.0)
         for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
-            known = one.score if one is not None else 0.0
+            known = max(one.score if one is not None else 0.0, self.of_several_cars)
             if free.score > max(known + WORTH, PROMISING * best):
                 self._simulate(knob for knob in free.candidates[-1].knobs if knob.place is not None)
                 free = self._signature(at, present, free.candidates[-1:])
@@ -268,14 +276,9 @@ class Search:
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """Whether a size may be another at every place besides the candidates present: beside an effect, which is never
         quite right, it would mend everything, unless it was worth its freedom alone."""
-        if any(candidate.along_road for candidate in present) or not self._known_well(profile):
+        if any(candidate.along_road for candidate in present) or not self._known_well:
             return False
         return not present or profile.name in self._varying
-
-    def _known_well(self, profile: Candidate) -> bool:
-        """Whether a road is passed more than once, or is so long that what one manoeuvre leaves over is a part of it:
-        that lasts as long as a few of its pieces."""
-        return not self.passed_once or sum(knob.place is not None for knob in profile.knobs) >= PIECES
 
     def _simulate(self, knobs: Iterable[Knob]) -> None:
         """Secants of the base fit."""
@@ -339,10 +342,26 @@ class Search:
 
     @cached_property
     def passed_once(self) -> bool:
-        """Whether there is one recording, in which no place is met twice. Of several, what one manoeuvre leaves over of
-        each would look like a road of its own."""
-        windows = self.residuals.predictor.evidence.windows
-        return len({window.recording for window in windows}) == 1 and passed_once(windows)
+        """Whether no place is met twice."""
+        return passed_once(self.residuals.predictor.evidence.windows)
+
+    @cached_property
+    def of_several_cars(self) -> float:
+        """What base parameters of its own for each recording would gain, linearly, where a road of its own might stand
+        in for them: nothing of a single recording, or of several on one road."""
+        if not self.passed_once:
+            return 0.0
+        equations, windows = self.base.equations, self.residuals.predictor.evidence.windows
+        left = 0.0
+        for number in {w.recording for w in windows}:
+            group = [i for i, w in enumerate(windows) if w.recording == number]
+            left += float(equations.values(equations.change(group))[group].sum())
+        return (self.base.value - left) / self.whole
+
+    @cached_property
+    def _known_well(self) -> bool:
+        """Whether another size at every place can be proven."""
+        return not self.passed_once or tells_its_pieces(self.residuals.predictor.evidence)
 
     def _left_out_with(self, candidates: Sequence[Candidate]) -> LeftOut:
         """What is left out of a fit with these candidates in turn."""

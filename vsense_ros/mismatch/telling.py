@@ -27,6 +27,10 @@ NO_PLACE = (
     "what it is along the road is told by the distance driven, as no sensor knows the place: the extended vehicle has "
     "of it what it is everywhere, and road.csv all"
 )
+OWN_ROAD = (
+    "what was held out is of another road, which nothing that was fitted can know: each second piece of 50 m of it is "
+    "held against what follows from its neighbours, with the car as it was fitted"
+)
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
     "driven as in the others; add another recording, or hold one out"
@@ -70,6 +74,8 @@ def remarks(
         said.append(NO_COURSE)
     if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
         said.append(NO_PLACE)
+    if leader is not None and proof.surveyed(leader.fit):
+        said.append(OWN_ROAD)
     if leader is not None and (elsewhere := judged.other_places()):
         place = leader.candidates[0].where
         said.append(f"where it is, is not sure: {' or '.join(elsewhere)} explains about as much as {place}")
@@ -297,14 +303,13 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
     return f"{said}, and by {100 * proven:.0f} % {on}."
 
 
-def traces(residuals: Residuals, base: Fit, shown: Fit, held_out: bool) -> list[Trace]:
-    """Each signal in each window as it was measured, and as simulated with the base fit and with what is told."""
+def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
+    """Each signal in each window as it was measured, as simulated with the base fit, and with what is told."""
     predictor = residuals.predictor
     units = {signal.name: signal.unit for signal in SIGNALS}
     pairs = zip(
-        predictor.evidence.windows, predictor.measured, predictor.simulated(base.setting),
-        predictor.simulated(shown.setting), strict=True,
-    )  # fmt: skip
+        predictor.evidence.windows, predictor.measured, predictor.simulated(base.setting), simulated, strict=True
+    )
     return [
         Trace(window.name, i, held_out, name, units[name], grid(window), measured[name], before[name], after[name])
         for i, (window, measured, before, after) in enumerate(pairs)
