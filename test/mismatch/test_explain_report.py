@@ -146,6 +146,12 @@ def test_the_held_out_figures_are_those_of_the_fit(tmp_path):
     assert "54 % of the squared error of all signals explained, held out" in text
 
 
+def test_the_page_says_where_a_held_out_road_was_foretold_by_its_pieces(tmp_path):
+    text = read(finding("named") | {"by_pieces": True}, traces("named"), tmp_path).text
+    assert "which no fit has seen" not in text
+    assert text.count("of another road, each piece as its neighbours foretell it") == 2  # headline and caption
+
+
 def test_the_page_says_how_far_from_a_good_model_the_extended_one_stays(tmp_path):
     found = finding("named")
     found["fit"]["speed"]["held_out"]["after"] = 3 * SIGNALS["speed"][1]

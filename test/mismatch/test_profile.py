@@ -233,6 +233,7 @@ def test_a_road_is_proven_on_one_that_no_fit_has_seen():
     found = answer([known], wrong(prototype()), [unseen]).found
     assert (found["verdict"], found["answer_set"]) == ("named", ["road_bank"])
     assert found["effects"][0]["gain_held_out"] > 0.2
+    assert "on another road, where neighbouring pieces foretell each other" in found["sentence"]
     assert any("each second piece of 50 m" in remark for remark in found["remarks"])
 
 

@@ -105,7 +105,7 @@ def answer(
     unseen = gather(held_out, vehicle, evidence)
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
-        "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out],
+        "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out], "by_pieces": False,
         "remarks": list(evidence.remarks),
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
@@ -170,6 +170,7 @@ def _explained(
         effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
     found |= {
         "verdict": verdict,
+        "by_pieces": leader is not None and proof.surveyed(leader.fit),
         "located": telling.located(residuals, base, proof)
         | {"force": telling.force(judged), "parts": telling.parts(effects, answer_set)},
         "effects": effects,

@@ -162,7 +162,7 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
             written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             headlines=_headlines(found, shown),
             shown=shown,
-            caption=_caption(shown) if shown else "",
+            caption=_caption(found, shown) if shown else "",
             picture=_embedded(before_and_after(shown)) if shown else "",
             beside=_embedded(other_signals(traces, shown, signals)) if shown else "",
             timeline=_embedded(when(located["segments"], traces)),
@@ -310,7 +310,7 @@ def _changed(found: Mapping[str, Any]) -> bool:
 def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str, str]]:
     """The figures below the sentence, each with what it is."""
     result = []
-    where = "held-out recordings, which no fit has seen" if _proven(found) else "the recordings it was fitted to"
+    where = f"held-out recordings, {_unseen(found)}" if _proven(found) else "the recordings it was fitted to"
     errors = found["fit"].get(shown.signal, {}) if shown else {}
     if shown and (entry := errors.get("held_out") or errors.get("training")):
         error = Error.of(entry, shown.unit)
@@ -352,10 +352,16 @@ def _remainder(found: Mapping[str, Any]) -> tuple[float, str] | None:
     return max(ratios, default=None)
 
 
-def _caption(shown: Trace) -> str:
+def _unseen(found: Mapping[str, Any]) -> str:
+    """What makes held-out recordings a proof."""
+    pieces = found.get("by_pieces")  # answers of earlier versions know nothing of it
+    return "of another road, each piece as its neighbours foretell it" if pieces else "which no fit has seen"
+
+
+def _caption(found: Mapping[str, Any], shown: Trace) -> str:
     unit, factor = shown.shown
     before, after = (f"{shown_number(error * factor)}{_behind(unit)}" for error in shown.errors)
-    seen = "held out: no fit has seen it" if shown.held_out else "part of the fit"
+    seen = f"held out, {_unseen(found)}" if shown.held_out else "part of the fit"
     change = f"root mean square of the error {before} before, {after} after" if shown.changed else f"error {before}"
     return (
         f"{heading(shown.signal)}, the most affected signal, in the window where it is "

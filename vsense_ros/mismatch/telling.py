@@ -298,6 +298,8 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
         f"The model leaves out {named}; with it the squared error falls by {100 * accepted[0]['gain_training']:.0f} %"
     )
     proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
+    if found["by_pieces"]:
+        on = "on another road, where neighbouring pieces foretell each other"
     if proven is None:
         proven, on = accepted[0]["gain_left_out"], "where it was left out of the fit"
     return f"{said}, and by {100 * proven:.0f} % {on}."
