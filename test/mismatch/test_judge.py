@@ -106,6 +106,25 @@ def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
     assert said(explaining("drag", 0.5, 0.1)) == ("no_mismatch", ())
 
 
+def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what_was_held_out_by_chance():
+    class Suited(Made):
+        on_another_road = False
+
+        def gain(self, explanation: Explanation) -> float:
+            return 0.5
+
+        gain_of_most = gain
+
+    everywhere = explaining("slope", 0.5, 0.1)
+    place = Knob("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, amount: {}, place=("slope", 0.0))
+    fitted = replace(FITTED, knobs=(place,), amounts=np.array([0.2]), slopes=[np.zeros((100, 1))])
+    profile = Candidate("slope", "along the road", (place,), "slope")
+    along = replace(everywhere, candidates=(profile,), fit=fitted, deviations={place.name: 0.01})
+    assert judge([everywhere], (), Suited()).verdict == "named"
+    assert judge([along], (), Suited()).verdict == "no_mismatch"
+    assert judge([replace(along, left_out=0.4)], (), Suited()).verdict == "named"
+
+
 def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
     assert said(explaining(GROWN[0], 0.5, 0.45)) == ("no_mismatch", ())
 

@@ -236,13 +236,15 @@ def _judged(search: Search, explanations: list[Explanation], proof: Proof, thres
 
 
 def _settled(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
-    """The same with the sizes of the leader hardly drawn to zero any longer, or another at every place of the road, if
-    that lasts better; if it does not, but mends a signal, the name of that."""
+    """The same with the sizes of the leader hardly drawn to zero any longer, if it is then still proven, or another at
+    every place of the road, if that lasts better; if it does not, but mends a signal, the name of that."""
     if judged.leader is None:
         return judged, ""
     off = proof.unmended(judged.leader)
     freed = search.along_the_road(judged.leader) if off else None
-    judged = judged.led_by(search.settled(judged.leader), proof)
+    settled = search.settled(judged.leader)
+    if proof.lasting(settled) > 0:
+        judged = judged.led_by(settled, proof)
     if freed is None or judged.leader is None:
         return judged, ""
     if proof.lasting(freed) > proof.lasting(judged.leader):

@@ -546,12 +546,14 @@ class _Judge:
         proof, proven = self.proof, self.proven(e)
         unseen = proof.gain(e)
         least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
-        elsewhere = any(candidate.along_road for candidate in e.candidates) and proof.on_another_road
-        if elsewhere and proven <= max(least, LASTING * e.gain) < e.score:
+        along_road = any(candidate.along_road for candidate in e.candidates)
+        if along_road and proof.on_another_road and proven <= max(least, LASTING * e.gain) < e.score:
             return ANOTHER_ROAD
         if proven <= least:
             return "it explains no more than chance"
-        if proven <= LASTING * e.gain or (unseen is not None and unseen <= 0):
+        # Of many sizes some may suit what was held out by chance.
+        lasts = min(proven, e.left_out) if along_road else proven
+        if lasts <= LASTING * e.gain or (unseen is not None and unseen <= 0):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= SPOILT:
             return "it spoils in some drives a good part of what it mends in others"
