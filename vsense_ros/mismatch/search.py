@@ -342,8 +342,9 @@ class Search:
 
     @cached_property
     def passed_once(self) -> bool:
-        """Whether no place is met twice."""
-        return passed_once(self.residuals.predictor.evidence.windows)
+        """Whether no place is met twice, in one recording, or in several that tell by their pieces what there is."""
+        evidence = self.residuals.predictor.evidence
+        return passed_once(evidence.windows) and (len(evidence.by_recording()) == 1 or tells_its_pieces(evidence))
 
     @cached_property
     def of_several_cars(self) -> float:
