@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from vsense_ros.mismatch.evidence import Readings
 from vsense_ros.mismatch.fit import Fit
 from vsense_ros.mismatch.knobs import Knob
-from vsense_ros.mismatch.left_out import by_pieces, by_stretches, by_windows, passed_once
+from vsense_ros.mismatch.left_out import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
 from vsense_ros.mismatch.prediction import Setting
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.signals import grid
@@ -74,3 +74,16 @@ def test_a_road_is_passed_once_unless_recordings_or_laps_come_there_again():
     assert passed_once([first, next_one])
     assert passed_once([first, elsewhere])
     assert not passed_once([first, again])
+
+
+def recordings_of(*roads: float) -> SimpleNamespace:
+    """Recordings of roads of their own with these lengths [m], and a point each 50 m."""
+    each = [[window(i, 0.0, length / 20.0, 20.0, (i + 0.5) * STRETCH)] for i, length in enumerate(roads)]
+    points = [(i + 0.5) * STRETCH + at for i, length in enumerate(roads) for at in range(0, int(length), 50)]
+    return SimpleNamespace(windows=[w for part in each for w in part], by_recording=lambda: each, points=points)
+
+
+def test_several_short_recordings_of_roads_of_their_own_are_proven_by_those_left_out():
+    assert not pieces_alone_tell(recordings_of(*8 * [300.0]))
+    assert pieces_alone_tell(recordings_of(*2 * [800.0]))
+    assert pieces_alone_tell(recordings_of(300.0))

@@ -110,6 +110,12 @@ def tells_its_pieces(evidence: Evidence) -> bool:
     return len(evidence.points) >= PIECES * len(evidence.by_recording())
 
 
+def pieces_alone_tell(evidence: Evidence) -> bool:
+    """Whether nothing but its pieces can prove the road: no place is met twice, in one recording or in several long
+    ones. Of several short ones, recordings are left out."""
+    return passed_once(evidence.windows) and (len(evidence.by_recording()) == 1 or tells_its_pieces(evidence))
+
+
 def passed_once(windows: Sequence[Window]) -> bool:
     """Whether no part of them tells what another one meets on its way: most of the road is another all the time."""
     times = Counter(point for window in windows for point in passed(window))

@@ -24,7 +24,7 @@ from vsense_ros.mismatch.left_out import (
     by_pieces,
     by_stretches,
     by_windows,
-    passed_once,
+    pieces_alone_tell,
     places,
     tells_its_pieces,
 )
@@ -341,16 +341,15 @@ class Search:
         return at_place(self.residuals, everywhere, knob.place[1])
 
     @cached_property
-    def passed_once(self) -> bool:
-        """Whether no place is met twice, in one recording, or in several that tell by their pieces what there is."""
-        evidence = self.residuals.predictor.evidence
-        return passed_once(evidence.windows) and (len(evidence.by_recording()) == 1 or tells_its_pieces(evidence))
+    def _in_pieces(self) -> bool:
+        """Whether nothing but its pieces can prove the road."""
+        return pieces_alone_tell(self.residuals.predictor.evidence)
 
     @cached_property
     def of_several_cars(self) -> float:
         """What base parameters of its own for each recording would gain, linearly, where a road of its own might stand
         in for them: nothing of a single recording, or of several on one road."""
-        if not self.passed_once:
+        if not self._in_pieces:
             return 0.0
         equations, windows = self.base.equations, self.residuals.predictor.evidence.windows
         left = 0.0
@@ -362,11 +361,11 @@ class Search:
     @cached_property
     def _known_well(self) -> bool:
         """Whether another size at every place can be proven."""
-        return not self.passed_once or tells_its_pieces(self.residuals.predictor.evidence)
+        return not self._in_pieces or tells_its_pieces(self.residuals.predictor.evidence)
 
     def _left_out_with(self, candidates: Sequence[Candidate]) -> LeftOut:
         """What is left out of a fit with these candidates in turn."""
-        if self.passed_once and any(candidate.along_road for candidate in candidates):
+        if self._in_pieces and any(candidate.along_road for candidate in candidates):
             return self._pieces
         return self.left_out
 
