@@ -31,6 +31,21 @@ class _Commands(click.Group):
         ctx.exit(FAULT)
 
 
+class _HoldsOut(click.Command):
+    """A command whose --hold-out takes everything up to the next option, as a shell writes out `--hold-out lap_*`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        held_out = False
+        for arg in args:
+            if arg.startswith("-"):
+                held_out = arg == "--hold-out"
+            elif held_out and spread[-1] != "--hold-out":
+                spread.append("--hold-out")
+            spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
@@ -191,12 +206,12 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     console().print(f"Results in {folder}.", soft_wrap=True)
 
 
-@main.command()
+@main.command(cls=_HoldsOut)
 @click.argument("recordings", nargs=-1, type=_EXISTING)
 @click.option(
     "--vehicle", metavar="FILE", help="Vehicle file, or the name of one in config/vehicles (genesis, rav4, …)."
 )
-@click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to prove it on; repeatable.")
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=_EXISTING, help="To prove it on.")
 @click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
 @click.option(
     "--ablation",
@@ -318,11 +333,11 @@ def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int
     console().print(f"Results in {report}.", soft_wrap=True)
 
 
-@main.command()
+@main.command(cls=_HoldsOut)
 @click.argument("recordings", nargs=-1, required=True, type=_EXISTING)
 @_vehicle_option
 @click.option("--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="YAML.")
-@click.option("--hold-out", "held_out", multiple=True, type=_EXISTING, help="A recording to judge by; repeatable.")
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=_EXISTING, help="To judge by.")
 @click.option("--own-noise", is_flag=True, help="Tune what messages state about their noise, too, and ignore that.")
 def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tuple[Path, ...], own_noise: bool) -> None:
     """Find the noise covariances of the observer under which RECORDINGS are likeliest.
