@@ -128,7 +128,8 @@ def allowed(field: FieldInfo) -> str:
     words = _limits(field.metadata)
     if get_origin(field.annotation) is tuple:
         members = get_args(field.annotation)
-        count = "rows of numbers" if members[-1] is Ellipsis else f"{len(members)} numbers"
+        rows = f"{len(members)} rows of " if get_origin(members[0]) is tuple else ""
+        count = "rows of numbers" if members[-1] is Ellipsis else f"{rows}{len(members)} numbers"
         words = [count, *_limits(getattr(members[0], "__metadata__", ()))]
     return ", ".join(words)
 

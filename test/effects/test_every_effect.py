@@ -15,7 +15,9 @@ from vsense_ros import mismatch
 from vsense_ros.model.car import car_of
 from vsense_ros.model.effects import BY_ID, Effects
 from vsense_ros.model.effects.unmodelled import Unmodelled
+from vsense_ros.model.effects.unmodelled_reading import UnmodelledReading
 from vsense_ros.model.open_loop import Inputs, OpenLoop
+from vsense_ros.model.sensors import Imu
 from vsense_ros.model.simulate import rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.shared_files import vehicle_path
@@ -258,3 +260,21 @@ def test_terms_between_the_wheels_of_an_axle_take_from_the_left_what_they_give_t
     inputs = np.array([0.03, 100.0, 100.0, 50.0, 50.0])
     found = np.array(ca.Function("torques", [car.q, car.u, car.inputs], [torques])(q, u, inputs))[:, 0]
     assert_allclose(found, [90.0, 110.0, -10.0, 110.0], atol=1e-9)
+
+
+def test_terms_of_the_front_wheels_turn_them_by_more_the_further_and_the_faster_they_are_steered(bare):
+    car = car_of(bare)
+    terms = Unmodelled(front_angle_steering_squared=0.5, front_angle_steering_speed=0.002)
+    turned = ca.Function("turned", [car.u, car.inputs], [terms.front_angle(ca.SX(0), car, car.memory)])
+    _, u = rolling_straight(bare, 20.0)
+    for side in (1.0, -1.0):
+        assert float(turned(u, [side * 0.1, 0, 0, 0, 0])) == pytest.approx(side * (0.5 * 0.01 + 0.002 * 2.0))
+
+
+def test_terms_in_readings_add_to_what_is_known_of_that_sensor():
+    known = Imu(force_scale=(0.01, 0.0, 0.0), rate_by_force=((0, 0, 0), (0, 0, 0), (0, 0.001, 0.002)))
+    terms = UnmodelledReading(accelerometer_x_scale=0.02, accelerometer_y_square=0.003, gyro_z_by_y=0.004)
+    found = terms.sensors({"imu": known})["imu"]
+    assert found.force_scale == pytest.approx((0.03, 0, 0))
+    assert found.force_square == pytest.approx((0, 0.003, 0))
+    assert np.array(found.rate_by_force) == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.005, 0.002]]))

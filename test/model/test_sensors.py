@@ -121,6 +121,22 @@ def test_an_imu_anywhere_on_the_body_measures_the_turning_and_the_acceleration_o
     assert_allclose(measured[3:], to_sensor @ (acceleration + np.array([0, 0, G])), atol=1e-5)
 
 
+@relaxed
+@given(seed=seeds)
+def test_an_imu_with_errors_of_scale_square_and_what_gyros_feel_reads_polynomials_of_the_true_one(seed, measure):
+    """One accelerometer reads f + s f + k f², one gyro w + g · f; f and w are those of an IMU without errors."""
+    random = np.random.default_rng(seed)
+    state = Flight(seed).state
+    scale, square, felt = random.normal(size=3), random.normal(size=3), random.normal(size=(3, 3))
+    true = measure(Imu(), state)
+    read = measure(
+        Imu(force_scale=tuple(scale), force_square=tuple(square), rate_by_force=tuple(map(tuple, felt))), state
+    )
+    for axis in range(3):
+        assert read[3 + axis] == pytest.approx(np.polyval([square[axis], 1 + scale[axis], 0.0], true[3 + axis]))
+        assert read[axis] == pytest.approx(true[axis] + sum(g * f for g, f in zip(felt[axis], true[3:], strict=True)))
+
+
 @pytest.mark.parametrize("yaw", [0.0, np.pi / 2, np.pi])
 def test_an_imu_turned_on_its_mounting_leans_with_the_body(yaw, measure):
     """One that stays level on a body that rolls feels gravity upwards alone; one that leans by twice the body's roll

@@ -20,7 +20,7 @@ SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 @dataclass(frozen=True)
 class Channel:
     """Where a term acts: a component of the force on the chassis about `cog`, in body axes, against the compression of
-    one suspension, or between the wheels of an axle."""
+    one suspension, between the wheels of an axle, or on the angle of the front wheels."""
 
     words: str
     unit: str
@@ -64,6 +64,7 @@ CHASSIS = {
     "roll_moment": Channel("a roll moment", "N m", 0, 300.0),
 }
 _SUSPENSIONS = [f"suspension_force_{wheel}" for wheel in WHEELS]
+STEERING_ANGLE = "front_angle"
 _ACROSS = [f"torque_across_{axle}" for axle in AXLES]
 CHANNELS = (
     CHASSIS
@@ -75,6 +76,7 @@ CHANNELS = (
         name: Channel(f"a torque from the left to the right {axle} wheel", "N m", i, 50.0)
         for i, (name, axle) in enumerate(zip(_ACROSS, AXLES, strict=True))
     }
+    | {STEERING_ANGLE: Channel("an angle of the front wheels", "rad", 0, 0.003)}
 )
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
 SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
@@ -117,6 +119,15 @@ ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking
 TO_ONE_SIDE = {"driving": DRIVING, "braking": BRAKING} | {
     name: TURNING[name] for name in ("lateral", "lateral_driving", "lateral_braking", "steering")
 }
+STEERED = {
+    "steering_squared": Feature(
+        "that follows the square of the steering angle", "rad²", 0.0025,
+        lambda car: car.inputs[0] * ca.fabs(car.inputs[0]),
+    ),
+    "steering_speed": Feature(
+        "that follows steering angle times speed", "rad m/s", 1.0, lambda car: car.inputs[0] * car.u[0]
+    ),
+}  # fmt: skip
 TERMS = (
     {
         "longitudinal_force": EVEN,
@@ -126,6 +137,7 @@ TERMS = (
     }
     | {name: _travel(CHANNELS[name].row) for name in _SUSPENSIONS}
     | dict.fromkeys(_ACROSS, TO_ONE_SIDE)
+    | {STEERING_ANGLE: STEERED}
 )
 
 
@@ -137,8 +149,8 @@ def _field(channel: Channel, feature: Feature) -> Any:
 
 
 class _Unmodelled(Effect):
-    """A sum of terms, each a force or moment on the chassis, a force in a suspension or a torque between the wheels of
-    an axle, that is proportional to something which the car does."""
+    """A sum of terms, each a force or moment on the chassis, a force in a suspension, a torque between the wheels of an
+    axle or an angle of the front wheels, that is proportional to something which the car does."""
 
     id: ClassVar[str] = "unmodelled"
     sentence: ClassVar[str] = "a force for which no physics is known"
@@ -149,6 +161,9 @@ class _Unmodelled(Effect):
         for name, channel in CHASSIS.items():
             added[channel.row] += self._sum(name, car)
         return force + added
+
+    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+        return angle + self._sum(STEERING_ANGLE, car)
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
         return force + self._sum(_SUSPENSIONS[corner.index], car)

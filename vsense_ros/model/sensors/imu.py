@@ -44,6 +44,15 @@ class Imu(SensorBase):
     rate_offset: Triple = parameter("rad/s", "known bias of each gyro", default=(0.0, 0.0, 0.0))
     force_offset: Triple = parameter("m/s²", "known bias of each accelerometer", default=(0.0, 0.0, 0.0))
     rate_scale: Triple = parameter("-", "known relative error of each gyro's scale", default=(0.0, 0.0, 0.0))
+    force_scale: Triple = parameter("-", "known relative error of each accelerometer's scale", default=(0.0, 0.0, 0.0))
+    force_square: Triple = parameter(
+        "1/(m/s²)", "what each accelerometer reads besides, per square of the specific force along it",
+        default=(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    rate_by_force: tuple[Triple, Triple, Triple] = parameter(
+        "rad/s/(m/s²)", "what each gyro, a row, reads per specific force along x, y and z",
+        default=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    )  # fmt: skip
     roll_gain: float = parameter(
         "-", "roll of the sensor beyond the body's, per roll of the body; -1: its values are corrected for roll",
         default=0.0,
@@ -61,7 +70,11 @@ class Imu(SensorBase):
         return rates + forces
 
     def mounting(self) -> Vector:
-        return np.array([*self.position, *self.attitude, *self.rate_scale, self.roll_gain])
+        by_force = np.ravel(self.rate_by_force)
+        return np.array(
+            [*self.position, *self.attitude, *self.rate_scale, self.roll_gain, *self.force_scale, *self.force_square,
+             *by_force]
+        )  # fmt: skip
 
     def deviations(self) -> Vector:
         return np.array([*self.rate_noise, *self.force_noise])
@@ -94,12 +107,15 @@ _COVARIANCES = (
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts; what the
-    sensor leans beyond the body is about the body's x axis, whatever its own."""
+    sensor leans beyond the body is about the body's x axis, whatever its own. Scale, square and what a gyro feels of
+    forces are those of IEEE Std 528 (scale factor error, second-order nonlinearity, acceleration-sensitive drift)."""
     arm, scale, roll_gain = mounting[0:3], mounting[6:9], mounting[9]
+    force_scale, square, by_force = mounting[10:13], mounting[13:16], ca.reshape(mounting[16:25], 3, 3).T
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
     velocity, rates = motion.u[0:3], motion.u[3:6]
     acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
     acceleration = acceleration + ca.cross(motion.udot[3:6], arm) + ca.cross(rates, ca.cross(rates, arm))
     leaning = spatial.rotation_x(roll_gain * motion.roll).T
     force = to_sensor @ leaning @ (acceleration - motion.gravity)
-    return ca.vertcat((1 + scale) * (to_sensor @ rates), force) + biases
+    read = (1 + scale) * (to_sensor @ rates) + by_force @ force
+    return ca.vertcat(read, (1 + force_scale + square * force) * force) + biases

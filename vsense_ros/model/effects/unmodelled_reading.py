@@ -1,0 +1,63 @@
+"""What an inertial sensor reads besides, of which only the form is known: fitted where nothing else explains it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import create_model
+
+from vsense_ros.model.effects.base import Effect, of_kind, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.sensors import Imu, SensorBase
+
+_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
+_ALONG = {"x": "longitudinal", "y": "lateral", "z": "vertical"}
+
+
+class _UnmodelledReading(Effect):
+    """A sum of terms, each a reading of a gyro or an accelerometer that follows what accelerometers feel."""
+
+    id: ClassVar[str] = "unmodelled_reading"
+    sentence: ClassVar[str] = "a reading that follows what an accelerometer feels"
+    known: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ("imu",)
+
+    def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
+        def read(imu: Imu) -> dict[str, object]:
+            besides = {
+                "force_scale": tuple(getattr(self, f"accelerometer_{a}_scale") for a in _AXES),
+                "force_square": tuple(getattr(self, f"accelerometer_{a}_square") for a in _AXES),
+                "rate_by_force": tuple((*(getattr(self, f"gyro_{a}_by_{b}") for b in "xy"), 0.0) for a in _AXES),
+            }
+            return {name: tuple(_sum(getattr(imu, name), more)) for name, more in besides.items()}
+
+        return of_kind(sensors, "imu", read)
+
+
+def _sum(known: Any, more: Any) -> Any:
+    """The sum of two tuples of numbers or of tuples."""
+    if not isinstance(known, tuple):
+        return known + more
+    return tuple(_sum(a, b) for a, b in zip(known, more, strict=True))
+
+
+def _fields() -> dict[str, Any]:
+    fields = {}
+    for axis, along in _ALONG.items():
+        words = f"a reading of the {along} acceleration that"
+        fields[f"accelerometer_{axis}_scale"] = float, size("-", f"{words} is a multiple of it", typical=0.02, high=0.5)
+        fields[f"accelerometer_{axis}_square"] = (
+            float,
+            size("1/(m/s²)", f"{words} grows with its square", typical=0.003, high=0.1),
+        )
+    for axis, about in _AXES.items():
+        for along in "xy":
+            fields[f"gyro_{axis}_by_{along}"] = float, size(
+                "rad/s/(m/s²)", f"a reading of the {about} rate that follows the {_ALONG[along]} acceleration",
+                typical=0.001, high=0.1,
+            )  # fmt: skip
+    return fields
+
+
+UnmodelledReading: type[Effect] = create_model("UnmodelledReading", __base__=_UnmodelledReading, **_fields())
