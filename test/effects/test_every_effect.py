@@ -273,8 +273,10 @@ def test_terms_of_the_front_wheels_turn_them_by_more_the_further_and_the_faster_
 
 def test_terms_in_readings_add_to_what_is_known_of_that_sensor():
     known = Imu(force_scale=(0.01, 0.0, 0.0), rate_by_force=((0, 0, 0), (0, 0, 0), (0, 0.001, 0.002)))
-    terms = UnmodelledReading(accelerometer_x_scale=0.02, accelerometer_y_square=0.003, gyro_z_by_y=0.004)
+    sizes = {"accelerometer_x_scale": 0.02, "accelerometer_y_square": 0.003, "gyro_z_by_y": 0.004}
+    terms = UnmodelledReading(**sizes, accelerometer_x_odd_square=-0.01)
     found = terms.sensors({"imu": known})["imu"]
     assert found.force_scale == pytest.approx((0.03, 0, 0))
     assert found.force_square == pytest.approx((0, 0.003, 0))
+    assert found.force_odd_square == pytest.approx((-0.01, 0, 0))
     assert np.array(found.rate_by_force) == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.005, 0.002]]))

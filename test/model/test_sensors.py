@@ -124,16 +124,17 @@ def test_an_imu_anywhere_on_the_body_measures_the_turning_and_the_acceleration_o
 @relaxed
 @given(seed=seeds)
 def test_an_imu_with_errors_of_scale_square_and_what_gyros_feel_reads_polynomials_of_the_true_one(seed, measure):
-    """One accelerometer reads f + s f + k f², one gyro w + g · f; f and w are those of an IMU without errors."""
+    """One accelerometer reads f + s f + k f² + c f |f|, one gyro w + g · f; f and w are those without errors."""
     random = np.random.default_rng(seed)
     state = Flight(seed).state
-    scale, square, felt = random.normal(size=3), random.normal(size=3), random.normal(size=(3, 3))
+    scale, square, odd, felt = (random.normal(size=size) for size in (3, 3, 3, (3, 3)))
+    errors = {"force_scale": scale, "force_square": square, "force_odd_square": odd, "rate_by_force": felt}
     true = measure(Imu(), state)
-    read = measure(
-        Imu(force_scale=tuple(scale), force_square=tuple(square), rate_by_force=tuple(map(tuple, felt))), state
-    )
+    read = measure(Imu(**{name: value.tolist() for name, value in errors.items()}), state)
     for axis in range(3):
-        assert read[3 + axis] == pytest.approx(np.polyval([square[axis], 1 + scale[axis], 0.0], true[3 + axis]))
+        force = true[3 + axis]
+        besides = odd[axis] * np.sign(force)
+        assert read[3 + axis] == pytest.approx(np.polyval([square[axis] + besides, 1 + scale[axis], 0.0], force))
         assert read[axis] == pytest.approx(true[axis] + sum(g * f for g, f in zip(felt[axis], true[3:], strict=True)))
 
 

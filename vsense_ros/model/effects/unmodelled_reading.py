@@ -28,6 +28,7 @@ class _UnmodelledReading(Effect):
             besides = {
                 "force_scale": tuple(getattr(self, f"accelerometer_{a}_scale") for a in _AXES),
                 "force_square": tuple(getattr(self, f"accelerometer_{a}_square") for a in _AXES),
+                "force_odd_square": (*(getattr(self, f"accelerometer_{a}_odd_square") for a in "xy"), 0.0),
                 "rate_by_force": tuple((*(getattr(self, f"gyro_{a}_by_{b}") for b in "xy"), 0.0) for a in _AXES),
             }
             return {name: tuple(_sum(getattr(imu, name), more)) for name, more in besides.items()}
@@ -47,10 +48,13 @@ def _fields() -> dict[str, Any]:
     for axis, along in _ALONG.items():
         words = f"a reading of the {along} acceleration that"
         fields[f"accelerometer_{axis}_scale"] = float, size("-", f"{words} is a multiple of it", typical=0.02, high=0.5)
-        fields[f"accelerometer_{axis}_square"] = (
-            float,
-            size("1/(m/s²)", f"{words} grows with its square", typical=0.003, high=0.1),
-        )
+        square = f"{words} grows with its square"
+        fields[f"accelerometer_{axis}_square"] = float, size("1/(m/s²)", square, typical=0.003, high=0.1)
+        if axis != "z":  # its sign never changes
+            fields[f"accelerometer_{axis}_odd_square"] = (
+                float,
+                size("1/(m/s²)", f"{square} to either side", typical=0.003, high=0.1),
+            )
     for axis, about in _AXES.items():
         for along in "xy":
             fields[f"gyro_{axis}_by_{along}"] = float, size(

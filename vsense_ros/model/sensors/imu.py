@@ -49,6 +49,10 @@ class Imu(SensorBase):
         "1/(m/s²)", "what each accelerometer reads besides, per square of the specific force along it",
         default=(0.0, 0.0, 0.0),
     )  # fmt: skip
+    force_odd_square: Triple = parameter(
+        "1/(m/s²)", "the same per square with the sign of the force: less than 0 where its range is compressed",
+        default=(0.0, 0.0, 0.0),
+    )  # fmt: skip
     rate_by_force: tuple[Triple, Triple, Triple] = parameter(
         "rad/s/(m/s²)", "what each gyro, a row, reads per specific force along x, y and z",
         default=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -70,11 +74,9 @@ class Imu(SensorBase):
         return rates + forces
 
     def mounting(self) -> Vector:
-        by_force = np.ravel(self.rate_by_force)
-        return np.array(
-            [*self.position, *self.attitude, *self.rate_scale, self.roll_gain, *self.force_scale, *self.force_square,
-             *by_force]
-        )  # fmt: skip
+        lever = [*self.position, *self.attitude, *self.rate_scale, self.roll_gain]
+        force = [*self.force_scale, *self.force_square, *self.force_odd_square]
+        return np.array([*lever, *force, *np.ravel(self.rate_by_force)])
 
     def deviations(self) -> Vector:
         return np.array([*self.rate_noise, *self.force_noise])
@@ -107,10 +109,12 @@ _COVARIANCES = (
 
 def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     """Rates and specific force in `imu_link`, 6×1: the lever arm adds the tangential and centripetal parts; what the
-    sensor leans beyond the body is about the body's x axis, whatever its own. Scale, square and what a gyro feels of
-    forces are those of IEEE Std 528 (scale factor error, second-order nonlinearity, acceleration-sensitive drift)."""
+    sensor leans beyond the body is about the body's x axis, whatever its own. Scale and squares of accelerometers are
+    K1, K2 and Kqq of the model equation in IEEE Std 1293; what a gyro feels of forces is the acceleration-sensitive
+    drift of IEEE Std 528."""
     arm, scale, roll_gain = mounting[0:3], mounting[6:9], mounting[9]
-    force_scale, square, by_force = mounting[10:13], mounting[13:16], ca.reshape(mounting[16:25], 3, 3).T
+    force_scale, square, odd_square = mounting[10:13], mounting[13:16], mounting[16:19]
+    by_force = ca.reshape(mounting[19:28], 3, 3).T
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
     velocity, rates = motion.u[0:3], motion.u[3:6]
     acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
@@ -118,4 +122,4 @@ def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     leaning = spatial.rotation_x(roll_gain * motion.roll).T
     force = to_sensor @ leaning @ (acceleration - motion.gravity)
     read = (1 + scale) * (to_sensor @ rates) + by_force @ force
-    return ca.vertcat(read, (1 + force_scale + square * force) * force) + biases
+    return ca.vertcat(read, (1 + force_scale + square * force + odd_square * ca.fabs(force)) * force) + biases
