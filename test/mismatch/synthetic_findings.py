@@ -77,7 +77,9 @@ def finding(verdict: str, *, held_out: bool = True) -> dict[str, Any]:
             "force": {
                 "description": "a lateral force that follows the side slip, 1.2 m behind the centre of gravity",
                 "sizes": [{"name": "lateral_force_lateral", "unit": "N/(m/s²)", "value": 81.2}],
-                "gain": 0.42,
+                "gain_training": 0.42,
+                "gain_left_out": 0.37,
+                "gain_held_out": 0.39,
             }
             if verdict == "unknown"
             else None,

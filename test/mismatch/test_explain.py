@@ -75,6 +75,8 @@ def test_what_is_off_only_where_nothing_was_fitted_is_unknown_and_said_to_be_the
     assert found["verdict"] == "unknown"
     assert "on what was held out" in found["sentence"]
     assert found["located"]["region"]["description"] in found["sentence"]
+    worst = found["located"]["signals"][0]["name"]
+    assert f"the error of the {worst.replace('_', ' ')} on what was held out" in found["sentence"]
 
 
 @pytest.mark.slow
@@ -83,6 +85,7 @@ def test_torque_steered_to_the_outer_wheel_is_described_and_not_called_a_differe
     found = answer([driven(true, m) for m in ("sweep", "slalom")], wrong(prototype()), [driven(true, "brake")]).found
     assert (found["verdict"], found["answer_set"]) == ("unknown", [])
     assert "from the left to the right rear wheel that follows the steering angle" in found["sentence"]
+    assert "% on recordings it was not fitted to" in found["sentence"]
     (size,) = found["located"]["force"]["sizes"]
     assert size["value"] == pytest.approx(-3000.0, rel=0.05)
 

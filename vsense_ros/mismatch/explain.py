@@ -172,7 +172,7 @@ def _explained(
         "verdict": verdict,
         "by_pieces": leader is not None and proof.surveyed(leader.fit),
         "located": telling.located(residuals, base, proof)
-        | {"force": telling.force(judged), "parts": telling.parts(effects, answer_set)},
+        | {"force": telling.force(judged, proof), "parts": telling.parts(effects, answer_set)},
         "effects": effects,
         "answer_set": answer_set,
         "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],

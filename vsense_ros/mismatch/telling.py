@@ -168,11 +168,14 @@ def _place(evidence: Evidence, abscissa: float) -> dict[str, Any]:
 
 def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     """Where the base fit is off: signals with their errors, and what a good model leaves, in their units, the worst
-    first; windows [s] with their shares of the squared error, those in which the car got lost, and the region."""
+    first, on what was held out if only that is off; windows [s] with their shares of the squared error, those in which
+    the car got lost, and the region."""
     by_signal = residuals.by_signal(base.residuals)
     units = {signal.name: signal.unit for signal in SIGNALS}
     good = {name: off * residuals.deviation[name] for name, off in residuals.good(base.residuals).items()}
-    worst = sorted(by_signal, key=lambda name: by_signal[name] / good[name], reverse=True)
+    there, off, _ = where = _most_off(residuals, base, proof)
+    ranking = there.by_signal(off)
+    worst = sorted(by_signal, key=lambda name: ranking.get(name, 0.0) / good[name], reverse=True)
     whole = max(cost(base.residuals), 1e-12)
     windows = residuals.predictor.evidence.windows
     segments = [
@@ -183,12 +186,12 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
         "signals": [{"name": n, "unit": units[n], "before": by_signal[n], "null": good[n]} for n in worst],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
         "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
-        "region": _region(*_most_off(residuals, base, proof)),
+        "region": _region(*where),
     }
 
 
-def force(judged: Judged) -> dict[str, Any] | None:
-    """The force that describes what is left over, where that was asked and is proven."""
+def force(judged: Judged, proof: Proof) -> dict[str, Any] | None:
+    """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
     (term,) = judged.leader.candidates
@@ -198,7 +201,8 @@ def force(judged: Judged) -> dict[str, Any] | None:
     ]
     return {
         "description": _in_words(judged.leader, term), "sizes": sizes, "lever_arm": _lever_arm(judged.leader),
-        "gain": judged.leader.gain,
+        "gain_training": judged.leader.gain, "gain_left_out": judged.leader.left_out_share,
+        "gain_held_out": proof.gain(judged.leader),
     }  # fmt: skip
 
 
@@ -273,10 +277,7 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
     if found["verdict"] == "unknown":
         where = found["located"]["region"]
         if force := found["located"]["force"]:
-            described = (
-                f". It is described by {force['description']}, with which the squared error falls by "
-                f"{100 * force['gain']:.0f} %"
-            )
+            described = f". It is described by {force['description']}, with which {_falls(force, found)}"
         elif lost := found["located"]["lost"]:
             names = dict.fromkeys(window["recording"] for window in lost)
             described = f": in {' and '.join(names)} {LOST}"
@@ -292,17 +293,18 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
             return doubt[0].upper() + doubt[1:]
         return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
     accepted = [effect for effect in found["effects"] if effect["accepted"]]
-
     named = " and ".join(map(in_words, accepted))
-    said = (
-        f"The model leaves out {named}; with it the squared error falls by {100 * accepted[0]['gain_training']:.0f} %"
-    )
-    proven, on = accepted[0]["gain_held_out"], "on recordings it was not fitted to"
+    return f"The model leaves out {named}; with it {_falls(accepted[0], found)}."
+
+
+def _falls(gains: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """By how much the error falls with what was found, and where that is proven."""
+    proven, on = gains["gain_held_out"], "on recordings it was not fitted to"
     if found["by_pieces"]:
         on = "on another road, where neighbouring pieces foretell each other"
     if proven is None:
-        proven, on = accepted[0]["gain_left_out"], "where it was left out of the fit"
-    return f"{said}, and by {100 * proven:.0f} % {on}."
+        proven, on = gains["gain_left_out"], "where it was left out of the fit"
+    return f"the squared error falls by {100 * gains['gain_training']:.0f} %, and by {100 * proven:.0f} % {on}"
 
 
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
