@@ -119,14 +119,12 @@ ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking
 TO_ONE_SIDE = {"driving": DRIVING, "braking": BRAKING} | {
     name: TURNING[name] for name in ("lateral", "lateral_driving", "lateral_braking", "steering")
 }
+# What the wheels are turned by follows inputs alone: an observer asks for forces of the road without the speeds.
 STEERED = {
     "steering_squared": Feature(
         "that follows the square of the steering angle", "rad²", 0.0025,
         lambda car: car.inputs[0] * ca.fabs(car.inputs[0]),
-    ),
-    "steering_speed": Feature(
-        "that follows steering angle times speed", "rad m/s", 1.0, lambda car: car.inputs[0] * car.u[0]
-    ),
+    )
 }  # fmt: skip
 TERMS = (
     {
