@@ -597,26 +597,30 @@ class _Judge:
 
     def _joined_by_one(self, leading: _Leading, count: int) -> _Leading:
         """What leads where explanations of so many effects are heard, too."""
-        several = [e for e in self.explanations if len(e.candidates) == count and self.holds(e)]
-        if not several:
-            return leading
-        several.sort(key=self.proven, reverse=True)
-        best, leader = several[0], leading.leader
         explained = max((self.proven(e) for e in self.explanations if len(e.candidates) < count), default=0.0)
-        left = max(1 - explained, self.least_whole)
-        adds = self.proven(best) - explained
-        share = adds / left if adds > FORM * explained else 0.0
+
+        def adds(e: Explanation) -> float:
+            return self.proven(e) - explained
+
+        left, clear = max(1 - explained, self.least_whole), CLEAR * self.threshold
+        least = max(min(FURTHER, clear) * left, FORM * explained)
+        # What speaks against an explanation takes long to find: only of those that can matter.
+        several = [e for e in self.explanations if len(e.candidates) == count and adds(e) > least / 2]
+        several.sort(key=self.proven, reverse=True)
+        best, leader = next(filter(self.holds, several), None), leading.leader
+        if best is None or adds(best) <= least:
+            return leading
+        share = adds(best) / left
         unfinished = leader is None or self.proof.fitted.worst(leader.fit.residuals) > ASTRAY
+        outstanding = unfinished and share > FURTHER
+        if not outstanding and share <= clear:
+            return leading
         added = set(best.effects) - set(leader.effects if leader is not None else ())
-        others = [
-            (self.proven(e) - explained) / left for e in several
-            if not added & set(e.effects) and not self.surpassed(e, best)
-        ]  # fmt: skip
-        if (unfinished and share > FURTHER) or share > max(CLEAR * self.threshold, 2 * max(others, default=0.0)):
+        alike = [] if outstanding else [e for e in several if adds(e) >= adds(best) / 2 and self.holds(e)]
+        if all(added & set(e.effects) or self.surpassed(e, best) for e in alike):
             return _Leading(best, best) if self.agreed(best) else _Leading(best, leader)
-        if share > CLEAR * self.threshold and self.agreed(best) and (sure := set(best.effects) - added):
-            alike = (e for e in several if sure <= set(e.effects) and self.proven(e) - explained > adds / 2)
-            return replace(leading, besides=frozenset().union(*(e.effects for e in alike)))
+        if self.agreed(best) and (sure := set(best.effects) - added):
+            return replace(leading, besides=frozenset().union(*(e.effects for e in alike if sure <= set(e.effects))))
         return leading
 
     def within_reach(self, leader: Explanation) -> tuple[Explanation, ...]:
