@@ -38,6 +38,11 @@ class _HoldsOut(click.Command):
         spread: list[str] = []
         held_out = False
         for arg in args:
+            name, is_joined, first = arg.partition("=")
+            if is_joined and name == "--hold-out":
+                spread += [name, first]
+                held_out = True
+                continue
             if arg.startswith("-"):
                 held_out = arg == "--hold-out"
             elif held_out and spread[-1] != "--hold-out":

@@ -13,8 +13,11 @@ import pytest
 from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.design import NEXT
+from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
+from vsense_ros.mismatch.fit import Residuals
 from vsense_ros.mismatch.knobs import candidates
+from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.telling import NO_COURSE
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.vehicle_file import load_vehicle
@@ -152,6 +155,20 @@ def test_a_size_that_the_vehicle_file_has_may_shrink_to_nothing_and_grow_to_its_
     (fresh,) = next(c for c in candidates() if c.name == "brake_drag rl").knobs
     assert (drag.low, drag.high) == (-100.0, fresh.high - 100.0)
     assert drag.turn(values, drag.low) == {drag.name: 0.0}
+
+
+def test_what_a_vehicle_file_knows_of_its_sensors_counts_once():
+    known = {
+        "gyro_bias": {"z": 0.05}, "accelerometer_bias": {"x": 0.3}, "imu_roll_misalignment": {"angle": 0.1},
+        "imu_lever_arm": {"x": 0.5}, "sensor_delay": {"imu": 0.05}, "body_roll_in_accelerometer": {"gain": 0.8},
+    }  # fmt: skip
+    car = having(prototype(), **known)
+    recording = driven(car, "slalom")
+    levels = []
+    for vehicle in (car, prototype()):
+        residuals = Residuals(Predictor(vehicle, gather([recording], vehicle)))
+        levels.append(residuals.level(residuals(residuals.predictor.start)))
+    assert levels[0] < 0.5 < 2.0 < levels[1]
 
 
 def test_an_unknown_part_of_the_method_cannot_be_left_out():

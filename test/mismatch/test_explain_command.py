@@ -64,13 +64,13 @@ def test_a_recording_that_proves_itself_is_refused(called):
 @pytest.mark.parametrize("command", ["explain", "tune"])
 def test_everything_behind_hold_out_is_held_out_as_a_shell_writes_out_a_pattern(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in "abcde":
+    for name in "abcdefg":
         (tmp_path / name).touch()
-    line = ["a", "--hold-out", "b", "c", "--vehicle", "car.yaml", "d", "--hold-out", "e"]
+    line = ["a", "--hold-out", "b", "c", "--vehicle", "car.yaml", "d", "--hold-out", "e", "--hold-out=f", "g"]
     line += ["--output", "tuned.yaml"] if command == "tune" else []
     params = main.commands[command].make_context(command, line).params
     assert [path.name for path in params["recordings"]] == ["a", "d"]
-    assert [path.name for path in params["held_out"]] == ["b", "c", "e"]
+    assert [path.name for path in params["held_out"]] == ["b", "c", "e", "f", "g"]
 
 
 def test_what_cannot_be_read_is_an_error_without_a_traceback(called, tmp_path):

@@ -166,6 +166,26 @@ def test_what_was_done_of_the_same_files_is_taken_and_of_changed_ones_done_again
     assert fleet.explain_member(member, out)["key"] != first["key"], "a damaged result is made anew"
 
 
+def test_a_table_is_looked_at_again_when_it_is_said_anew_which_column_is_what(tmp_path):
+    folder = folder_of(tmp_path, "car", "lap.csv")
+    (folder / "lap.yaml").write_text("sign: 1", encoding="utf-8")
+    (member,) = fleet.members(tmp_path)
+    first = fleet.explain_member(member, tmp_path / "out")["key"]
+    assert fleet.explain_member(member, tmp_path / "out")["key"] == first
+    (folder / "lap.yaml").write_text("sign: -1", encoding="utf-8")
+    assert fleet.explain_member(member, tmp_path / "out")["key"] != first
+
+
+def test_a_remark_on_a_part_of_a_recording_does_not_make_it_unused(tmp_path, monkeypatch):
+    folder_of(tmp_path, "car", "lap", "lap_2")
+    (member,) = fleet.members(tmp_path)
+    remarks = ["lap: left out from 10 to 20 s: it spins", "lap_2: no steering angle; the recording is left out"]
+    monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
+    monkeypatch.setattr(fleet, "answer", lambda *_, **__: Answer(finding("no_mismatch") | {"remarks": remarks}))
+    reasons = {r["name"]: r["reason"] for r in fleet.explain_member(member, tmp_path / "out")["recordings"]}
+    assert reasons == {"lap": "", "lap_2": "no steering angle; the recording is left out"}
+
+
 def test_a_recording_that_spoils_what_the_others_say_is_left_out_with_its_reason(tmp_path, monkeypatch):
     folder_of(tmp_path, "car", "lap", "lap_2", "held_out/lap")
     (member,) = fleet.members(tmp_path)

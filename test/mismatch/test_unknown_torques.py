@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hidden import driven, prototype, silent, without
-from vsense_ros.mismatch.evidence import gather
+from hidden import driven, having, prototype, silent, without
+from vsense_ros.mismatch.evidence import Readings, gather
 from vsense_ros.mismatch.fit import Residuals, fit
 from vsense_ros.mismatch.knobs import TORQUE_SHARES, UNKNOWN_TORQUES, base_knobs
 from vsense_ros.mismatch.prediction import Predictor
 
 VELOCITY = "gnss_velocity"
+DELAY = "effects.sensor_delay.wheel_speeds"
 
 
 def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Residuals:
@@ -45,6 +48,25 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
     off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
     assert off["longitudinal_acceleration"] < 1.0
     assert off["ground_speed"] < 1.4
+
+
+def test_wheel_speeds_older_than_their_stamps_say_are_followed_as_the_wheels_turned():
+    car = without(prototype(), "wheel_torques")
+    late = driven(having(prototype(), sensor_delay={"wheel_speeds": 0.2}), "brake again", front=0.5)
+    residuals = Residuals(Predictor(car, gather([late], car)))
+    even = dict.fromkeys(TORQUE_SHARES, 0.5)
+    right, wrong = (
+        residuals.deviations(residuals(residuals.predictor.start.changed(even | {DELAY: age}))) for age in (0.2, 0.0)
+    )
+    assert max(right["longitudinal_acceleration"], right["speed"]) < 1.0 < wrong["longitudinal_acceleration"] / 2
+
+
+def test_a_road_needs_as_many_points_however_seldom_the_speed_is_told():
+    evidence = gather([driven(prototype(), "slalom")], prototype())
+    ends = [Readings(w.place.t[[0, -1]], w.place.value[[0, -1]]) for w in evidence.windows]
+    seldom = tuple(replace(w, place=end) for w, end in zip(evidence.windows, ends, strict=True))
+    assert replace(evidence, windows=seldom).points == evidence.points
+    assert len(evidence.points) > 3
 
 
 def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():

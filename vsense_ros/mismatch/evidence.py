@@ -31,6 +31,7 @@ RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
 HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
 CROSSOVER = 0.5  # [Hz] … above this
+LEFT_OUT = "the recording is left out"
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
@@ -86,7 +87,8 @@ class Evidence:
     @property
     def points(self) -> list[float]:
         """Abscissae of the points that a profile of the road needs [m]."""
-        return points([window.place.value[:, 0] for window in self.windows])
+        places = (window.place for window in self.windows)
+        return points([np.interp(np.arange(p.t[0], p.t[-1], GRID), p.t, p.value[:, 0]) for p in places])
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
@@ -123,17 +125,17 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
         used |= {sensor: sensors[sensor] for sensor in readings}
         kinds: dict[str, str] = {sensors[sensor].kind: sensor for sensor in readings}
         if "steering" not in kinds:
-            remarks.append(f"{name}: no steering angle, which drives the model; the recording is left out")
+            remarks.append(f"{name}: no steering angle, which drives the model; {LEFT_OUT}")
             continue
         of_car = readings | {name: in_axes_of_car(found, sensors[name]) for name, found in readings.items()}
         speed = _speed(of_car, kinds, vehicle)
         if speed is None:
-            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; the recording is left out")
+            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; {LEFT_OUT}")
             continue
         place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
         stretches = list(_windows(index, name, readings, kinds, speed, _headed(of_car, kinds, speed), place))
         if not stretches:
-            remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap")
+            remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
         windows += stretches
     return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map)
 

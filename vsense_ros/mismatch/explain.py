@@ -42,6 +42,10 @@ ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 LOOKED_AT = 900.0  # [s]
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
+NOTHING_TO_COMPARE = (
+    "where the car drives and its inputs are known, nothing is measured that the model foretells; expected readings of "
+    "an inertial sensor, wheel speeds or GNSS velocities throughout"
+)
 TRACELESS = "nothing that was recorded depends on it"
 
 
@@ -110,6 +114,7 @@ def answer(
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
         "base": {}, "threshold": THRESHOLD, "driven_s": evidence.driven + unseen.driven,
+        "assumed": list(assume), "ablation": ablation,
     }  # fmt: skip
     try:
         if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
@@ -147,7 +152,8 @@ def _explained(
     if proof.residuals is None and len(residuals.layout) == 1:
         found["remarks"].append(telling.ALONE)
     found["held_out"] = proof.recordings
-    threshold = least_gain(residuals.predictor.evidence.driven + unseen.driven)
+    proving = proof.residuals.predictor.evidence.driven if proof.residuals is not None else 0.0
+    threshold = least_gain(residuals.predictor.evidence.driven + proving)
     if ablation == "chi2_thresholds":
         threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
     found["threshold"] = threshold
@@ -258,6 +264,8 @@ def _refitted(
     """The base parameters fitted to the evidence; to the rest of it where the simulated car is lost in some windows
     even when it is fitted to the others. Where it is lost in most of them, to all."""
     residuals = Residuals(Predictor(vehicle, evidence))
+    if not any(residuals.layout):
+        raise NotAssessableError(NOTHING_TO_COMPARE)
     base = fit(residuals, residuals.predictor.start, knobs, progress=progress)
     lost = residuals.predictor.lost(base.setting)
     if not any(lost) or 2 * sum(lost) > len(lost):

@@ -25,7 +25,7 @@ from distributed import Client, LocalCluster, as_completed, get_worker
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch.design import answered, designed
-from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.evidence import LEFT_OUT, gather
 from vsense_ros.mismatch.explain import STAGES, answer
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
@@ -238,7 +238,7 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         else:
             found = replace(found, found=answered(out))
     recordings = [
-        {"name": name, "role": role, "reason": reasons.get(name) or _remark(name, found.found["remarks"])}
+        {"name": name, "role": role, "reason": reasons.get(name) or _unused(name, found.found["remarks"])}
         for name, role, _ in member.recordings
     ]
     result = {"key": key, "vehicle": member.name, "recordings": recordings, "found": found.found}
@@ -277,9 +277,10 @@ def _blamed(found: Mapping[str, Any], names: Iterable[str]) -> str:
     return said[0] if len(said) == 1 else ""
 
 
-def _remark(name: str, remarks: Sequence[str]) -> str:
-    """What was said about a recording."""
-    return "; ".join(r.removeprefix(f"{name}: ") for r in remarks if r.startswith(f"{name}: "))
+def _unused(name: str, remarks: Sequence[str]) -> str:
+    """Why nothing of a recording was used, where that is so."""
+    said = (r.removeprefix(f"{name}: ") for r in remarks if r.startswith(f"{name}: ") and r.endswith(LEFT_OUT))
+    return "; ".join(said)
 
 
 def _kept(out: Path, key: str) -> dict[str, Any] | None:
@@ -295,8 +296,10 @@ def _key(car: Vehicle, member: Member) -> str:
     digest = hashlib.sha256(_program().encode())
     digest.update(car.model_dump_json().encode())
     for name, _, path in member.recordings:
-        for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
-            digest.update(f"\0{name}/{file.relative_to(path)}\0".encode())
+        beside = (path.with_suffix(suffix) for suffix in (".yaml", ".yml"))  # which say how columns are read
+        files = sorted(path.rglob("*")) if path.is_dir() else [path, *beside]
+        for file in filter(Path.is_file, files):
+            digest.update(f"\0{name}/{file.relative_to(path.parent)}\0".encode())
             with file.open("rb") as content:
                 digest.update(hashlib.file_digest(content, "sha256").digest())
     return digest.hexdigest()

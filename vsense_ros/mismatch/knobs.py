@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import Effect, RoadEffect, role
+from vsense_ros.model.effects.base import Effect, RoadEffect, bounds, role
 from vsense_ros.model.vehicle import Vehicle
 
 Values = Mapping[str, float]
@@ -130,10 +130,9 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
     assert isinstance(extra, dict)
-    limits = {type(m).__name__: m for m in info.metadata}
     dotted = f"effects.{effect}.{field}"
     present = values.get(dotted, float(info.default))
-    low, high = float(limits["Ge"].ge), float(limits["Le"].le)
+    low, high = bounds(info)
     values_of_form = {f"effects.{effect}.{n}": value for n, value in EVERY[effect].variants.get(form, {}).items()}
     return Knob(
         dotted, str(extra["unit"]), float(str(extra["typical"])), low - present, high - present,
@@ -192,7 +191,7 @@ def at_places(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
     for abscissa in abscissae:
         name = point(knob.name, abscissa)
         yield replace(
-            knob, name=name, low=-knob.high, turn=_added(name), place=(knob.name, abscissa), deviation=deviation,
+            knob, name=name, turn=_added(name), place=(knob.name, abscissa), deviation=deviation,
             step=knob.deviation,
         )  # fmt: skip
 

@@ -29,6 +29,7 @@ from vsense_ros.model.car import Motion as Instant
 from vsense_ros.model.codegen import Kernel
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
+from vsense_ros.model.effects.base import bounds
 from vsense_ros.model.open_loop import Inputs, Motion, OpenLoop, Run
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulate import rolling_radii, rolling_straight
@@ -85,7 +86,7 @@ class Setting:
         found = dict(surveyed)
         for name, points in self._profiles.items():
             found[name] = found.get(name, 0.0) + profile(points, place)
-        return {name: self.values[name] + values for name, values in found.items() if values.any()}
+        return {name: np.clip(self.values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
 
     @cached_property
     def _profiles(self) -> dict[str, dict[float, float]]:
@@ -104,7 +105,7 @@ class _Driving:
     key: int  # the same where all of it is
     parameters: Array
     shares: Sequence[float]  # as TORQUE_SHARES
-    delays: tuple[float, float]  # of steering and torques [s]
+    delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
     around: Array  # (n, 4) as model.car.SURROUNDINGS
     tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
@@ -251,10 +252,15 @@ class Predictor:
         return found
 
     def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
-        sensors = dict(self.evidence.sensors)
+        sensors = self._sensors_of_car
         for id in EVERY:
             sensors = setting.effect(id).sensors(sensors)
         return sensors
+
+    @cached_property
+    def _sensors_of_car(self) -> dict[str, SensorBase]:
+        """Those of the evidence as they are without the effects of the vehicle file, which a setting has."""
+        return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.evidence.sensors}
 
     def _driving(self, index: int, setting: Setting, sensors: Mapping[str, SensorBase]) -> _Driving:
         """What the motion in a window depends on."""
@@ -270,7 +276,8 @@ class Predictor:
                 changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
                 tilting += np.column_stack(np.broadcast_arrays(*setting.effect(id, changing).slope(turned)))
         late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
-        delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0)
+        speed = 0.0 if self.evidence.windows[index].torques else late.get(self._speedometer[index], 0.0)
+        delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0), speed
         parameters = np.array([setting.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         tilting *= setting.values[FOLLOWED]
@@ -289,7 +296,7 @@ class Predictor:
         )
 
     def _run(self, index: int, way: _Driving) -> Run:
-        steering_late, torques_late = way.delays
+        steering_late, torques_late, speed_late = way.delays
         window = self.evidence.windows[index]
         middle = _middle(window)
         n = len(middle)
@@ -298,7 +305,7 @@ class Predictor:
         steering = kinds["steering"]
         told = np.isfinite(steering.value[:, 0])
         inputs[:, 0] = np.interp(middle + steering_late, steering.t[told], steering.value[told, 0])
-        speed, acceleration = self._rolling[index]
+        speed, acceleration = self._rolling(index, speed_late) if speed_late else self._usual_rolling[index]
         mass = way.parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
         inertia = np.full((n, 4), mass * self.radius**2 / 4)
@@ -317,18 +324,24 @@ class Predictor:
         return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters)
 
     @cached_property
-    def _rolling(self) -> list[tuple[Array, Array]]:
-        """At what speed [m/s] the wheels roll in the middle of each step, and with what acceleration [m/s²] a car
-        whose tyres slip then moves, by window."""
-        found = []
-        for window in self.evidence.windows:
-            speed = np.interp(_middle(window), window.speed.t, window.speed.value[:, 0])
-            if any(self.evidence.sensors[name].kind == "wheel_speeds" for name in window.readings):
-                found.append((speed, _of_the_car(speed)))
-            else:
-                acceleration = np.gradient(speed, STEP)
-                found.append((speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration))
-        return found
+    def _speedometer(self) -> list[str]:
+        """The kind of the sensor that gives the speed, by window."""
+        present = ({self.evidence.sensors[name].kind for name in window.readings} for window in self.evidence.windows)
+        return ["wheel_speeds" if "wheel_speeds" in kinds else "gnss_velocity" for kinds in present]
+
+    @cached_property
+    def _usual_rolling(self) -> list[tuple[Array, Array]]:
+        return [self._rolling(index, 0.0) for index in range(len(self.evidence.windows))]
+
+    def _rolling(self, index: int, late: float) -> tuple[Array, Array]:
+        """At what speed [m/s] the wheels roll in the middle of each step of a window, and with what acceleration [m/s²]
+        a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
+        window = self.evidence.windows[index]
+        speed = np.interp(_middle(window) + late, window.speed.t, window.speed.value[:, 0])
+        if self._speedometer[index] == "wheel_speeds":
+            return speed, _of_the_car(speed)
+        acceleration = np.gradient(speed, STEP)
+        return speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration
 
     def _signals(
         self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], way: _Driving
@@ -348,6 +361,12 @@ class Predictor:
             gaps = ~np.isfinite(window.readings[name].value)
             readings[name].value[gaps] = np.nan
         return signals(window, readings, self.evidence.sensors, self.radius)
+
+
+def _physical(name: str) -> tuple[float, float]:
+    """Least and largest value of a parameter of an effect, by its dotted name."""
+    _, id, field = name.split(".")
+    return bounds(EVERY[id].model_fields[field])
 
 
 def abscissae(rows: Sequence[tuple[float, float, float, float]], evidence: Evidence) -> list[float | None]:

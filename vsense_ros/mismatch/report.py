@@ -57,6 +57,14 @@ VERDICTS: Mapping[str, Verdict] = {
 }
 
 
+ASSUMED = Verdict("Assumed", "What was assumed to be left out", "open")
+
+
+def _verdict(found: Mapping[str, Any]) -> Verdict:
+    named = found["verdict"] == "named"
+    return ASSUMED if named and found.get("assumed") else VERDICTS[found["verdict"]]  # earlier answers do not tell it
+
+
 @dataclass(frozen=True)
 class Error:
     """Root mean square of what a signal differs by, before and after, in its SI unit."""
@@ -151,7 +159,7 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
     located = found["located"]
     signals = [signal["name"] for signal in located["signals"]]
     shown = most_affected(traces, signals)
-    verdict = VERDICTS[found["verdict"]]
+    verdict = _verdict(found)
     candidates = _candidates(found)
     page = (
         _templates()
@@ -202,7 +210,7 @@ def write_next_test(found: Mapping[str, Any], path: Path) -> None:
 def printed(found: Mapping[str, Any], console: Console) -> None:
     """Print what was found."""
     console.print()
-    console.print(Text(f"{found['vehicle']}: {VERDICTS[found['verdict']].badge}", style="bold"))
+    console.print(Text(f"{found['vehicle']}: {_verdict(found).badge}", style="bold"))
     console.print(Text(found["sentence"]))
     if test := _next_test(found):
         console.print(Text(f"Next test: {test}.", style="bold"))

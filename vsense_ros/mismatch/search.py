@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 SHORTLIST = 4  # by the fall of the cost, as many by its fall on what was left out, and without the likeliest window
 WORTH = 0.06  # of the cost that a size must explain which is another at every place, beyond what one size does
 PROMISING = 0.5  # of the best score, below which no such size is fitted: each of its places costs a simulation
+TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
 SECANT = 1.0  # deviations: some effects have no slope at zero
 BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
@@ -126,11 +127,11 @@ class Search:
 
     @cached_property
     def visible(self) -> frozenset[str]:
-        """Ids of the effects that would change something that was recorded."""
+        """Ids of the effects that would change something that was recorded, at a likely size."""
         self._simulate_new(self.offered)
         return frozenset(
             c.effect for c in self.offered
-            if any(np.abs(part).max(initial=0.0) > 1e-6 for knob in c.knobs for part in self._column(knob))
+            if any(np.abs(p).max(initial=0.0) * k.likely > TRACE for k in c.knobs for p in self._column(k))
         )  # fmt: skip
 
     def singles(self) -> list[Explanation]:

@@ -294,6 +294,8 @@ def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
         return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
     accepted = [effect for effect in found["effects"] if effect["accepted"]]
     named = " and ".join(map(in_words, accepted))
+    if found.get("assumed"):
+        return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], found)}."
     return f"The model leaves out {named}; with it {_falls(accepted[0], found)}."
 
 
@@ -304,7 +306,10 @@ def _falls(gains: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         on = "on another road, where neighbouring pieces foretell each other"
     if proven is None:
         proven, on = gains["gain_left_out"], "where it was left out of the fit"
-    return f"the squared error falls by {100 * gains['gain_training']:.0f} %, and by {100 * proven:.0f} % {on}"
+    trained = gains["gain_training"]
+    ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
+    again = "" if ways[0] == ways[1] else f"{ways[1]} "
+    return f"the squared error {ways[0]} by {100 * abs(trained):.0f} %, and {again}by {100 * abs(proven):.0f} % {on}"
 
 
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:

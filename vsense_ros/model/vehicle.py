@@ -232,12 +232,17 @@ class Vehicle(Part):
 
     def sensing(self) -> dict[str, SensorBase]:
         """The sensors with what they take over from the car, and with what its effects do to them."""
+        sensors = self.sensors_of_car()
+        for effect in self.physics.effects.present():
+            sensors = effect.sensors(sensors)
+        return sensors
+
+    def sensors_of_car(self) -> dict[str, SensorBase]:
+        """The sensors with what they take over from the car, as they are without its effects."""
         sensors: dict[str, SensorBase] = dict(self.sensors)
         for name, sensor in sensors.items():
             if isinstance(sensor, SteeringSensor) and sensor.ratio is None:
                 sensors[name] = sensor.model_copy(update={"ratio": self.physics.steering.ratio})
-        for effect in self.physics.effects.present():
-            sensors = effect.sensors(sensors)
         return sensors
 
     def values(self) -> dict[str, float]:

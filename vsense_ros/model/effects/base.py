@@ -212,6 +212,12 @@ class RoadEffect(Effect):
         return "; ".join([*parts, *estimated])
 
 
+def bounds(field: FieldInfo) -> tuple[float, float]:
+    """What is physical of a size, shape or form."""
+    limits = {type(limit).__name__: limit for limit in field.metadata}
+    return float(limits["Ge"].ge), float(limits["Le"].le)
+
+
 def role(field: FieldInfo) -> str:
     """What a field of an effect is: `size`, `shape`, `form` or `profile`."""
     return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
