@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +138,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
         recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording), console())
-    console().print(f"Written to {out}.", soft_wrap=True)
+    console().print(f"Written to {out}.", soft_wrap=True, markup=False)
 
 
 @main.command()
@@ -208,7 +211,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
             picture = draw(drive, folder / "picture")[0]
             write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
     show_drive(drive, console())
-    console().print(f"Results in {folder}.", soft_wrap=True)
+    console().print(f"Results in {folder}.", soft_wrap=True, markup=False)
 
 
 @main.command(cls=_HoldsOut)
@@ -302,14 +305,25 @@ def _explain(
     from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
-    train, proof = ([import_recording(path) for path in paths] for paths in (recordings, held_out))
+    report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
+    names = _told_apart([*recordings, *held_out])
+    train, proof = (
+        [replace(recording, name=names.get(path, recording.name)) for path, recording in read]
+        for read in ([(path, import_recording(path)) for path in paths] for paths in (recordings, held_out))
+    )
     with progress("searching") as done:
         steps = iter(range(STAGES))
         found = answer(train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
     found.write(report)
     printed(found.found, console())
-    console().print(f"Results in {report}.", soft_wrap=True)
+    console().print(f"Results in {report}.", soft_wrap=True, markup=False)
     return str(found.found["verdict"])
+
+
+def _told_apart(paths: Sequence[Path]) -> dict[Path, str]:
+    """Names with the folder, of recordings that are called alike without it."""
+    alike = Counter(path.stem for path in {path.resolve() for path in paths})
+    return {path: f"{path.resolve().parent.name}/{path.name}" for path in paths if alike[path.resolve().stem] > 1}
 
 
 def _design(vehicle: str, report: Path) -> None:
@@ -323,7 +337,7 @@ def _design(vehicle: str, report: Path) -> None:
     with progress("driving manoeuvres that may tell it apart") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())
-    console().print(f"Results in {report / design.NEXT}.", soft_wrap=True)
+    console().print(f"Results in {report / design.NEXT}.", soft_wrap=True, markup=False)
 
 
 def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:
@@ -335,7 +349,7 @@ def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int
         results = fleet.explain_fleet(members, report, client, progress=done)
     fleet_report.write(results, report)
     fleet_report.printed(results, console())
-    console().print(f"Results in {report}.", soft_wrap=True)
+    console().print(f"Results in {report}.", soft_wrap=True, markup=False)
 
 
 @main.command(cls=_HoldsOut)
@@ -373,7 +387,9 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     result.write(output.with_suffix(".json"))
     picture = tuning_report.draw(result, output.with_suffix(".png"))
     tuning_report.show(result, console())
-    console().print(f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.", soft_wrap=True)
+    console().print(
+        f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.", soft_wrap=True, markup=False
+    )
 
 
 @main.command()
@@ -433,7 +449,7 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
         if found.unsure:
             text = f"They differ too much for sure limits, more recordings are needed: {', '.join(found.unsure)}."
             console().print(text, soft_wrap=True, style="yellow")
-        console().print(f"Written to {calibrate}.", soft_wrap=True)
+        console().print(f"Written to {calibrate}.", soft_wrap=True, markup=False)
         return
     for heading in ("recording", "no longer fits", "since"):
         table.add_column(heading, justify="right" if heading == "since" else "left")
@@ -475,7 +491,7 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
         recording = generate(manoeuvre, car, seed)
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording), console())
-    console().print(f"Written to {out}.", soft_wrap=True)
+    console().print(f"Written to {out}.", soft_wrap=True, markup=False)
 
 
 @main.command()
@@ -596,7 +612,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
         for name, *pair in zip(job.IDENTIFIED_FROM, found.before, found.after, strict=True)
     ]
     show(("identified", "start", "found"), [*numbers, yaw, *errors])
-    console().print(f"Written to {identify}.", soft_wrap=True)
+    console().print(f"Written to {identify}.", soft_wrap=True, markup=False)
 
 
 @main.command()
@@ -647,7 +663,7 @@ def datasets(context: click.Context) -> None:
     for one in known.DATASETS.values():
         table.add_row(one.name, "no" if known.find(one.name) is None else "yes", one.licence, one.title)
     console().print(table)
-    console().print(f"Folder: {known.data_dir()}", soft_wrap=True)
+    console().print(f"Folder: {known.data_dir()}", soft_wrap=True, markup=False)
 
 
 @datasets.command()
@@ -708,7 +724,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     _warn(left_out_of_observer(car))
     with waiting("writing C"):
         files = c.write(car, output)
-    console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True)
+    console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True, markup=False)
     if check is None:
         return
     from vsense_ros.bag.importers import import_recording
@@ -723,7 +739,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
         console().print(line, soft_wrap=True)
     with waiting("measuring"):
         c.write(car, output, checking.measure(output))
-    console().print(f"Size and time of a step: {output / 'README.md'}.", soft_wrap=True)
+    console().print(f"Size and time of a step: {output / 'README.md'}.", soft_wrap=True, markup=False)
 
 
 @main.command()
@@ -789,7 +805,7 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
             unit = f"{1e6 * error:.1f} µrad" if name in ("camber", "toe", "caster") else f"{1e6 * error:.1f} µm"
             table.add_row(axle, name, str(count), unit)
     console().print(table)
-    console().print(f"Written to {target}.", soft_wrap=True)
+    console().print(f"Written to {target}.", soft_wrap=True, markup=False)
 
 
 @main.command()

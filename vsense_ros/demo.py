@@ -190,7 +190,7 @@ def run_demo(out: Path, console: Console, *, through_ros: bool = True, jobs: tup
     (out / "summary.json").write_text(summary + "\n", encoding="utf-8")
     for drive in drives:
         show_drive(drive, console)
-    console.print(f"\nReport {report}, pictures and output bags beside it.", soft_wrap=True)
+    console.print(f"\nReport {report}, pictures and output bags beside it.", soft_wrap=True, markup=False)
     if failures:
         raise InputError("\n".join(failures))
     return drives

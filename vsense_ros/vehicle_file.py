@@ -18,6 +18,7 @@ from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.tir import read_tir
 from vsense_ros.vehicle_schema import allowed, models_of, tag_of, unit_of
+from vsense_ros.whole_file import written_whole
 
 
 def load_vehicle(path: str | Path) -> Vehicle:
@@ -56,7 +57,7 @@ def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:
     yaml = YAML()
     yaml.width = 120
     yaml.default_flow_style = None
-    with Path(path).open("w", encoding="utf-8") as file:
+    with written_whole(path) as file:
         yaml.dump(vehicle.model_dump(mode="json"), file)
 
 
@@ -75,7 +76,7 @@ def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables
         keys = list(tree)
         before = max(keys.index(key) for key in ("physics", "linkage") if key in tree)
         tree.insert(before + 1, "suspension", content)
-    with Path(target).open("w", encoding="utf-8") as file:
+    with written_whole(target) as file:
         yaml.dump(tree, file)
 
 
@@ -98,7 +99,7 @@ def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths
             node = node[key]
         at = int(last) if isinstance(value, list) else last
         node[at] = value[at]
-    with Path(target).open("w", encoding="utf-8") as file:
+    with written_whole(target) as file:
         yaml.dump(tree, file)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from hidden import driven, having, prototype, wrong
+from vsense_ros import cli
 from vsense_ros.bag.mcap import write_bag
 from vsense_ros.cli import main
 from vsense_ros.vehicle_file import save_vehicle
@@ -79,3 +81,16 @@ def test_what_cannot_be_read_is_an_error_without_a_traceback(called, tmp_path):
     assert result.exit_code != 0
     assert isinstance(result.exception, SystemExit)
     assert "broken.mcap" in result.output
+
+
+def test_a_report_that_cannot_be_written_is_said_before_anything_is_searched(called, tmp_path):
+    (tmp_path / "taken").touch()
+    result = called(("slalom",), "--report", "taken")
+    assert isinstance(result.exception, SystemExit)
+    assert "taken: File exists" in result.output
+    assert "searching" not in result.output
+
+
+def test_recordings_that_are_called_alike_are_told_apart_by_their_folders():
+    names = cli._told_apart([Path("monday/lap"), Path("tuesday/lap.mcap"), Path("tuesday/other")])
+    assert names == {Path("monday/lap"): "monday/lap", Path("tuesday/lap.mcap"): "tuesday/lap.mcap"}

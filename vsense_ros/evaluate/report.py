@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -172,7 +173,8 @@ def _interactive(drive: Drive) -> str:
         "showSendToCloud": False,
         "modeBarButtonsToRemove": ["select2d", "lasso2d"],
     }
-    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=f"plot-{drive.name}"))
+    named = re.sub(r"\W+", "-", f"plot-{drive.name}")
+    return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=named))
 
 
 def _traces(estimate: Series, truth: Series | None, start: int, label: str, colour: str) -> list[go.Scatter]:

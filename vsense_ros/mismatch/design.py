@@ -38,6 +38,7 @@ from vsense_ros.model.car import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulate import Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.whole_file import written_whole
 
 Array = NDArray[np.float64]
 
@@ -215,13 +216,15 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
         "telling": TELLING,
         "tests": [one.as_json() for one in found],
     }
-    (report / NEXT).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with written_whole(report / NEXT) as file:
+        file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
     best = found[0].as_json() if found and found[0].distance >= TELLING else None
     answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
     for effect in answer["effects"]:
         if effect.get("answer_set"):
             effect["would_separate"] = best
-    (report / ANSWER).write_text(json.dumps(answer, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with written_whole(report / ANSWER) as file:
+        file.write(json.dumps(answer, indent=1, allow_nan=False) + "\n")
     write_next_test(answer, report / PAGE)
 
 

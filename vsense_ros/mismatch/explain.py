@@ -36,6 +36,7 @@ from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import save_vehicle
+from vsense_ros.whole_file import written_whole
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 # Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
@@ -63,7 +64,8 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
-        (folder / ANSWER).write_text(json.dumps(self.found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        with written_whole(folder / ANSWER) as file:
+            file.write(json.dumps(self.found, indent=1, allow_nan=False) + "\n")
         write_report(self.found, self.traces, folder / PAGE)
         if self.extended is not None:
             save_vehicle(folder / EXTENDED, self.extended)

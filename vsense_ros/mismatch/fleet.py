@@ -30,6 +30,7 @@ from vsense_ros.mismatch.explain import STAGES, answer
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.recording import Recording
 from vsense_ros.vehicle_file import load_vehicle
+from vsense_ros.whole_file import written_whole
 
 VEHICLE_FILE = "vehicle.yaml"
 HELD_OUT = "held_out"
@@ -242,9 +243,8 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         for name, role, _ in member.recordings
     ]
     result = {"key": key, "vehicle": member.name, "recordings": recordings, "found": found.found}
-    fresh = out / f"{RESULT}.new"
-    fresh.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    fresh.replace(out / RESULT)
+    with written_whole(out / RESULT) as file:
+        file.write(json.dumps(result, indent=1, allow_nan=False) + "\n")
     (out / FAULT).unlink(missing_ok=True)
     return result
 

@@ -144,7 +144,9 @@ def printed(results: Sequence[Mapping[str, Any]], console: Console) -> None:
         table.add_row(*(Text(cell) for cell in cells))
     console.print(table)
     for id, names in _frequency(results).items():
-        console.print(f"{id}: {len(names)} of {len(results)} vehicles ({', '.join(names)})", soft_wrap=True)
+        console.print(
+            f"{id}: {len(names)} of {len(results)} vehicles ({', '.join(names)})", soft_wrap=True, markup=False
+        )
     for result in results:
         for recording in result["recordings"]:
             if recording["reason"]:

@@ -68,18 +68,19 @@ def watch(
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total = max(sum(len(recording[topic]) for topic in topics), 1)
     beyond: dict[str, float] = {}
+    start = min(int(recording[topic].stamp.min()) for topic in recording.channels if len(recording[topic]))
     for i, sample in enumerate(recording.samples(topics)):
         observer.add(sample)
         if len(stamps) and limits is not None:
             for name, since in monitor.beyond.items():
-                beyond.setdefault(name, (since - recording.start) * 1e-9)
+                beyond.setdefault(name, (since - start) * 1e-9)
         if i % 500 == 0:
             progress(i / total)
     if not kept:
         raise InputError(
             f"{recording.name or 'recording'}: nowhere {WINDOW:g} s of driving in which the observer had converged"
         )
-    t = (np.array(stamps) - recording.start) * 1e-9
+    t = (np.array(stamps) - start) * 1e-9
     return Watch(recording.name, recording.duration, tuple(monitor.quantities), t, np.array(kept), beyond)
 
 
