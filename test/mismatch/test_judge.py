@@ -126,7 +126,11 @@ def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what
 
 
 def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
-    assert said(explaining(GROWN[0], 0.5, 0.45)) == ("no_mismatch", ())
+    worse = explaining(GROWN[0], 0.5, 0.45)
+    assert said(worse) == ("no_mismatch", ())
+    assert judge((), [worse], Made()).verdict == "no_mismatch"
+    force = explaining("force", 0.3, 0.3)
+    assert judge((), [worse, force], Made()).leader == force
 
 
 def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no_explanation():

@@ -524,9 +524,15 @@ class _Judge:
         return _proven(e, self.held_out)
 
     def term(self) -> Explanation | None:
-        """The term without known physics that explains most, if that is enough."""
-        most = max(self.described, key=self.proven, default=None)
+        """The term without known physics that explains most, if that is enough and nothing is worse with it as a whole
+        where it was not fitted."""
+        most = max(filter(self.mends_unseen, self.described), key=self.proven, default=None)
         return most if most is not None and self.proven(most) > self.described_from else None
+
+    def mends_unseen(self, e: Explanation) -> bool:
+        """Whether all of what was held out, if anything was, is better with an explanation."""
+        unseen = self.proof.gain(e)
+        return unseen is None or unseen > 0
 
     def displaced(self, leader: Explanation, term: Explanation) -> bool:
         """Whether a term explains clearly more than what is known."""
@@ -544,7 +550,6 @@ class _Judge:
 
     def _objection(self, e: Explanation) -> str:
         proof, proven = self.proof, self.proven(e)
-        unseen = proof.gain(e)
         least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
         along_road = any(candidate.along_road for candidate in e.candidates)
         if along_road and proof.on_another_road and proven <= max(least, LASTING * e.gain) < e.score:
@@ -553,7 +558,7 @@ class _Judge:
             return "it explains no more than chance"
         # Of many sizes some may suit what was held out by chance.
         lasts = min(proven, e.left_out) if along_road else proven
-        if lasts <= LASTING * e.gain or (unseen is not None and unseen <= 0):
+        if lasts <= LASTING * e.gain or not self.mends_unseen(e):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= SPOILT:
             return "it spoils in some drives a good part of what it mends in others"
