@@ -130,7 +130,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.bag.inspect import inspect
-    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
+    from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
 
     if mapping is not None:
         options["mapping"] = mapping
@@ -138,7 +138,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
         recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording), console())
-    console().print(f"Written to {out}.", soft_wrap=True, markup=False)
+    say(f"Written to {out}.")
 
 
 @main.command()
@@ -186,7 +186,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
-    from vsense_ros.evaluate.terminal import console, progress, show_drive, waiting
+    from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
 
@@ -211,7 +211,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
             picture = draw(drive, folder / "picture")[0]
             write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
     show_drive(drive, console())
-    console().print(f"Results in {folder}.", soft_wrap=True, markup=False)
+    say(f"Results in {folder}.")
 
 
 @main.command(cls=_HoldsOut)
@@ -298,7 +298,7 @@ def _explain(
 ) -> str:
     """The verdict."""
     from vsense_ros.bag.importers import import_recording
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.mismatch.explain import STAGES, answer
     from vsense_ros.mismatch.report import printed
     from vsense_ros.shared_files import vehicle_path
@@ -316,7 +316,7 @@ def _explain(
         found = answer(train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
     found.write(report)
     printed(found.found, console())
-    console().print(f"Results in {report}.", soft_wrap=True, markup=False)
+    say(f"Results in {report}.")
     return str(found.found["verdict"])
 
 
@@ -327,7 +327,7 @@ def _told_apart(paths: Sequence[Path]) -> dict[Path, str]:
 
 
 def _design(vehicle: str, report: Path) -> None:
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.mismatch import design
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle
@@ -337,11 +337,11 @@ def _design(vehicle: str, report: Path) -> None:
     with progress("driving manoeuvres that may tell it apart") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())
-    console().print(f"Results in {report / design.NEXT}.", soft_wrap=True, markup=False)
+    say(f"Results in {report / design.NEXT}.")
 
 
 def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.mismatch import fleet, fleet_report
 
     members = fleet.members(folder)
@@ -349,7 +349,7 @@ def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int
         results = fleet.explain_fleet(members, report, client, progress=done)
     fleet_report.write(results, report)
     fleet_report.printed(results, console())
-    console().print(f"Results in {report}.", soft_wrap=True, markup=False)
+    say(f"Results in {report}.")
 
 
 @main.command(cls=_HoldsOut)
@@ -371,7 +371,7 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     from vsense_ros import tuning as job
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate import tuning_report
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_changes
@@ -387,9 +387,7 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     result.write(output.with_suffix(".json"))
     picture = tuning_report.draw(result, output.with_suffix(".png"))
     tuning_report.show(result, console())
-    console().print(
-        f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.", soft_wrap=True, markup=False
-    )
+    say(f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.")
 
 
 @main.command()
@@ -416,7 +414,7 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     from rich.table import Table
 
     from vsense_ros.bag.importers import import_recording
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.observer import calibration
     from vsense_ros.observer.monitor import load_limits, save_limits
@@ -449,7 +447,7 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
         if found.unsure:
             text = f"They differ too much for sure limits, more recordings are needed: {', '.join(found.unsure)}."
             console().print(text, soft_wrap=True, style="yellow")
-        console().print(f"Written to {calibrate}.", soft_wrap=True, markup=False)
+        say(f"Written to {calibrate}.")
         return
     for heading in ("recording", "no longer fits", "since"):
         table.add_column(heading, justify="right" if heading == "since" else "left")
@@ -479,7 +477,7 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
     """
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.inspect import inspect
-    from vsense_ros.evaluate.terminal import console, show_inspection, waiting
+    from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.manoeuvre import generate
     from vsense_ros.model.vehicle import left_out_of_simulation
     from vsense_ros.shared_files import vehicle_path
@@ -491,7 +489,7 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
         recording = generate(manoeuvre, car, seed)
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording), console())
-    console().print(f"Written to {out}.", soft_wrap=True, markup=False)
+    say(f"Written to {out}.")
 
 
 @main.command()
@@ -569,7 +567,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
 
     from vsense_ros import genesis as job
     from vsense_ros.demo import dataset
-    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_vehicle
@@ -612,7 +610,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
         for name, *pair in zip(job.IDENTIFIED_FROM, found.before, found.after, strict=True)
     ]
     show(("identified", "start", "found"), [*numbers, yaw, *errors])
-    console().print(f"Written to {identify}.", soft_wrap=True, markup=False)
+    say(f"Written to {identify}.")
 
 
 @main.command()
@@ -655,7 +653,7 @@ def datasets(context: click.Context) -> None:
     from rich.table import Table
 
     from vsense_ros.bag import datasets as known
-    from vsense_ros.evaluate.terminal import console
+    from vsense_ros.evaluate.terminal import console, say
 
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
     for heading in ("name", "here", "licence", "what"):
@@ -663,7 +661,7 @@ def datasets(context: click.Context) -> None:
     for one in known.DATASETS.values():
         table.add_row(one.name, "no" if known.find(one.name) is None else "yes", one.licence, one.title)
     console().print(table)
-    console().print(f"Folder: {known.data_dir()}", soft_wrap=True, markup=False)
+    say(f"Folder: {known.data_dir()}")
 
 
 @datasets.command()
@@ -712,7 +710,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
       vsense export c rav4 --output out/rav4 --check segment/
       vsense export c rav4 --output out/small --sensor imu --sensor wheel_speeds --sensor steering
     """
-    from vsense_ros.evaluate.terminal import console, progress, waiting
+    from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.shared_files import vehicle_path
@@ -724,7 +722,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     _warn(left_out_of_observer(car))
     with waiting("writing C"):
         files = c.write(car, output)
-    console().print(f"Written to {output}: {', '.join(file.name for file in files)}.", soft_wrap=True, markup=False)
+    say(f"Written to {output}: {', '.join(file.name for file in files)}.")
     if check is None:
         return
     from vsense_ros.bag.importers import import_recording
@@ -739,7 +737,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
         console().print(line, soft_wrap=True)
     with waiting("measuring"):
         c.write(car, output, checking.measure(output))
-    console().print(f"Size and time of a step: {output / 'README.md'}.", soft_wrap=True, markup=False)
+    say(f"Size and time of a step: {output / 'README.md'}.")
 
 
 @main.command()
@@ -784,7 +782,7 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
     """
     from rich.table import Table
 
-    from vsense_ros.evaluate.terminal import console, waiting
+    from vsense_ros.evaluate.terminal import console, say, waiting
     from vsense_ros.model.kinematic_tables import kinematic_tables, largest_errors
     from vsense_ros.shared_files import vehicle_path
     from vsense_ros.vehicle_file import load_vehicle, save_tables
@@ -805,7 +803,7 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
             unit = f"{1e6 * error:.1f} µrad" if name in ("camber", "toe", "caster") else f"{1e6 * error:.1f} µm"
             table.add_row(axle, name, str(count), unit)
     console().print(table)
-    console().print(f"Written to {target}.", soft_wrap=True, markup=False)
+    say(f"Written to {target}.")
 
 
 @main.command()

@@ -163,6 +163,11 @@ class Recording:
         return min((int(c.received.min()) for c in self.channels.values() if len(c)), default=0)
 
     @property
+    def first_stamp(self) -> int:
+        """Earliest time of measurement [ns]; 0 for an empty recording."""
+        return min((int(c.stamp.min()) for c in self.channels.values() if len(c)), default=0)
+
+    @property
     def duration(self) -> float:
         """From the first to the last arrival [s]."""
         last = max((int(c.received.max()) for c in self.channels.values() if len(c)), default=0)

@@ -21,6 +21,7 @@ from synthetic_findings import SIGNALS, effect, finding, traces
 from vsense_ros.mismatch import report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
 from vsense_ros.mismatch.report import VERDICTS, in_words, percent, printed, shown_number, shown_value, write_report
+from vsense_ros.mismatch.telling import sentence
 
 EMPTY = {"meta", "link", "br", "img"}
 
@@ -144,6 +145,18 @@ def test_the_held_out_figures_are_those_of_the_fit(tmp_path):
     assert "−82 %" in text
     assert "on held-out recordings, which no fit has seen: from 0.462 m/s² to 0.0825 m/s²" in text
     assert "54 % of the squared error of all signals explained, held out" in text
+
+
+def test_what_was_assumed_is_not_told_as_found_and_an_error_that_grows_as_growing(tmp_path):
+    found = finding("named") | {"assumed": ["brake_drag"], "by_pieces": False}
+    gains = {"gain_training": 0.14, "gain_held_out": -0.2, "accepted": True}
+    found["effects"] = [entry | gains for entry in found["effects"]]
+    found["sentence"] = sentence(found, [])
+    assert found["sentence"].startswith("Assumed, not searched for: ")
+    assert "the squared error falls by 14 %, and grows by 20 % on recordings" in found["sentence"]
+    text = read(found, traces("named"), tmp_path).text
+    assert "Assumed" in text
+    assert VERDICTS["named"].title not in text
 
 
 def test_the_page_says_where_a_held_out_road_was_foretold_by_its_pieces(tmp_path):

@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, unheard, wrong
 from vsense_ros.mismatch import extension
@@ -267,3 +269,11 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_fo
         of[residuals] = [np.array([*s._profiles[size].values()]) for s in (there.by_odd, there.by_even)]
     assert np.abs(of[spoilt][0] - of[told][0]).mean() < 0.004
     assert np.abs(of[spoilt][1] - of[told][1]).mean() > 0.05
+
+
+@given(everywhere=st.floats(-0.95, 1.0), here=st.floats(-1.95, 1.95))
+def test_grip_everywhere_and_at_a_place_together_is_never_below_nothing(everywhere, here):
+    size = "effects.friction_change.relative"
+    setting = Setting({size: everywhere, point(size, 0.0): here})
+    sums = setting.varying(np.array([0.0]), {}).get(size, np.array([everywhere]))
+    assert sums == pytest.approx(min(max(everywhere + here, -0.95), 1.0))

@@ -26,6 +26,11 @@ def console(*, stderr: bool = False) -> Console:
     return found if found.is_terminal else Console(stderr=stderr, highlight=False, width=PIPE_WIDTH)
 
 
+def say(text: str) -> None:
+    """Print a sentence in one line, whatever brackets its paths and names have."""
+    console().print(text, soft_wrap=True, markup=False)
+
+
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[float], None]]:
     """A progress bar on stderr; yields the function that takes the share done, 0 to 1."""

@@ -146,7 +146,6 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
         return None
     channel = recording[sensor.topic]
     reader = Reader(0, sensor, on_map)
-    start = min(int(c.stamp.min()) for c in recording.channels.values() if len(c))
     read = [reader.read(channel.sample(row)) for row in range(len(channel))]
     events = [event for event in read if not isinstance(event, str)]
     if len(events) < 2:
@@ -154,7 +153,7 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     stamps = np.array([event.stamp for event in events], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
-    return Readings((stamps[order] - start) * 1e-9, np.array([events[i].value for i in order]))
+    return Readings((stamps[order] - recording.first_stamp) * 1e-9, np.array([events[i].value for i in order]))
 
 
 def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -363,6 +363,7 @@ class Predictor:
         return signals(window, readings, self.evidence.sensors, self.radius)
 
 
+@cache
 def _physical(name: str) -> tuple[float, float]:
     """Least and largest value of a parameter of an effect, by its dotted name."""
     _, id, field = name.split(".")

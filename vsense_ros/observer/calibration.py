@@ -68,7 +68,7 @@ def watch(
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total = max(sum(len(recording[topic]) for topic in topics), 1)
     beyond: dict[str, float] = {}
-    start = min(int(recording[topic].stamp.min()) for topic in recording.channels if len(recording[topic]))
+    start = recording.first_stamp
     for i, sample in enumerate(recording.samples(topics)):
         observer.add(sample)
         if len(stamps) and limits is not None:
