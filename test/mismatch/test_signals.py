@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import detrend
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.mismatch.evidence import Readings, Window
 from vsense_ros.mismatch.signals import CUT_OFF, difference, grid, noise, signals
@@ -65,3 +68,28 @@ def test_side_slip_is_the_course_less_the_heading_up_to_what_drifts():
     expected = detrend(np.interp(grid(drive), t, slip))
     assert np.abs(found - expected).max() < 0.003
     assert "side_slip" not in signals(drive, {"velocity": readings["velocity"]}, sensors, 0.3)
+
+
+@pytest.mark.parametrize("attitude", [(np.pi, 0.0, 0.0), (0.0, 0.0, np.pi / 2), (0.02, -0.3, 1.0)])
+def test_signals_are_the_cars_however_the_inertial_sensor_is_mounted(attitude):
+    t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
+    of_car = np.random.default_rng(2).standard_normal((len(t), 6)) + [0, 0, 0, 0, 0, 9.81]
+    to_car = Rotation.from_euler("xyz", attitude)
+    as_mounted = np.hstack([to_car.inv().apply(of_car[:, :3]), to_car.inv().apply(of_car[:, 3:])])
+    usual, turned = replace(window_of(t, t), end=20.0), Imu(attitude=attitude)
+    expected = signals(usual, {"imu": Readings(t, of_car)}, SENSORS, 0.3)
+    found = signals(usual, {"imu": Readings(t, as_mounted)}, {"imu": turned}, 0.3)
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        assert found[name] == pytest.approx(values, abs=1e-9), name
+
+
+def test_what_a_turned_sensor_does_not_measure_is_absent_in_the_axes_of_the_car():
+    t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
+    value = np.random.default_rng(2).standard_normal((len(t), 6))
+    value[:, [0, 1]] = np.nan  # a yaw rate and three accelerometers
+    usual = replace(window_of(t, t), end=20.0)
+    found = signals(usual, {"imu": Readings(t, value)}, {"imu": Imu(attitude=(0.02, -0.3, np.pi / 2))}, 0.3)
+    names = {"yaw_rate", "longitudinal_acceleration", "lateral_acceleration", "vertical_acceleration"}
+    assert found.keys() == names
+    assert all(np.isfinite(values).all() for values in found.values())

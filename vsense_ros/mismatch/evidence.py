@@ -32,6 +32,7 @@ HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measur
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
 CROSSOVER = 0.5  # [Hz] … above this
 LEFT_OUT = "the recording is left out"
+_RATES, _FORCES = slice(0, 3), slice(3, 6)  # of inertial measurements
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
@@ -161,8 +162,18 @@ def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
     vehicle file says that the sensor is turned; others as they are."""
     if not isinstance(sensor, Imu) or not any(sensor.attitude):
         return readings
-    to_car = to_axes_of_car(sensor)
-    return Readings(readings.t, np.hstack([readings.value[:, :3] @ to_car.T, readings.value[:, 3:] @ to_car.T]))
+    return Readings(readings.t, np.hstack([turned_to_car(readings.value[:, part], sensor) for part in (_RATES, _FORCES)]))
+
+
+def turned_to_car(vectors: Array, sensor: Imu) -> Array:
+    """Vectors (n, 3) in the axes of a sensor in those of the car. Of a component that is absent (NaN) the car's
+    component of which it is the largest part is absent as well; to the others it adds nothing, on both sides of a
+    comparison alike."""
+    turn = to_axes_of_car(sensor)
+    absent = np.isnan(vectors)
+    found = np.where(absent, 0.0, vectors) @ turn.T
+    found[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
+    return np.asarray(found)
 
 
 def to_axes_of_car(sensor: Imu) -> Array:

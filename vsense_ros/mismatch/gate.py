@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from vsense_ros.bag.inspect import doubts
-from vsense_ros.mismatch.evidence import SLOWEST, Evidence, Readings, Window, in_axes_of_car, to_axes_of_car
+from vsense_ros.mismatch.evidence import SLOWEST, Evidence, Readings, Window, in_axes_of_car, turned_to_car
 from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
 from vsense_ros.mismatch.knobs import BASE
 from vsense_ros.model.sensors import Imu, SensorBase
@@ -203,7 +203,7 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
         if isinstance(sensor, Imu) and sensor.topic in channels and any(sensor.attitude):
             channel = channels[sensor.topic]
             fields = ("angular_velocity", "linear_acceleration")
-            turned = {field: channel.columns[field] @ to_axes_of_car(sensor).T for field in fields}
+            turned = {field: turned_to_car(channel.columns[field], sensor) for field in fields}
             channels[sensor.topic] = replace(channel, columns={**channel.columns, **turned})
     return replace(recording, channels=channels)
 

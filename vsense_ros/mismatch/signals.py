@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from vsense_ros.mismatch.evidence import GRID, RUN_IN, Readings, Window
+from vsense_ros.mismatch.evidence import GRID, RUN_IN, Readings, Window, in_axes_of_car
 from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]
@@ -120,9 +120,10 @@ def noise(
 def _made(
     window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Name, instants and values of each signal that is there all the time."""
+    """Name, instants and values of each signal that is there all the time, those of inertial sensors in the axes of the
+    car from which the file says that they are turned: what an effect turns them by besides, stays."""
     whole = {
-        sensor: found for sensor, found in readings.items()
+        sensor: in_axes_of_car(found, sensors[sensor]) for sensor, found in readings.items()
         if found.t[0] <= window.begin + 1.0 and found.t[-1] >= window.end - 1.0
     }  # fmt: skip
     heading = next((_heading(found) for sensor, found in whole.items() if sensors[sensor].kind == "imu"), None)
