@@ -37,3 +37,33 @@ def test_what_two_windows_of_a_recording_have_in_common_is_driven_once():
     evidence = gather([recording, recording], prototype())
     assert len(evidence.windows) == 4
     assert evidence.driven == pytest.approx(2 * 40.0, abs=1.0)
+
+
+def the_other_way(recording: Recording) -> Recording:
+    """As if the whole drive had been turned round on the map."""
+    velocity = recording["gps/velocity"]
+    columns = {**velocity.columns, "linear": velocity.columns["linear"] * [-1.0, -1.0, 1.0]}
+    return replace(recording, channels={**recording.channels, "gps/velocity": replace(velocity, columns=columns)})
+
+
+def test_what_recordings_turn_is_counted_from_one_way_on_the_map_so_that_they_may_be_of_one_plane():
+    recording = driven(prototype(), "slalom")
+    there, back = (w.turned.value for w in gather([recording, the_other_way(recording)], prototype()).windows)
+    assert there[0] == pytest.approx(0.0, abs=0.02)
+    assert np.cos(back) == pytest.approx(-np.cos(there), abs=1e-9)
+    assert np.sin(back) == pytest.approx(-np.sin(there), abs=1e-9)
+
+
+def test_what_is_held_out_turns_from_the_way_that_what_was_fitted_set_out_on():
+    recording = driven(prototype(), "slalom")
+    fitted = gather([recording], prototype())
+    (back,) = gather([the_other_way(recording)], prototype(), fitted).windows
+    assert np.cos(back.turned.value[0]) == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_without_a_course_on_the_map_each_recording_counts_from_its_own_way():
+    recording = driven(prototype(), "slalom")
+    blind = unheard(the_other_way(recording), "gps/velocity")
+    evidence = gather([blind, recording, the_other_way(recording)], prototype())
+    begins = [float(np.cos(w.turned.value[0, 0])) for w in evidence.windows]
+    assert begins == pytest.approx([1.0, 1.0, -1.0], abs=1e-3)

@@ -59,7 +59,8 @@ class Window:
     # At the beginning the course over ground [rad], as far as it is known: else as if each recording set out eastwards.
     heading: float
     torques: bool  # True: wheel torques are measured
-    turned: Readings  # (n, 1) to the left since the recording sets out [rad]
+    # (n, 1) to the left of the way on which the first recording sets out that knows its course, else this one [rad].
+    turned: Readings
     place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
 
 
@@ -73,6 +74,7 @@ class Evidence:
     remarks: tuple[str, ...]
     road: Road  # with all places where the car has been
     on_map: Map
+    sets_out: float | None = None  # course of the first recording that knows its own, as it sets out [rad]
     left_out: tuple[Window, ...] = ()  # of which nothing can be said
 
     @property
@@ -106,10 +108,11 @@ class Evidence:
 
 def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:
     """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
-    those of `seen` where the car comes there again."""
+    those of `seen` where the car comes there again, and what they turn is counted from the same way."""
     road = Road() if seen is None else seen.road
     origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
     on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
+    sets_out = None if seen is None else seen.sets_out
     windows: list[Window] = []
     remarks: list[str] = []
     used: dict[str, SensorBase] = {}
@@ -134,11 +137,16 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; {LEFT_OUT}")
             continue
         place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
-        stretches = list(_windows(index, name, readings, kinds, speed, _headed(of_car, kinds, speed), place))
+        headed, on_the_map = _headed(of_car, kinds, speed)
+        outset = float(np.median(headed.value[:5]))
+        if on_the_map:
+            outset = sets_out = outset if sets_out is None else sets_out
+        turned = Readings(headed.t, headed.value - outset)
+        stretches = list(_windows(index, name, readings, kinds, speed, headed, turned, place))
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
         windows += stretches
-    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map)
+    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
 
 
 def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | str | None:
@@ -162,7 +170,9 @@ def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
     vehicle file says that the sensor is turned; others as they are."""
     if not isinstance(sensor, Imu) or not any(sensor.attitude):
         return readings
-    return Readings(readings.t, np.hstack([turned_to_car(readings.value[:, part], sensor) for part in (_RATES, _FORCES)]))
+    return Readings(
+        readings.t, np.hstack([turned_to_car(readings.value[:, part], sensor) for part in (_RATES, _FORCES)])
+    )
 
 
 def turned_to_car(vectors: Array, sensor: Imu) -> Array:
@@ -216,22 +226,23 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
-def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> Readings:
-    """Course over ground (n, 1) [rad]; without GNSS the heading, as if the recording set out eastwards."""
+def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> tuple[Readings, bool]:
+    """Course over ground (n, 1) [rad], and whether that is the one on the map: without GNSS it is the heading, as if
+    the recording set out eastwards."""
     if "gnss_velocity" in kinds:
         velocity = readings[kinds["gnss_velocity"]]
         moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
         if moving.sum() >= 2:
             course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
-            return Readings(velocity.t[moving], course[:, None])
+            return Readings(velocity.t[moving], course[:, None]), True
     if "imu" in kinds:
         imu = readings[kinds["imu"]]
         present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
         if present.sum() >= 2:
             t, rate = imu.t[present], imu.value[present, 2]
             angle = cumulative_trapezoid(rate, t, initial=0)
-            return Readings(t, angle[:, None])
-    return Readings(speed.t, np.zeros((len(speed.t), 1)))
+            return Readings(t, angle[:, None]), False
+    return Readings(speed.t, np.zeros((len(speed.t), 1))), False
 
 
 def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
@@ -273,11 +284,11 @@ def _windows(
     kinds: Mapping[str, str],
     speed: Readings,
     headed: Readings,
+    turned: Readings,
     place: Readings,
 ) -> Iterable[Window]:
     steering = readings[kinds["steering"]]
     torques = "wheel_torques" in kinds
-    turned = Readings(headed.t, headed.value - np.median(headed.value[:5]))
     needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
     for begin, end in _driving(speed, needed):
         parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
