@@ -73,7 +73,8 @@ def test_side_slip_is_the_course_less_the_heading_up_to_what_drifts():
 @pytest.mark.parametrize("attitude", [(np.pi, 0.0, 0.0), (0.0, 0.0, np.pi / 2), (0.02, -0.3, 1.0)])
 def test_signals_are_the_cars_however_the_inertial_sensor_is_mounted(attitude):
     t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
-    of_car = np.random.default_rng(2).standard_normal((len(t), 6)) + [0, 0, 0, 0, 0, 9.81]
+    of_car = np.random.default_rng(2).standard_normal((len(t), 6))
+    of_car[:, 5] += 9.81
     to_car = Rotation.from_euler("xyz", attitude)
     as_mounted = np.hstack([to_car.inv().apply(of_car[:, :3]), to_car.inv().apply(of_car[:, 3:])])
     usual, turned = replace(window_of(t, t), end=20.0), Imu(attitude=attitude)

@@ -32,7 +32,6 @@ HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measur
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
 CROSSOVER = 0.5  # [Hz] … above this
 LEFT_OUT = "the recording is left out"
-_RATES, _FORCES = slice(0, 3), slice(3, 6)  # of inertial measurements
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
@@ -170,9 +169,8 @@ def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
     vehicle file says that the sensor is turned; others as they are."""
     if not isinstance(sensor, Imu) or not any(sensor.attitude):
         return readings
-    return Readings(
-        readings.t, np.hstack([turned_to_car(readings.value[:, part], sensor) for part in (_RATES, _FORCES)])
-    )
+    rates, forces = (turned_to_car(readings.value[:, part], sensor) for part in (slice(0, 3), slice(3, 6)))
+    return Readings(readings.t, np.hstack([rates, forces]))
 
 
 def turned_to_car(vectors: Array, sensor: Imu) -> Array:

@@ -208,10 +208,7 @@ def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: floa
     deviation; by less where the car gets lost with that and does not in the fit, which would tell nothing."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
     for by, setting in _attempts(start, fit, knob, step):
-        try:
-            changed = residuals(setting, fit.residuals)
-        except DivergedError:
-            continue
+        changed = residuals(setting, fit.residuals)
         lost = sum(residuals.predictor.lost(setting))
         if lost < fewest:
             best = [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
@@ -278,7 +275,7 @@ def fit(
 ) -> Fit:
     """Turn `knobs` until the value no longer falls, from the amounts `begin` (k,) if they are given. `first` is a fit
     of the same knobs from which to go on, with the slopes to use; `instead` are the residuals of windows in which the
-    simulated car gets lost. Raises `DivergedError` where the start cannot be simulated.
+    simulated car gets lost; without them `DivergedError` is raised where the start cannot be simulated.
     """
     amounts = np.zeros(len(knobs)) if begin is None else begin
     if first is not None:

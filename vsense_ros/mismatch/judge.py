@@ -125,7 +125,7 @@ class Proof:
         self.residuals: Residuals | None = None
         self._progress = progress
         self.base, self.fitted = base, residuals
-        self._surveys: dict[int, tuple[Fit, Survey | None]] = {}  # by id of the fit
+        self._surveys: dict[int, tuple[Fit, Survey]] = {}  # by id of the fit
         # By ids of what was simulated and of the fit, which stays its own.
         self._compared: dict[tuple[int, int], tuple[Fit, list[Array], list[Array]]] = {}
         if evidence.windows:
@@ -162,11 +162,7 @@ class Proof:
         if not tells_its_pieces(self.residuals.predictor.evidence):
             return None
         if id(fitted) not in self._surveys:
-            try:
-                there = survey(self.residuals, self.before, fitted)
-            except DivergedError:
-                there = None
-            self._surveys[id(fitted)] = fitted, there
+            self._surveys[id(fitted)] = fitted, survey(self.residuals, self.before, fitted)
         return self._surveys[id(fitted)][1]
 
     def trained(self, fitted: Fit) -> tuple[list[Array], list[Array]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
@@ -142,19 +142,17 @@ class Search:
 
     def _shaped(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """The explanations, the best of them with their shapes fitted besides."""
-        found = list(explanations)
-        for i, explanation in enumerate(explanations[:BEAM]):
-            at, knobs = explanation.fit, shapes(explanation.candidates[-1], self.start.values)
-            if not knobs or explanation.gain < ENOUGH:
-                continue
-            columns = slopes_by(self.residuals, self.start, at, knobs)
-            slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
-            signature = Signature(
-                explanation.candidates, partial(_joined, at, knobs, slopes), explanation.keep, explanation.gain,
-                explanation.left_out, explanation.gain,
-            )  # fmt: skip
-            found[i : i + 1] = self._fitted([signature]) or [explanation]
+        found = [*map(self._with_shape, explanations[:BEAM]), *explanations[BEAM:]]
         return sorted(found, key=lambda e: e.score, reverse=True)
+
+    def _with_shape(self, explanation: Explanation) -> Explanation:
+        """The explanation with the shapes of its last effect fitted besides, if that has some and they can be seen."""
+        at, knobs = explanation.fit, shapes(explanation.candidates[-1], self.start.values)
+        if not knobs or explanation.gain < ENOUGH:
+            return explanation
+        columns = slopes_by(self.residuals, self.start, at, knobs)
+        slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
+        return self._explanation(explanation.candidates, self._fit(_joined(at, knobs, slopes)), explanation.keep)
 
     def better_base(self, explanations: Sequence[Explanation]) -> Fit | None:
         """The base parameters fitted anew from where they are in an explanation, if without its effect they fit better
@@ -237,15 +235,12 @@ class Search:
         points = [knob for knob in profile.knobs if knob.place is not None]
         by_place = [self._at_place(self._column(profile.knobs[0]), point) for point in points]
         slopes = [np.column_stack(parts) * points[0].deviation for parts in zip(*by_place, strict=True)]
-        try:
-            fitted = self._fit(_joined(at, points, slopes))
-            fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
-        except DivergedError:
-            return None
+        fitted = self._fit(_joined(at, points, slopes))
+        fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
         if at.value - fitted.value < WORTH * self.whole:
             return None
-        candidates = tuple(profile if c is single else c for c in explanation.candidates)
-        return self._explanation(candidates, fitted, explanation.keep)
+        candidates = (*(c for c in explanation.candidates if c is not single), profile)
+        return self._with_shape(self._explanation(candidates, fitted, explanation.keep))
 
     def together(self, candidates: Sequence[Candidate]) -> list[Explanation]:
         """All candidates at once, without a search."""
@@ -380,13 +375,7 @@ class Search:
         return by_pieces(self.residuals, self.base)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Explanation]:
-        found = []
-        for signature in signatures:
-            try:
-                fitted = self._fit(signature.joint())
-            except DivergedError:
-                continue
-            found.append(self._explanation(signature.candidates, fitted, signature.keep))
+        found = [self._explanation(s.candidates, self._fit(s.joint()), s.keep) for s in signatures]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
     def polished(self, explanation: Explanation) -> Explanation:
@@ -409,12 +398,9 @@ class Search:
         if not lost:
             return explanation
         begin = np.array([explanation.sizes.get(knob.name, 0.0) for knob in at.knobs])
-        try:
-            found = fit(
-                self.residuals, self.start, at.knobs, begin=begin, instead=self.base.residuals, progress=self._progress
-            )
-        except DivergedError:
-            return explanation
+        found = fit(
+            self.residuals, self.start, at.knobs, begin=begin, instead=self.base.residuals, progress=self._progress
+        )
         if sum(self.residuals.predictor.lost(found.setting)) >= lost:
             return explanation
         return self._explanation(explanation.candidates, replace(found, weight=at.weight), explanation.keep)
@@ -433,10 +419,7 @@ class Search:
             replace(knob, deviation=knob.deviation * factor) for knob, factor in zip(at.knobs, times, strict=True)
         )
         freed = replace(at, knobs=knobs, slopes=[s * times for s in at.slopes])
-        try:
-            fitted = self._fit(freed)
-        except DivergedError:
-            return explanation
+        fitted = self._fit(freed)
         at_same_costs = replace(fitted, knobs=at.knobs, slopes=at.slopes)
         return replace(
             self._explanation(explanation.candidates, at_same_costs, explanation.keep),

@@ -55,7 +55,7 @@ class Survey:
 
 def survey(residuals: Residuals, before: Sequence[Array], found: Fit) -> Survey:
     """The road under recordings that no fit has seen, for the car of a fit that has found another; `before` are their
-    residuals without one. Raises `DivergedError` where that car cannot be simulated there."""
+    residuals without one, which stay where that car gets lost."""
     known = {knob.place for knob in found.knobs if knob.place is not None}
     sizes = [knob for knob in found.knobs if knob.name in {size for size, _ in known}]
     columns, knobs = [], []
