@@ -141,6 +141,55 @@ def test_a_drive_with_parts_missing_still_has_a_picture_and_a_page(output, refer
     assert "no reference for anything" in page
 
 
+def rows(found: Recording, chosen: slice) -> Recording:
+    return replace(found, channels={topic: each.select(chosen) for topic, each in found.channels.items()})
+
+
+def standing(found: Recording, place: float) -> Recording:
+    """The same with one position throughout; with NaN, with none."""
+    channels = {
+        topic: replace(each, columns={**each.columns, "position": np.full((len(each), 3), place)})
+        if topic.endswith("odometry")
+        else each
+        for topic, each in found.channels.items()
+    }
+    return replace(found, channels=channels)
+
+
+@pytest.mark.parametrize(
+    ("output", "reference", "axis"),
+    [
+        (lambda o: rows(o, slice(1)), lambda r: r, "east of the start [m]"),
+        (lambda o: o, lambda r: rows(r, slice(50, 51)), "along the drive [m]"),
+        (lambda o: standing(o, np.nan), lambda r: rows(r, slice(50, 51)), "east of the start [m]"),
+        (lambda o: standing(o, np.nan), lambda r: standing(r, np.nan), ""),
+        (lambda o: standing(o, 7.0), lambda r: standing(r, 7.0), "east of the start [m]"),
+    ],
+    ids=["one estimate", "one reference", "one position", "no position", "one place"],
+)
+def test_a_drive_of_a_single_place_or_instant_has_a_picture_and_a_page(output, reference, axis, tmp_path):
+    estimates, truth = slalom("vsense", noise=1.0, duration=3.0), slalom("reference", duration=3.0)
+    one = drive(output(estimates), reference(truth))
+    path = next(axes for axes in compose(one).axes if axes.get_title().startswith("Path"))
+    assert path.get_xlabel() == axis
+    assert write_report([one], tmp_path / "report.html", title="few").exists()
+
+
+def test_friction_is_not_shown_of_tyres_whose_forces_are_never_known_at_once(whole):
+    channels = dict(whole.output.channels)
+    for topic, each in whole.output.channels.items():
+        if "wheel_force" in topic:
+            force = each.columns["force"].copy()
+            force[::2, 0], force[1::2, 2] = np.nan, np.nan
+            channels[topic] = replace(each, columns={**each.columns, "force": force})
+    panel = next(
+        axes
+        for axes in compose(replace(whole, output=replace(whole.output, channels=channels))).axes
+        if axes.get_title() == "Friction in use"
+    )
+    assert [text.get_text() for text in panel.texts] == ["not estimated"]
+
+
 def test_a_car_that_comes_to_rest_has_a_picture_and_a_page(whole, tmp_path):
     slip = whole.output["vsense/sideslip"]
     vector = slip.columns["vector"].copy()

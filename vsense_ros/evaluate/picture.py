@@ -155,9 +155,12 @@ def _map(axes: Axes, estimates: Mapping[str, Series], truths: Mapping[str, Serie
 
 
 def _along_the_path(path: Array) -> Array:
-    """(2, 2) rotation that lays a long and narrow path along the horizontal; identity for any other path."""
+    """(2, 2) rotation that lays a long and narrow path along the horizontal; identity for any other path, and for
+    places that are all the same, which have no direction."""
+    if len(path) < 2:
+        return np.eye(2)
     _, extent, axes = np.linalg.svd(path - path.mean(axis=0), full_matrices=False)
-    if extent[0] < LONGEST_MAP * extent[1]:
+    if extent[0] <= LONGEST_MAP * extent[1]:
         return np.eye(2)
     along = axes[0] if axes[0] @ (path[-1] - path[0]) >= 0.0 else -axes[0]
     return np.array([along, [-along[1], along[0]]])
@@ -296,6 +299,8 @@ def _friction(axes: Axes, estimates: Mapping[str, Series], start: int) -> None:
             continue
         x, y, z = (force for force in forces if force is not None)
         stamp = np.intersect1d(np.intersect1d(x.stamp, y.stamp), z.stamp)
+        if not len(stamp):
+            continue
         values = [force.value[np.searchsorted(force.stamp, stamp), 0] for force in (x, y, z)]
         used = np.where(values[2] > 50.0, np.hypot(values[0], values[1]) / np.maximum(values[2], 50.0), np.nan)
         peaks.append(float(np.quantile(np.nan_to_num(used), 0.999)))
