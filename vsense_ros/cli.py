@@ -252,8 +252,8 @@ def explain(
     With --fleet, DIR has one folder for each vehicle: its recordings, vehicle.yaml (or one in DIR for all that have
     none), and in held_out/ those to prove it on. All recordings of a vehicle are explained together, as what is named
     must hold on those left out of the fit. Vehicles run beside each other on Dask; what was done before, of the same
-    files, is not done again; what cannot be used is listed with its reason. Writes a folder for each vehicle,
-    fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
+    files, is not done again; what cannot be used is listed with its reason. Writes into --report, outside of DIR, a
+    folder for each vehicle, fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
 
     After an ambiguous answer generated manoeuvres are driven with each effect of the answer set at its fitted size, and
     ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the answer in the folder
@@ -344,6 +344,7 @@ def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.mismatch import fleet, fleet_report
 
+    fleet.make_room(report, folder)
     members = fleet.members(folder)
     with progress(f"explaining {len(members)} vehicles") as done, fleet.workers(scheduler, count) as client:
         results = fleet.explain_fleet(members, report, client, progress=done)
@@ -400,8 +401,9 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 
     Innovations of each sensor, generalized forces that the model lacks, and estimated errors are looked at over ten
     seconds. With --calibrate, RECORDINGS are at least two drives with nothing wrong, as different as they come; what
-    they have, with a margin that each of them left out would have needed, becomes the limits. The observer node takes
-    them as its parameter `monitor` and says in its diagnostics what has left them, and since when.
+    they have, with a margin that each of them left out would have needed, becomes the limits. What one of them lacks
+    has none, and is told. The observer node takes them as its parameter `monitor` and says in its diagnostics what has
+    left them, and since when.
 
     \b
     Examples:
@@ -424,11 +426,13 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     car = load_vehicle(vehicle_path(vehicle))
     _warn(left_out_of_observer(car))
     limits = load_limits(limits_file) if limits_file is not None else None
+    names = _told_apart(recordings)
     watched = []
     with progress("watching") as done:
         for i, path in enumerate(recordings):
             share = i / len(recordings)
             recording = import_recording(path)
+            recording = replace(recording, name=names.get(path, recording.name))
             watched.append(
                 calibration.watch(recording, car, limits, lambda p, s=share: done(s + p / len(recordings)))  # type: ignore[misc]
             )
@@ -444,9 +448,15 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
             table.add_row(name, f"{one.low:.3g}", f"{one.high:.3g}", rms, one.unit, *margins)
         console().print(table)
         console().print("Needed: for each of the recordings, left out, to stay within the limits of the others.")
+        cautions = [f"The same drive, which counts once: {', '.join(alike)}." for alike in found.repeated]
+        for reason in dict.fromkeys(found.without.values()):
+            quantities = ", ".join(name for name, why in found.without.items() if why == reason)
+            cautions.append(f"No limits for {quantities}: {reason}.")
         if found.unsure:
-            text = f"They differ too much for sure limits, more recordings are needed: {', '.join(found.unsure)}."
-            console().print(text, soft_wrap=True, style="yellow")
+            unsure = ", ".join(found.unsure)
+            cautions.append(f"They differ too much for sure limits, more recordings are needed: {unsure}.")
+        for text in cautions:
+            console().print(text, soft_wrap=True, style="yellow", markup=False)
         say(f"Written to {calibrate}.")
         return
     for heading in ("recording", "no longer fits", "since"):

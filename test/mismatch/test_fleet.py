@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,12 +13,14 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 from distributed import Client
 from rich.console import Console
 
 from hidden import driven, having, prototype, wrong
 from synthetic_findings import effect, finding
 from vsense_ros.bag import write_bag
+from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch import fleet, fleet_report
 from vsense_ros.mismatch.explain import Answer
@@ -79,6 +82,66 @@ def test_a_vehicle_file_beside_the_folders_is_for_all_that_have_none(tmp_path):
 def test_a_folder_without_vehicles_is_refused_with_what_was_expected(tmp_path, name):
     with pytest.raises(InputError, match=r"one folder for each vehicle.*vehicle\.yaml.*held_out"):
         fleet.members(tmp_path / name)
+
+
+@pytest.mark.parametrize("place", [".", "out", "out/explain", "van"])
+def test_results_are_refused_among_the_vehicles_of_which_they_would_be_one_the_next_time(tmp_path, place):
+    cars = tmp_path / "cars"
+    cars.mkdir()
+    folder_of(cars, "van", "a.mcap")
+    refused = CliRunner().invoke(main, ["explain", "--fleet", str(cars), "--report", str(cars / place)])
+    assert refused.exit_code == 2
+    assert f"{cars / place}: expected a folder outside of {cars}" in refused.stderr
+    assert "--report" in refused.stderr
+    assert {path.name for path in cars.rglob("*")} == {"van", "vehicle.yaml", "a.mcap"}
+
+
+@pytest.mark.parametrize("place", ["out", "out/explain"])
+def test_results_that_lie_among_the_vehicles_are_no_vehicle(tmp_path, place):
+    folder_of(tmp_path, "van", "a.mcap")
+    fleet_report.write([], tmp_path / place)
+    with pytest.raises(InputError, match=r"out: expected a vehicle, found results of a fleet .* move them elsewhere"):
+        fleet.members(tmp_path)
+
+
+def test_a_report_that_cannot_be_written_is_told_before_the_search(tmp_path):
+    (tmp_path / "cars").mkdir()
+    folder_of(tmp_path / "cars", "van", "a.mcap")
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    for place in ("file", "file/out"):
+        with pytest.raises(InputError, match=f"{place}: expected a folder that results can be written to"):
+            fleet.make_room(tmp_path / place, tmp_path / "cars")
+
+
+def test_a_vehicle_whose_results_cannot_be_written_is_a_row_with_its_reason_and_is_not_searched(
+    tmp_path, client, monkeypatch
+):
+    folder_of(tmp_path, "car", "a.mcap")
+    (car,) = fleet.members(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "car").write_text("a file", encoding="utf-8")
+    searched: list[int] = []
+    monkeypatch.setattr(fleet, "answer", lambda *_, **__: searched.append(1) or Answer(finding("no_mismatch")))
+    (result,) = fleet.explain_fleet([car], tmp_path / "out", client)
+    assert result["found"]["verdict"] == "failed"
+    assert "out/car: expected a folder that results can be written to" in result["found"]["sentence"]
+    assert not searched
+
+
+def test_what_fails_and_cannot_be_written_down_is_done_once(tmp_path, client):
+    folder_of(tmp_path, "car", "a.mcap")
+
+    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+        with (tmp_path / "done").open("a", encoding="utf-8") as file:
+            file.write("once\n")
+        out.parent.mkdir(exist_ok=True)
+        out.write_text("a file in its place", encoding="utf-8")
+        raise OSError("no space left")
+
+    (result,) = fleet.explain_fleet(fleet.members(tmp_path), tmp_path / "out", client, work)
+    assert result["found"]["verdict"] == "failed"
+    assert result["found"]["sentence"] == "OSError: no space left"
+    assert (tmp_path / "done").read_text(encoding="utf-8") == "once\n"
 
 
 def test_what_happens_with_one_vehicle_does_not_stop_the_others_and_results_keep_their_order(tmp_path, client):
@@ -164,6 +227,28 @@ def test_what_was_done_of_the_same_files_is_taken_and_of_changed_ones_done_again
             fleet.explain_member(member, out)
     (out / "result.json").write_text("{", encoding="utf-8")
     assert fleet.explain_member(member, out)["key"] != first["key"], "a damaged result is made anew"
+
+
+def test_a_result_is_not_taken_together_with_the_report_of_other_recordings(tmp_path, monkeypatch):
+    """A run that was stopped behind its report leaves no earlier result beside it."""
+    folder = folder_of(tmp_path, "car", "lap")
+    (member,) = fleet.members(tmp_path)
+    out = tmp_path / "out"
+    monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
+    verdicts = iter(("no_mismatch", "ambiguous", "no_mismatch"))
+    monkeypatch.setattr(fleet, "answer", lambda *_, **__: Answer(finding(next(verdicts))))
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fleet, "designed", stopped)
+    fleet.explain_member(member, out)
+    (folder / "lap").write_bytes(b"other")
+    with pytest.raises(KeyboardInterrupt):
+        fleet.explain_member(member, out)
+    (folder / "lap").write_bytes(b"not a bag")
+    assert fleet.explain_member(member, out)["found"]["verdict"] == "no_mismatch"
+    assert json.loads((out / "explain.json").read_text(encoding="utf-8"))["verdict"] == "no_mismatch"
 
 
 def test_a_table_is_looked_at_again_when_it_is_said_anew_which_column_is_what(tmp_path):
@@ -261,6 +346,26 @@ def test_the_summary_says_which_effect_on_which_vehicle(tmp_path):
     said = console.export_text()
     assert "imu_roll_misalignment: 2 of 4 vehicles (a, b)" in said
     assert "Not used: b/two.mcap: no steering angle" in said
+
+
+def test_a_vehicle_that_was_not_explained_is_not_linked_to_the_report_of_an_earlier_run(tmp_path):
+    folder_of(tmp_path, "failed", "drive.mcap")
+    folder_of(tmp_path, "found", "drive.mcap")
+    folder_of(tmp_path, "refused", "drive.mcap", vehicle=False)
+    failed, found, refused = fleet.members(tmp_path)
+    out = tmp_path / "out"
+    for member in (failed, found, refused):
+        (out / member.name).mkdir(parents=True)
+        (out / member.name / "report.html").write_text("an earlier one", encoding="utf-8")
+    results = [
+        fleet._failed(failed, "the process that worked on it died"),
+        result_of(found, finding("no_mismatch")) | {"key": "of its files"},
+        fleet.explain_member(refused, out / "refused"),
+    ]
+    fleet_report.write(results, out)
+    assert re.findall('href="(.*report.html)"', (out / "fleet.html").read_text(encoding="utf-8")) == [
+        "found/report.html"
+    ]
 
 
 def test_form_and_range_of_an_effect_are_told_of_a_fleet(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -160,6 +162,11 @@ def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
     made = CliRunner().invoke(main, ["monitor", *bags, *of_car, "--calibrate", str(tmp_path / "limits.yaml")])
     assert made.exit_code == 0, made.output
     assert "torque of wheel fl" in made.output
+    assert "same drive" not in made.output
+    assert re.findall("No limits for (.*)", made.output) == [
+        "position east innovation, position north innovation, velocity east innovation, velocity north innovation: "
+        "not known in any recording, absent or late: what comes late is not looked at by component."
+    ]
     judged = CliRunner().invoke(
         main, ["monitor", str(tmp_path / "dragging"), bags[0], *of_car, "--limits", str(tmp_path / "limits.yaml")]
     )
@@ -168,13 +175,34 @@ def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
     assert "nothing" in judged.output
 
 
+@pytest.mark.slow
+def test_what_a_drive_lacks_and_a_copy_of_another_are_told_by_the_command(tmp_path: Path) -> None:
+    save_vehicle(tmp_path / "car.yaml", prototype())
+    whole, lacking = (driven("slalom", seed, duration=20.0) for seed in (0, 1))
+    channels = {topic: channel for topic, channel in lacking.channels.items() if topic != "gps/velocity"}
+    for place, recording in (
+        ("monday/lap", whole),
+        ("tuesday/lap", replace(lacking, channels=channels)),
+        ("copy", whole),
+    ):
+        write_bag(tmp_path / place, recording)
+    places = [str(tmp_path / place) for place in ("monday/lap", "tuesday/lap", "copy")]
+    of_car = ["--vehicle", str(tmp_path / "car.yaml"), "--calibrate", str(tmp_path / "limits.yaml")]
+    made = CliRunner().invoke(main, ["monitor", *places, *of_car])
+    assert made.exit_code == 0, made.output
+    assert "The same drive, which counts once: monday/lap, copy.\n" in made.output
+    assert "No limits for velocity innovation squared: not known in tuesday/lap.\n" in made.output
+    assert load_limits(tmp_path / "limits.yaml").recordings == ["monday/lap", "tuesday/lap"]
+
+
 # Limits, from made-up statistics
 
 
 def seen(name: str, *means: float, rms: float = 1.0) -> Watch:
     """A recording with one quantity that has these means in its windows."""
     statistics = np.array([[[mean], [rms]] for mean in means])
-    return Watch(name, 10.0 * len(means), (Quantity("yaw moment", "N m"),), np.arange(len(means)), statistics, {})
+    moment = (Quantity("yaw moment", "N m"),)
+    return Watch(name, 10.0 * len(means), moment, np.arange(len(means)), statistics, {}, name.encode())
 
 
 def test_the_margin_is_the_least_with_which_every_recording_passes_the_limits_of_the_others() -> None:
@@ -200,14 +228,54 @@ def test_a_quantity_that_differs_too_much_between_recordings_is_told_to_be_unsur
     assert found.limits.quantities["yaw moment"].margin == MOST
 
 
-def test_a_quantity_that_never_changes_has_no_limits() -> None:
-    found = calibrate([seen("a", 1.0, 1.0), seen("b", 1.0, 1.0)], prototype())
+@pytest.mark.parametrize(
+    ("recordings", "reason"),
+    [
+        ([seen("a", 1.0, 1.0), seen("b", 1.0, 1.0)], "never changes in a, b"),
+        ([seen("a", 1.0, 1.0), seen("b", 0.0, 2.0), seen("c", 1.0, 1.0)], "never changes in a, c"),
+        ([seen("a", 0.0, 2.0), seen("b", np.nan, rms=np.nan), seen("c", 0.0, 1.0)], "not known in b"),
+        ([seen(name, np.nan, rms=np.nan) for name in "ab"], "not known in any recording"),
+    ],
+)
+def test_a_quantity_without_limits_is_told_with_the_recordings_that_are_the_reason(recordings, reason) -> None:
+    found = calibrate(recordings, prototype())
     assert found.limits.quantities == {}
+    assert found.without == {"yaw moment": reason}
 
 
 def test_one_recording_is_not_enough_for_limits() -> None:
     with pytest.raises(InputError, match="at least two recordings"):
         calibrate([seen("a", 0.0)], prototype())
+
+
+def copy_of(one: Watch, name: str) -> Watch:
+    return replace(one, name=name)
+
+
+def test_a_drive_that_is_given_twice_counts_once() -> None:
+    a, b = seen("a", -1.0, 1.0), seen("b", -1.9, 1.0)
+    once = calibrate([a, b], prototype())
+    twice = calibrate([a, b, copy_of(b, "copy")], prototype())
+    assert twice.limits == once.limits
+    assert twice.needed == once.needed
+    assert (once.repeated, twice.repeated) == ([], [["b", "copy"]])
+
+
+def test_one_drive_given_twice_is_not_enough_for_limits() -> None:
+    a = seen("a", -1.0, 1.0)
+    with pytest.raises(InputError, match=r"at least two recordings.*the same drive was given more than once: a, copy$"):
+        calibrate([a, copy_of(a, "copy")], prototype())
+
+
+@pytest.mark.slow
+def test_a_copy_is_known_by_what_the_observer_hears_and_another_drive_is_not_taken_for_one() -> None:
+    drive = driven("slalom", 0, duration=20.0)
+    unheard = {**drive.channels, "reference/odometry": replace(drive["imu/data"], topic="reference/odometry")}
+    copy = replace(drive, channels=unheard, name="copy")
+    other = altered(drive, "imu/data", "angular_velocity", 0.0, lambda rates: rates + 1e-9)
+    one, same, another = (watch(recording, prototype()).content for recording in (drive, copy, other))
+    assert one == same
+    assert one != another
 
 
 def test_a_standing_car_gives_no_limits() -> None:

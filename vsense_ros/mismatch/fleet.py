@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import dask
@@ -35,6 +36,7 @@ from vsense_ros.whole_file import written_whole
 VEHICLE_FILE = "vehicle.yaml"
 HELD_OUT = "held_out"
 RESULT = "result.json"
+TABLE = "fleet.parquet"  # of all vehicles, by which the results of a fleet are known
 FAULT = "fault.txt"
 FAILED = "failed"  # the verdict where the search itself broke down
 _PROGRESS = "vsense_fleet_progress"
@@ -65,7 +67,7 @@ Work = Callable[[Member, Path, Callable[[float], None]], dict[str, Any]]
 
 
 def members(folder: Path) -> list[Member]:
-    """The vehicles of a fleet. Raises `InputError` where there is none."""
+    """The vehicles of a fleet. Raises `InputError` where there is none, or where results lie among them."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; {_LAYOUT}")
     common = folder / VEHICLE_FILE
@@ -73,6 +75,8 @@ def members(folder: Path) -> list[Member]:
     for place in sorted(folder.iterdir()):
         if not place.is_dir() or place.name.startswith("."):
             continue
+        for table in (*place.glob(TABLE), *place.glob(f"*/{TABLE}")):
+            raise InputError(f"{place}: expected a vehicle, found results of a fleet ({table}); move them elsewhere")
         own = place / VEHICLE_FILE
         training, held_out = _recordings(place), _recordings(place / HELD_OUT)
         if own.is_file() or training or held_out:
@@ -95,6 +99,27 @@ def _recordings(folder: Path) -> dict[str, Path]:
         and path.name != HELD_OUT
         and path.suffix not in (".yaml", ".yml", ".md", ".txt", ".tir", ".json")
     }
+
+
+def make_room(out: Path, folder: Path) -> None:
+    """Make the folder `out` for the results of the fleet in `folder`. Raises `InputError` where it lies among the
+    vehicles, of which it would be one the next time, or cannot be written to."""
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise InputError(
+            f"{out}: expected a folder outside of {folder}, where each folder is a vehicle; name another with --report"
+        )
+    if reason := _unwritable(out):
+        raise InputError(reason)
+
+
+def _unwritable(folder: Path) -> str:
+    """Why results cannot be written to a folder, which is made if need be; empty where they can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return f"{folder}: expected a folder that results can be written to, found: {error.strerror}"
 
 
 @contextmanager
@@ -174,9 +199,13 @@ def _task(work: Work, member: Member, out: Path) -> dict[str, Any]:
     try:
         return work(member, out, lambda share: worker.log_event(_PROGRESS, (member.name, share)))
     except Exception as error:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / FAULT).write_text(traceback.format_exc(), encoding="utf-8")
-        return _failed(member, f"{type(error).__name__}: {error}; see {FAULT}")
+        reason = f"{type(error).__name__}: {error}"
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            (out / FAULT).write_text(traceback.format_exc(), encoding="utf-8")
+        except OSError:  # raised on, it would look like the death of this process, and all be done again
+            return _failed(member, reason)
+        return _failed(member, f"{reason}; see {FAULT}")
 
 
 def _failed(member: Member, reason: str) -> dict[str, Any]:
@@ -200,6 +229,8 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
     key = _key(car, member)
     if (earlier := _kept(out, key)) is not None:
         return earlier
+    if reason := _unwritable(out):  # before it is worked out
+        return _failed(member, reason)
     read: dict[str, Recording] = {}
     reasons: dict[str, str] = {}
     for name, _, path in member.recordings:
@@ -230,6 +261,7 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         reasons[blamed] = found.found["sentence"]
         del read[blamed]
         found = explained()
+    (out / RESULT).unlink(missing_ok=True)  # an earlier one, to which the files that come now do not belong
     found.write(out)
     if found.found["verdict"] == "ambiguous":
         try:

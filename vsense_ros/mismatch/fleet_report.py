@@ -16,11 +16,11 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
-from vsense_ros.mismatch.fleet import FAILED
+from vsense_ros.mismatch.fleet import FAILED, TABLE
 from vsense_ros.mismatch.report import PAGE as REPORT
 from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
 
-TABLE, SHEET, PAGE = "fleet.parquet", "fleet.csv", "fleet.html"
+SHEET, PAGE = "fleet.csv", "fleet.html"
 
 _NUMBER, _TEXT = pa.float64(), pa.string()
 SCHEMA = pa.schema(
@@ -120,7 +120,7 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
             | {
                 "badge": _VERDICTS[result["found"]["verdict"]],
                 "marks": [_mark(result["found"], id) for id in effects],
-                "report": (out / result["vehicle"] / REPORT).is_file() and f"{result['vehicle']}/{REPORT}",
+                "report": _report(result, out),
                 "left": [r for r in result["recordings"] if r["reason"]],
             }
             for line, result in zip(lines, results, strict=True)
@@ -128,6 +128,13 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )  # fmt: skip
     (out / PAGE).write_text(text, encoding="utf-8")
+
+
+def _report(result: Mapping[str, Any], out: Path) -> str:
+    """Where the report of a vehicle is, below `out`; empty where it has none: what was not explained has no key, and a
+    report in its folder is of an earlier run."""
+    place = f"{result['vehicle']}/{REPORT}"
+    return place if result["key"] and (out / place).is_file() else ""
 
 
 def printed(results: Sequence[Mapping[str, Any]], console: Console) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +31,18 @@ class Watch:
     t: Array
     statistics: Array
     beyond: dict[str, float]  # what left its limits, by when it did first [s]
+    content: bytes  # digest of what the observer heard, the same for a copy of the recording
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Limits, and the margin that each quantity would need for every recording, left out, to stay within the limits of
-    the others."""
+    the others; quantities that have no limits, with the reason; names of recordings that are the same drive."""
 
     limits: Limits
     needed: dict[str, float]
+    without: dict[str, str]
+    repeated: list[list[str]]
 
     @property
     def unsure(self) -> list[str]:
@@ -81,7 +85,18 @@ def watch(
             f"{recording.name or 'recording'}: nowhere {WINDOW:g} s of driving in which the observer had converged"
         )
     t = (np.array(stamps) - start) * 1e-9
-    return Watch(recording.name, recording.duration, tuple(monitor.quantities), t, np.array(kept), beyond)
+    content = _content(recording, topics)
+    return Watch(recording.name, recording.duration, tuple(monitor.quantities), t, np.array(kept), beyond, content)
+
+
+def _content(recording: Recording, topics: Sequence[str]) -> bytes:
+    digest = sha256()
+    for topic in topics:
+        channel = recording[topic]
+        digest.update(topic.encode() + channel.stamp.tobytes())
+        for field, values in sorted(channel.columns.items()):
+            digest.update(field.encode() + values.tobytes())
+    return digest.digest()
 
 
 def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
@@ -89,11 +104,21 @@ def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
 
     They are as far from the middle of what all recordings have as the extremes, times a margin: the least with which
     every recording, left out, stays within the limits of the others, and no less than nine in ten quantities need.
-    Raises `InputError` for a single recording.
+    A drive that is given more than once counts once: left out, it would still be among the others.
+    Raises `InputError` for a single drive.
     """
+    same: dict[bytes, list[Watch]] = {}
+    for one in watched:
+        same.setdefault(one.content, []).append(one)
+    watched = [first for first, *_ in same.values()]
+    repeated = [[one.name for one in drive] for drive in same.values() if len(drive) > 1]
     if len(watched) < 2:
-        raise InputError("expected at least two recordings, so that each can be held against the limits of the others")
-    needed = np.max([_needed(one, [other for other in watched if other is not one]) for one in watched], axis=0)
+        said = f"; the same drive was given more than once: {', '.join(repeated[0])}" if repeated else ""
+        raise InputError(
+            f"expected at least two recordings, so that each can be held against the limits of the others{said}"
+        )
+    needs = np.array([_needed(one, [other for other in watched if other is not one]) for one in watched])
+    needed = needs.max(axis=0)
     low, high = _extremes(watched)
     judged = np.flatnonzero(np.isfinite(needed) & np.isfinite(low[0]))
     common = float(np.quantile(needed[judged], SHARE)) if len(judged) else LEAST
@@ -111,7 +136,26 @@ def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
     }
     names, seconds = [one.name for one in watched], sum(one.seconds for one in watched)
     limits = Limits(vehicle=vehicle.name, recordings=names, seconds=seconds, window=WINDOW, quantities=ranges)
-    return Calibration(limits, {watched[0].quantities[i].name: float(needed[i]) for i in judged})
+    of_judged = {watched[0].quantities[i].name: float(needed[i]) for i in judged}
+    without = {
+        quantity.name: _why_without(watched, i, needs[:, i])
+        for i, quantity in enumerate(watched[0].quantities)
+        if quantity.name not in ranges
+    }
+    return Calibration(limits, of_judged, without, repeated)
+
+
+def _why_without(watched: Sequence[Watch], i: int, needs: Array) -> str:
+    """Why quantity `i` has no limits, with the recordings that are the reason; `needs` (k,) is the margin that each
+    would need, left out."""
+    lacking = [one.name for one in watched if not np.isfinite(one.statistics[:, 0, i]).any()]
+    if lacking:
+        by_component = watched[0].quantities[i].unit == "deviations"
+        late = ", absent or late: what comes late is not looked at by component" if by_component else ""
+        return f"not known in {'any recording' if len(lacking) == len(watched) else ', '.join(lacking)}{late}"
+    beyond_all = ~np.isfinite(needs)  # what is left without one of these never changes
+    steady = [one.name for j, one in enumerate(watched) if np.delete(beyond_all, j).any()]
+    return f"never changes in {', '.join(steady)}"
 
 
 def _extremes(watched: Sequence[Watch]) -> tuple[Array, Array]:
