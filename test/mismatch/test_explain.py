@@ -6,6 +6,7 @@ How well it does on cars that our model did not make is what `make blind` examin
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -140,6 +141,15 @@ def test_one_stretch_of_driving_alone_is_proven_on_parts_of_itself_and_the_answe
     assert named["gain_left_out"] != named["gain_training"]
     assert "where it was left out of the fit" in found["sentence"]
     assert "one stretch of driving" in found["remarks"][-1]
+
+
+@pytest.mark.slow
+def test_what_was_held_out_and_could_not_be_used_is_told_by_name():
+    train = driven(having(prototype(), brake_drag={"fl": 30.0}), "sweep")
+    short = [driven(prototype(), "brake", 4.0), replace(driven(prototype(), "slalom", 4.0), name="")]
+    found = answer([train], prototype(), short, assume=["brake_drag"]).found
+    assert (found["held_out"], found["held_out_unused"]) == ([], ["brake", "recording 2"])
+    assert {remark.partition(":")[0] for remark in found["remarks"]} >= {"brake", "recording 2"}
 
 
 def test_a_new_answer_takes_away_what_an_earlier_one_has_left(tmp_path):

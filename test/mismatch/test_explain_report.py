@@ -21,7 +21,7 @@ from synthetic_findings import SIGNALS, effect, finding, traces
 from vsense_ros.mismatch import report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
 from vsense_ros.mismatch.report import VERDICTS, in_words, percent, printed, shown_number, shown_value, write_report
-from vsense_ros.mismatch.telling import sentence
+from vsense_ros.mismatch.telling import remarks, sentence
 
 EMPTY = {"meta", "link", "br", "img"}
 
@@ -169,13 +169,32 @@ def test_the_page_says_how_far_from_a_good_model_the_extended_one_stays(tmp_path
     found = finding("named")
     found["fit"]["speed"]["held_out"]["after"] = 3 * SIGNALS["speed"][1]
     text = read(found, [], tmp_path).text
-    assert "3.0 × what a good model leaves: what remains of the largest error, of the speed" in text
+    assert "3.0 × what a good model leaves: the largest error that remains, of the speed" in text
 
 
 def test_without_held_out_recordings_the_page_says_what_the_proof_rests_on(tmp_path):
     text = read(finding("named", held_out=False), [], tmp_path).text
     assert "No recording was held out" in text
     assert "held-out recordings" not in text
+
+
+def test_what_was_held_out_and_could_not_be_used_is_not_said_to_have_been_fitted_or_never_held_out(tmp_path):
+    found = finding("named", held_out=False) | {"held_out_unused": ["lap 3"]}
+    text = read(found, traces("named", held_out=False), tmp_path).text
+    assert "No recording was held out" not in text
+    assert "Nothing of what was held out could be used: the proof rests on parts of the same recordings" in text
+    assert "Fitted to lap 1, slalom $5^; not used: coast & brake, lap 3." in text
+
+
+def test_a_signal_that_no_held_out_recording_has_is_shown_as_fitted_and_has_no_bar(tmp_path):
+    found, curves = finding("named"), traces("named")
+    bars = len(report._signal_rows(found)[0].bars)
+    del found["fit"]["lateral_acceleration"]["held_out"]
+    seen = [trace for trace in curves if not (trace.held_out and trace.signal == "lateral_acceleration")]
+    text = read(found, seen, tmp_path).text
+    assert "error of the lateral acceleration, on the recordings it was fitted to: from 0.420 m/s² to" in text
+    assert "lateral acceleration 0.0600 m/s² 0.420 m/s² 0.0750 m/s² −82 % – – –" in text
+    assert [len(row.bars) for row in report._signal_rows(found)[:2]] == [0, bars]
 
 
 def test_each_alternative_has_a_reason_why_it_is_not_the_answer(tmp_path):
@@ -194,6 +213,16 @@ def test_an_ambiguous_answer_names_all_that_remains_and_the_test_that_separates_
     assert "Tyre underinflation" not in open_answers
     assert "steady turn on a banked road; watch the lateral acceleration" in text
     assert "steady turn on a banked road; watch the lateral acceleration" in terminal(found)
+
+
+def test_an_ambiguous_answer_says_with_which_of_its_effects_the_model_is_shown(tmp_path):
+    ids = ("road_bank", "tyre_conicity", "steering_offset")
+    rivals = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
+    found = finding("ambiguous") | {"effects": [effect(id, 0.5) for id in ids], "answer_set": list(ids)}
+    of = "On this page “after” and “with what was found” mean the model with the first of them:"
+    assert f"{of} IMU roll misalignment." in read(finding("ambiguous"), [], tmp_path).text
+    assert f"{of} road bank and tyre conicity." in read(found | {"rivals": rivals}, [], tmp_path).text
+    assert of not in read(finding("named"), [], tmp_path).text
 
 
 def test_several_effects_at_once_are_all_marked_as_the_answer(tmp_path):
@@ -296,6 +325,17 @@ def test_base_parameters_of_an_earlier_version_have_one_column(tmp_path):
     assert "with what was found" not in text.partition("What the fit changed")[2]
 
 
+def test_a_share_that_no_vehicle_file_has_is_told_itself_and_not_as_a_change(tmp_path):
+    found = finding("named")
+    found["base"] = {
+        "share of the front wheels in driving": {"unit": "-", "value": 0.23, "explained": 0.27},
+        "share of the front wheels in braking": {"unit": "-", "value": 0.0, "explained": None},
+    }
+    text = read(found, [], tmp_path).text
+    assert "share of the front wheels in driving (itself, as no vehicle file has it) 73 % 77 %" in text
+    assert "share of the front wheels in braking (itself, as no vehicle file has it) 65 % –" in text
+
+
 def test_nothing_is_said_to_be_impossible_and_nothing_is_minus_zero(tmp_path):
     found = finding("named")
     found["effects"] = [effect("brake_drag", 0.5, accepted=True), effect("gyro_bias", -2e-5, confidence=1e-8)]
@@ -350,6 +390,25 @@ def test_a_road_that_is_another_at_every_place_is_drawn_along_the_way(tmp_path):
     assert "how much, along the way" in drawn.text
 
 
+@pytest.mark.parametrize(("verdict", "file"), [("named", "road.csv"), ("ambiguous", "explain.json")])
+def test_the_places_of_a_road_are_said_to_be_in_a_file_that_is_written(verdict, file, tmp_path):
+    places = [{"stretch": 0.0, "distance": 50.0 * i, "value": 0.01, "interval_90": [0.0, 0.02]} for i in range(3)]
+    bank = effect("road_bank", 0.5, accepted=verdict == "named", profile=places)
+    text = read(finding(verdict) | {"effects": [bank], "answer_set": ["road_bank"]}, [], tmp_path).text
+    assert f"Places are in {file} by the distance driven." in text
+    assert ("road.csv" in text) == (file == "road.csv")
+
+
+@pytest.mark.parametrize("verdict", ["named", "ambiguous"])
+def test_remarks_speak_of_an_extended_vehicle_only_where_one_is_written(verdict):
+    road = SimpleNamespace(effects=("road_bank",), candidates=[SimpleNamespace(along_road=True)], fit=None)
+    judged = SimpleNamespace(leader=road, verdict=verdict, besides=(), other_places=tuple)
+    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", surveyed=lambda fit: False)
+    (said,) = remarks(judged, proof, None, {"imu", "gnss_velocity"}, {}, "")
+    assert said.startswith("what it is along the road is told by the distance driven")
+    assert ("extended vehicle" in said, "road.csv" in said) == (verdict == "named",) * 2
+
+
 def test_nothing_is_ever_said_to_be_certain(tmp_path):
     found = finding("named")
     found["effects"] = [effect("brake_drag", 0.5, accepted=True, confidence=0.99997)]
@@ -362,6 +421,13 @@ def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
     found = finding("named")
     found["effects"][1] = effect("gyro_bias", 0.6, gain_held_out=None)
     assert "excluded: explains where it was fitted, but nothing held out" in read(found, [], tmp_path).text
+
+
+def test_a_term_without_known_physics_is_not_said_to_explain_nothing_beside_what_it_explains(tmp_path):
+    found = finding("unknown") | {"effects": [effect("unmodelled", 0.42)]}
+    text = read(found, [], tmp_path).text
+    assert "42 % left out in turn" in text
+    assert "describes what is left over, and names no physics" in text
 
 
 def test_physics_that_explains_more_than_the_force_that_is_told_has_its_reason(tmp_path):

@@ -111,7 +111,7 @@ def answer(
     unseen = gather(held_out, vehicle, evidence)
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
-        "recordings": [r.name for r in recordings], "held_out": [r.name for r in held_out], "by_pieces": False,
+        "recordings": _names(recordings), "held_out": _names(held_out), "held_out_unused": [], "by_pieces": False,
         "remarks": list(evidence.remarks),
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
@@ -128,6 +128,11 @@ def answer(
         answered = Answer(found)
     found["cpu_s"] = time.process_time() - begun
     return answered
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """What remarks call them."""
+    return [recording.name or f"recording {i}" for i, recording in enumerate(recordings, start=1)]
 
 
 def _explained(
@@ -153,6 +158,7 @@ def _explained(
     found["remarks"] = [*residuals.predictor.evidence.remarks, *proof.remarks]
     if proof.residuals is None and len(residuals.layout) == 1:
         found["remarks"].append(telling.ALONE)
+    found["held_out_unused"] = [name for name in found["held_out"] if name not in proof.recordings]
     found["held_out"] = proof.recordings
     proving = proof.residuals.predictor.evidence.driven if proof.residuals is not None else 0.0
     threshold = least_gain(residuals.predictor.evidence.driven + proving)

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
+from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES
 from vsense_ros.mismatch.picture import (
     SIGNAL_UNITS,
     UNITS,
@@ -38,6 +39,8 @@ PLACES = ("wheel", "axle", "sensor", "axis", "form")
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
 PRINTED_SIGNALS = 6
 TOGETHER = {2: "both", 3: "all three"}
+# Amounts at which there is nothing of what no vehicle file has, and which is told as it is therefore.
+NOTHING = {knob.name: knob.low for knob in UNKNOWN_TORQUES}
 PAGE = "report.html"
 NEXT_TEST = re.compile(r'<p id="next-test">.*?</p>', re.DOTALL)  # the paragraph of a page
 
@@ -177,6 +180,8 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
             region=_described(located["region"]),
             force=_described(located["force"]),
             candidates=candidates,
+            first=_first(found),
+            out_of_reach=[(heading(one["id"]), one["reason"]) for one in found["out_of_reach"]],
             profiles=[
                 (_sentence(effect), _embedded(road_profile(effect)), "latitude" in effect["profile"][0])
                 for effect in found["effects"]
@@ -189,6 +194,8 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
             acting=_acting(found),
             together=any(one.together for one in candidates),
             base=_base_rows(found),
+            used=_used(found),
+            unused=_unused(found),
             next_test=_next_test(found),
         )
     )
@@ -318,8 +325,8 @@ def _changed(found: Mapping[str, Any]) -> bool:
 def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str, str]]:
     """The figures below the sentence, each with what it is."""
     result = []
-    where = f"held-out recordings, {_unseen(found)}" if _proven(found) else "the recordings it was fitted to"
     errors = found["fit"].get(shown.signal, {}) if shown else {}
+    where = f"held-out recordings, {_unseen(found)}" if errors.get("held_out") else "the recordings it was fitted to"
     if shown and (entry := errors.get("held_out") or errors.get("training")):
         error = Error.of(entry, shown.unit)
         of = f"error of the {label(shown.signal)}, on {where}"
@@ -345,7 +352,7 @@ def _headlines(found: Mapping[str, Any], shown: Trace | None) -> list[tuple[str,
         result.append((probability(least), f"{of}: {calibrated}"))
     if rest := _remainder(found):
         times, signal = rest
-        remains = "what remains of the largest error" if _changed(found) else "the largest error"
+        remains = "the largest error that remains" if _changed(found) else "the largest error"
         result.append((f"{times:.1f} ×", f"what a good model leaves: {remains}, of the {label(signal)}"))
     return result
 
@@ -441,6 +448,13 @@ def _fitted_with(found: Mapping[str, Any], id: str) -> list[str]:
     return next((list(ids) for ids in answers if id in ids), [id])
 
 
+def _first(found: Mapping[str, Any]) -> str:
+    """Of several answers the one with which the model is shown."""
+    if found["verdict"] != "ambiguous" or not found["effects"]:
+        return ""
+    return " and ".join(label(id) for id in _fitted_with(found, found["effects"][0]["id"]))
+
+
 def _together(found: Mapping[str, Any], effect: Mapping[str, Any]) -> str:
     """To which other effects the gains of an effect belong as well."""
     ids = _fitted_with(found, effect["id"])
@@ -461,7 +475,7 @@ def _standing(
 ) -> str:
     """Why an effect is not the answer, or not the only one."""
     if effect["id"] not in BY_ID:
-        return "describes what is left over, and explains nothing"
+        return "describes what is left over, and names no physics"
     weakest, decisive = _decisive(gains)
     threshold = found["threshold"]
     if not within and (decisive < threshold or best <= 0.0):
@@ -474,7 +488,7 @@ def _standing(
         return "cannot be excluded" + ("" if decisive == best else f": {relative}")
     if found["verdict"] not in ("named", "ambiguous"):
         objection = effect.get("objection", "")
-        return f"refused: {objection}" if objection else f"not enough: {relative}"
+        return f"refused: {objection}" if objection else "not enough" + ("" if decisive == best else f": {relative}")
     adds = effect["adds_to_best"]
     besides = "" if adds is None else f", and {percent(adds) if adds > 0.0 else 'nothing'} besides it"
     return f"explains less: {relative}{besides}"
@@ -493,8 +507,7 @@ def _size(entry: Mapping[str, Any]) -> Size:
         low, high = (percent(value, signed=True) for value in (low, high))
         return Size(words, percent(entry["value"], signed=True), f"{low.removesuffix(' %')} to {high}")
     _, factor = UNITS.get(unit, (unit, 1.0))
-    low, high = (shown_number(value * factor) for value in (low, high))
-    return Size(words, shown_value(entry["value"], unit), f"{low} to {high}")
+    return Size(words, shown_value(entry["value"], unit), f"{shown_number(low * factor)} to {shown_value(high, unit)}")
 
 
 def _along_road(effect: Mapping[str, Any]) -> Size:
@@ -519,42 +532,63 @@ def _base_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         def amount(value: float | None, name: str = name, unit: str = unit) -> str:
             if value is None:
                 return "–"
+            if name in NOTHING:
+                return percent(value - NOTHING[name])
             if unit == "-" and not is_share(name, unit):
                 return shown_number(value, signed=True)
             return shown_value(value, unit, change=True)
 
         words = ", ".join(map(label, name.split(".")[1:])) if name.startswith("effects.") else name
+        if name in NOTHING:
+            words = f"{name} (itself, as no vehicle file has it)"
         rows.append((words, amount(entry["value"]), amount(entry.get("explained")) if explained else ""))
     return rows
 
 
 def _signal_rows(found: Mapping[str, Any]) -> list[SignalRow]:
-    """Errors of all signals, the most affected first."""
+    """Errors of all signals, the most affected first; without bars where others are proven and this one is not."""
     null = {signal["name"]: signal["null"] for signal in found["located"]["signals"]}
     fits = {name: found["fit"][name] for name in [*null, *found["fit"]] if name in found["fit"]}
     errors = {
         name: {where: Error.of(fit[where], fit["unit"]) for where in ("training", "held_out") if fit.get(where)}
         for name, fit in fits.items()
     }
-    strictest = {name: found.get("held_out", found["training"]) for name, found in errors.items()}
-    scale = {name: null.get(name) or max(error.before, error.after, 1e-12) for name, error in strictest.items()}
-    longest = max((max(e.before, e.after) / scale[name] for name, e in strictest.items()), default=1.0)
+    strictest = "held_out" if _proven(found) else "training"
+    drawn = {name: each[strictest] for name, each in errors.items() if strictest in each}
+    scale = {name: null.get(name) or max(error.before, error.after, 1e-12) for name, error in drawn.items()}
+    longest = max((max(e.before, e.after) / scale[name] for name, e in drawn.items()), default=1.0)
     longest = max(longest, 1.0)
     rows = []
-    for name, error in strictest.items():
-        shown = [(error.before, "before"), *([(error.after, "after")] if error.changed else [])]
-        level = Error(scale[name], scale[name], error.unit).cells[0]
+    for name, each in errors.items():
+        unit = fits[name]["unit"]
+        shown: list[tuple[float, str]] = []
+        if (error := drawn.get(name)) is not None:
+            shown = [(error.before, "before"), *([(error.after, "after")] if error.changed else [])]
         rows.append(
             SignalRow(
                 label=label(name),
-                null=level if name in null else "–",
-                training=errors[name]["training"],
-                held_out=errors[name].get("held_out"),
+                null=Error(null[name], null[name], unit).cells[0] if name in null else "–",
+                training=each["training"],
+                held_out=each.get("held_out"),
                 bars=[(value / scale[name] / longest, kind) for value, kind in shown],
                 mark=1.0 / longest if name in null else None,
             )
         )
     return rows
+
+
+def _used(found: Mapping[str, Any]) -> list[str]:
+    """Recordings that were fitted; all where nothing can be said."""
+    if found["verdict"] == "not_assessable":
+        return list(found["recordings"])
+    fitted = {segment["recording"] for segment in found["located"]["segments"]}
+    return [name for name in found["recordings"] if name in fitted]
+
+
+def _unused(found: Mapping[str, Any]) -> list[str]:
+    """Recordings of which nothing was used, held out or not."""
+    used = _used(found)
+    return [*(name for name in found["recordings"] if name not in used), *found.get("held_out_unused", ())]
 
 
 def _next_test(found: Mapping[str, Any]) -> str:

@@ -23,10 +23,8 @@ from vsense_ros.model.effects.base import AXLES, WHEELS
 
 Array = NDArray[np.float64]
 
-NO_PLACE = (
-    "what it is along the road is told by the distance driven, as no sensor knows the place: the extended vehicle has "
-    "of it what it is everywhere, and road.csv all"
-)
+NO_PLACE = "what it is along the road is told by the distance driven, as no sensor knows the place"
+IN_FILES = "the extended vehicle has of it what it is everywhere, and road.csv all"  # written where one is named
 OWN_ROAD = (
     "what was held out is of another road, which nothing that was fitted can know: each second piece of 50 m of it is "
     "held against what follows from its neighbours, with the car as it was fitted"
@@ -73,7 +71,7 @@ def remarks(
     if leader is not None and "gnss_velocity" not in kinds and any(EVERY[id].on_map for id in leader.effects):
         said.append(NO_COURSE)
     if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
-        said.append(NO_PLACE)
+        said.append(NO_PLACE if judged.verdict == "ambiguous" else f"{NO_PLACE}: {IN_FILES}")
     if leader is not None and proof.surveyed(leader.fit):
         said.append(OWN_ROAD)
     if leader is not None and (elsewhere := judged.other_places()):
