@@ -67,3 +67,12 @@ def test_without_a_course_on_the_map_each_recording_counts_from_its_own_way():
     evidence = gather([blind, recording, the_other_way(recording)], prototype())
     begins = [float(np.cos(w.turned.value[0, 0])) for w in evidence.windows]
     assert begins == pytest.approx([1.0, 1.0, -1.0], abs=1e-3)
+
+
+def test_recordings_of_two_evidences_are_told_apart_where_they_are_joined():
+    recording = driven(prototype(), "slalom")
+    fitted, unseen = gather([recording], prototype()), gather([recording, recording], prototype())
+    whole = fitted.joined(unseen)
+    assert [w.recording for w in whole.windows] == [0, 1, 2]
+    assert len(whole.by_recording()) == len(whole.recordings) == 3
+    assert whole.driven == pytest.approx(3 * fitted.driven)

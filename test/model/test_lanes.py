@@ -15,6 +15,9 @@ from numpy.testing import assert_allclose
 from vsense_ros.model import codegen, lanes
 from vsense_ros.model.car import car_of
 from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.effects import Effects
+from vsense_ros.model.effects.sloshing_load import SloshingLoad
+from vsense_ros.model.effects.tyre_heating import TyreHeating
 from vsense_ros.model.open_loop import Inputs, OpenLoop, Run
 from vsense_ros.model.simulate import rolling_straight
 
@@ -114,6 +117,22 @@ def test_runs_side_by_side_are_those_of_each_car_alone(vehicle):
             assert_allclose(getattr(motion, name), getattr(alone, name), rtol=1e-12, atol=1e-12)
 
 
+def test_effects_remember_in_each_lane_from_where_a_run_begins_to_where_it_ends(vehicle):
+    heating = Effects(tyre_heating=TyreHeating(front=0.01), sloshing_load=SloshingLoad(mass=50.0))
+    vehicle = vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": heating})})
+    loop, plain = OpenLoop(car_of(vehicle)), OpenLoop(car_of(vehicle))
+    plain._compiled = None
+    runs = [driven(vehicle, 100 + 31 * i, 0.02 + 0.01 * i) for i in range(3)]
+    for run, whole, in_python in zip(runs, loop.runs(runs), plain.runs(runs), strict=True):
+        assert_allclose(whole.memory, in_python.memory, rtol=1e-9, atol=1e-12)
+        first = loop.runs([replace(run, inputs=run.inputs.first(60))])[0]
+        heat = loop.car.remembering["tyre_heating"]
+        assert (first.memory[heat] > 0.0).all()
+        assert (first.memory[heat] < whole.memory[heat]).all()
+        warm = loop.runs([replace(run, memory=first.memory)])[0]
+        assert (warm.memory[heat] > whole.memory[heat] + 0.5 * first.memory[heat]).all()
+
+
 def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     loop = OpenLoop(car_of(vehicle))
     good, bad = driven(vehicle, 200, 0.02), driven(vehicle, 200, 0.02)
@@ -122,6 +141,7 @@ def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     assert_allclose(motion.u, expected.u, rtol=1e-12, atol=1e-12)
     assert np.isfinite(lost.u[:50]).all()
     assert np.isnan(lost.u[51:]).all()
+    assert np.isnan(lost.memory).all()
 
 
 def test_runs_with_steps_of_different_lengths_do_not_go_together(vehicle):

@@ -97,6 +97,14 @@ class Evidence:
         numbers = sorted({w.recording for w in self.windows})
         return [[w for w in self.windows if w.recording == number] for number in numbers]
 
+    def joined(self, other: Evidence) -> Evidence:
+        """The windows of both, whose recordings are different ones."""
+        windows = (replace(w, recording=w.recording + len(self.recordings)) for w in other.windows)
+        return replace(
+            self, windows=(*self.windows, *windows), sensors={**other.sensors, **self.sensors},
+            recordings=(*self.recordings, *other.recordings),
+        )  # fmt: skip
+
     def without(self, left_out: Sequence[bool], reason: str) -> Evidence:
         """The evidence without some windows, and remarks that say why."""
         stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)

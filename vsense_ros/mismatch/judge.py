@@ -297,10 +297,8 @@ class Proof:
             self.residuals.worst(self.before) > ASTRAY >= self.fitted.worst(self.base.residuals)
         ):
             return None
-        evidence, other = self.fitted.predictor.evidence, self.residuals.predictor.evidence
-        whole = replace(
-            evidence, windows=(*evidence.windows, *other.windows), sensors={**other.sensors, **evidence.sensors}
-        )
+        evidence = self.fitted.predictor.evidence
+        whole = evidence.joined(self.residuals.predictor.evidence)
         residuals = Residuals(Predictor(self.fitted.predictor.vehicle, whole))
         residuals.deviation |= self.fitted.deviation
         start = self.fitted.predictor.start

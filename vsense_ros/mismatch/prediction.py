@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import casadi as ca
@@ -165,19 +165,19 @@ class Predictor:
         """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
         infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
         says no more than that."""
-        found = []
         moved = self._all_moved(setting, self._sensors(setting))
-        for window, (motion, _, _), slipped in zip(self.evidence.windows, moved, self._slipped, strict=True):
-            if not _in_bounds(motion):
-                found.append(window.begin)
-                continue
-            slip = np.arctan2(motion.u[:, Y], motion.u[:, X])
-            lost = ~(np.abs(slip) < SPUN)
-            if not slipped:
-                rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
-                lost |= np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
-            found.append(window.begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf)
-        return found
+        return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
+
+    def _lost_from(self, index: int, motion: Motion) -> float:
+        """The same of one window."""
+        begin = self.evidence.windows[index].begin
+        if not _in_bounds(motion):
+            return begin
+        lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < SPUN)
+        if not self._slipped[index]:
+            rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
+            lost |= np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
+        return begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf
 
     @cached_property
     def _slipped(self) -> list[bool]:
@@ -209,7 +209,7 @@ class Predictor:
             for index, way in enumerate(ways)
             if way.key not in self._motions[index]
         }
-        motions = self._loop.runs([self._run(index, way) for (index, _), way in new.items()])
+        motions = self._loop.runs([self._run(index, way, self._remembered[index]) for (index, _), way in new.items()])
         for (index, key), motion in zip(new, motions, strict=True):
             known = self._motions[index]
             if len(known) >= REMEMBERED + self.ahead:
@@ -295,7 +295,39 @@ class Predictor:
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
         )
 
-    def _run(self, index: int, way: _Driving) -> Run:
+    @cached_property
+    def _remembered(self) -> list[Array]:
+        """What lasts of what the effects remember where each window begins, (m,), of those before it in its recording:
+        as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
+        of what this car does in a window in which it gets lost."""
+        windows = self.evidence.windows
+        found = [np.zeros(self.car.memory.numel()) for _ in windows]
+        in_order: dict[int, list[int]] = {}
+        for index in sorted(range(len(windows)), key=lambda i: windows[i].begin):
+            in_order.setdefault(windows[index].recording, []).append(index)
+        ways = self._ways(self.start, self._sensors(self.start))
+        for place in range(max(map(len, in_order.values()), default=0) - 1):
+            pairs = [of[place : place + 2] for of in in_order.values() if len(of) > place + 1]
+            runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
+            for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
+                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.memory).all()
+                memory = found[before] if lost else motion.memory
+                found[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
+        return found
+
+    def _until(self, end: float, index: int, way: _Driving, memory: Array) -> Run:
+        """The run of a window up to a time [s]."""
+        run = self._run(index, way, memory)
+        return replace(run, inputs=run.inputs.first(round((end - self.evidence.windows[index].begin) / STEP)))
+
+    def _rested(self, memory: Array, duration: float) -> Array:
+        """What lasts of the memory of all effects after a while [s] that no window tells of."""
+        found = memory.copy()
+        for id, part in self.car.remembering.items():
+            found[part] = self.start.effect(id).rested(memory[part], duration)
+        return found
+
+    def _run(self, index: int, way: _Driving, memory: Array) -> Run:
         steering_late, torques_late, speed_late = way.delays
         window = self.evidence.windows[index]
         middle = _middle(window)
@@ -321,7 +353,7 @@ class Predictor:
         q, u = rolling_straight(self.vehicle, float(speed[0]))
         q[YAW] = window.heading
         target, gain = speed / self.radius, inertia / HOLDING_TIME
-        return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters)
+        return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters, memory)
 
     @cached_property
     def _speedometer(self) -> list[str]:

@@ -148,6 +148,14 @@ class Car:
             self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
         )
 
+    @property
+    def remembering(self) -> dict[str, slice]:
+        """Where in `memory` that of each effect is that has one, by id."""
+        found, first = {}, 0
+        for effect in (effect for effect in self._effects if effect.memory):
+            found[effect.id] = slice(first, first := first + len(effect.memory))
+        return found
+
     @cached_property
     def _wheelbase(self) -> ca.SX:
         return self.parameters.chassis.cog_to_front_axle + self.parameters.chassis.cog_to_rear_axle

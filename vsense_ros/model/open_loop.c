@@ -23,6 +23,8 @@ struct run {
     const anywhere *parameters;
     long long varied;            /* so many of the parameters vary … */
     const long long *places;     /* … which are these */
+    const anywhere *memory; /* of the effects, where it begins … */
+    double *remembered;     /* … and in each lane's last step, its own MEMORY numbers; where it is lost they stay */
     double *kept_q, *kept_u, *kept_udot; /* of each lane, its own rows of 14 per kept state, … */
     long long rows;                      /* … so many … */
     long long *kept;                     /* … of which these were reached */
@@ -70,7 +72,7 @@ void open_loop(const struct run *r) {
     }
     for (int k = 0; k < COORDINATES; k++) q[k] = r->q[k], u[k] = r->u[k], force[k] = all(0);
     for (int k = 0; k < PARAMETERS; k++) parameters[k] = r->parameters[k];
-    for (int k = 0; k < MEMORY; k++) memory[k] = all(0);
+    for (int k = 0; k < MEMORY; k++) memory[k] = r->memory[k];
     for (long long i = 0; i < most; i++) {
         long long any = 0;
         for (int lane = 0; lane < LANES; lane++) {
@@ -91,6 +93,9 @@ void open_loop(const struct run *r) {
             lanes *result[1] = {remembered};
             remember(in_between, result, work);
             for (int k = 0; k < MEMORY; k++) memory[k] = remembered[k];
+            for (int lane = 0; lane < LANES; lane++)
+                if (alive[lane] && i + 1 == r->steps[lane])
+                    for (int k = 0; k < MEMORY; k++) r->remembered[lane * MEMORY + k] = memory[k][lane];
         }
         if (i % r->keep == 0) {
             const long long row = i / r->keep;

@@ -40,6 +40,12 @@ class Inputs:
     def __len__(self) -> int:
         return len(self.inputs)
 
+    def first(self, steps: int) -> Inputs:
+        """The same of the first so many steps."""
+        varying = {name: values[:steps] for name, values in self.varying.items()}
+        target, gain = (None if values is None else values[:steps] for values in (self.target, self.gain))
+        return Inputs(self.step, self.inputs[:steps], self.surroundings[:steps], varying, target, gain)
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -49,16 +55,19 @@ class Motion:
     q: Array
     u: Array
     udot: Array
+    memory: Array  # (m,) of the effects in the last step, as `Car.memory`; NaN if the run did not reach that
 
 
 @dataclass(frozen=True)
 class Run:
-    """From the state `q`, `u` (14 each), with the effects' memories empty; parameters in the order of the car."""
+    """From the state `q`, `u` (14 each) and the effects' memory (m,), empty if it is not given; parameters in the order
+    of the car."""
 
     q: Array
     u: Array
     inputs: Inputs
     parameters: Array
+    memory: Array | None = None
 
 
 class OpenLoop:
@@ -93,13 +102,14 @@ class OpenLoop:
 
     def _motion(self, run: Run) -> Motion:
         rows = (len(run.inputs) + self.keep - 1) // self.keep
-        kept = [np.full((rows, COORDINATES), np.nan) for _ in range(3)]
-        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, *kept)
+        q, u, udot = (np.full((rows, COORDINATES), np.nan) for _ in range(3))
+        memory = np.full(self.car.memory.numel(), np.nan)
+        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, memory)
 
     def _run_plain(self, run: Run, motion: Motion) -> None:
         inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
         now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
-        memory = np.zeros(self.car.memory.numel())
+        memory = np.zeros(len(motion.memory)) if run.memory is None else np.array(run.memory, dtype=float)
         size = COORDINATES
         functions = _functions(self.car)
         driving, around = np.zeros(len(INPUTS)), np.zeros(len(SURROUNDINGS))
@@ -136,6 +146,7 @@ class OpenLoop:
             if not np.isfinite(sum(result.sum() for result in advance.results)):
                 return
             now_q[:], now_u[:] = (result[:, 0] for result in advance.results)
+        motion.memory[:] = memory
 
 
 _Doubles = ctypes.POINTER(ctypes.c_double)
@@ -153,6 +164,7 @@ class _Run(ctypes.Structure):
         *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", _Integers),
+        *((name, _Doubles) for name in ("memory", "remembered")),
         *((name, _Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
         ("rows", ctypes.c_longlong),
         ("kept", _Integers),
@@ -200,16 +212,20 @@ class _Compiled:
             at_once(*(run.parameters for run in runs)),
         ]
         rows = max(len(motion.t) for motion in motions)
+        size = len(motions[0].memory)
+        memory = at_once(*(np.zeros(size) if run.memory is None else run.memory for run in runs))
+        remembered = np.full((self.lanes, size), np.nan)
         kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
         reached = np.zeros(self.lanes, dtype=np.int64)
         arguments = _Run(
-            keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places), *map(_pointer, kept),
-            rows, _integers(reached),
+            keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
+            *map(_pointer, (memory, remembered, *kept)), rows, _integers(reached),
         )  # fmt: skip
         self.function(ctypes.byref(arguments))
         for lane, motion in enumerate(motions):
             for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
                 state[: reached[lane]] = column[lane, : reached[lane]]
+            motion.memory[:] = remembered[lane]
 
 
 def _varying(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:

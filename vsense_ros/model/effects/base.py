@@ -7,6 +7,8 @@ from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
@@ -145,6 +147,11 @@ class Effect(Part):
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
         """The memory for a step of `h` [s] that begins now, from that of the last step."""
         return memory
+
+    def rested(self, memory: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+        """What is left of the memory (as many as `memory`) where driving begins anew after a while [s], zero for at
+        once: nothing, unless it lasts for longer than a car takes to settle."""
+        return np.zeros_like(memory)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         """The settings of the sensors by name, with what the effect does to them."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 
@@ -34,3 +36,6 @@ class TyreHeating(Effect):
         powers = [c.force_x * (c.rolling_speed - c.touch.speed_x) - c.force_y * c.touch.speed_y for c in car.contacts]
         heating = ca.vertcat(*powers) / HEAT_CAPACITY
         return memory + h * (heating - memory / self.cooling_time)
+
+    def rested(self, memory: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+        return memory * np.exp(-duration / self.cooling_time)

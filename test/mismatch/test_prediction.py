@@ -1,0 +1,35 @@
+"""What a car would have measured, as the search for missing physics simulates it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hidden import driven, having, prototype
+from vsense_ros.mismatch.evidence import RUN_IN, gather
+from vsense_ros.mismatch.fit import Residuals
+from vsense_ros.mismatch.prediction import Predictor
+
+HEATING = {"front": 0.01, "rear": 0.01}
+
+
+def levels(recording, vehicle) -> list[float]:
+    """How far a car is off in each window of a recording [deviations]."""
+    residuals = Residuals(Predictor(vehicle, gather([recording], vehicle)))
+    return [residuals.level([window]) for window in residuals(residuals.predictor.start)]
+
+
+def test_tyres_are_as_warm_where_a_window_begins_as_what_was_driven_before_has_made_them():
+    """The recording is of one drive, from cold tyres on; its windows are simulated one by one."""
+    hot = having(prototype(), tyre_heating=HEATING)
+    windows = levels(driven(hot, "at the limit", duration=60.0), hot)
+    assert len(windows) == 3
+    assert max(windows) < 1.0  # with cold tyres 1.9 in the second, 3.0 in the third
+
+
+def test_tyres_cool_where_nothing_is_driven():
+    hot = having(prototype(), tyre_heating=HEATING)
+    effect = hot.physics.effects.tyre_heating
+    assert effect.rested(np.full(4, 50.0), 0.0) == pytest.approx(50.0)
+    assert effect.rested(np.full(4, 50.0), effect.cooling_time) == pytest.approx(50.0 / np.e)
+    assert 0.1 * effect.cooling_time > RUN_IN
