@@ -26,6 +26,7 @@ MANOEUVRES = {
     "slalom": (16.0, lambda t: 0.05 * np.sin(2 * np.pi * 0.4 * t), lambda t: 0.3 * np.sin(0.6 * t)),
     "at the limit": (20.0, lambda t: 0.08 * np.sin(2 * np.pi * 0.25 * t), lambda t: 1.2 + 0.0 * t),
     "bend": (15.0, lambda t: 0.05 * np.minimum(t, 1.0), lambda t: 0.3 * np.sin(0.6 * t)),
+    "bend at the limit": (15.0, lambda t: 0.12 * np.minimum(t, 1.0), lambda t: 2.0 + 0.0 * t),
     "straight": (20.0, lambda t: 0.0 * t, lambda t: 0.0 * t + 0.33),
     "brake": (22.0, lambda t: 0.02 * np.sin(2 * np.pi * 0.15 * t), lambda t: 2.0 * np.sin(0.6 * t)),
     "brake again": (20.0, lambda t: 0.02 * np.sin(2 * np.pi * 0.15 * t), lambda t: np.where(t % 4 < 3, 1.5, -4.0)),

@@ -8,7 +8,7 @@ import pytest
 from hidden import driven, having, prototype
 from vsense_ros.mismatch.evidence import RUN_IN, gather
 from vsense_ros.mismatch.fit import Residuals
-from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.prediction import Predictor, turning
 
 HEATING = {"front": 0.01, "rear": 0.01}
 
@@ -33,3 +33,25 @@ def test_tyres_cool_where_nothing_is_driven():
     assert effect.rested(np.full(4, 50.0), 0.0) == pytest.approx(50.0)
     assert effect.rested(np.full(4, 50.0), effect.cooling_time) == pytest.approx(50.0 / np.e)
     assert 0.1 * effect.cooling_time > RUN_IN
+
+
+def test_a_window_that_begins_in_a_bend_begins_with_about_the_side_slip_and_the_wheel_speeds_of_one():
+    recording = driven(prototype(), "bend", duration=15.0)
+    odometry, wheels = recording["reference/odometry"], recording["vehicle/wheel_speeds"]
+    settled = 10.0e9 + odometry.stamp[0]
+    row = int(np.searchsorted(odometry.stamp, settled))
+    forward, left, _ = odometry.columns["linear"][row]
+    yaw_rate = odometry.columns["angular"][row, 2]
+    _, u = turning(prototype(), float(forward), float(yaw_rate))
+    of_rear_axle = left - yaw_rate * prototype().physics.chassis.cog_to_rear_axle
+    assert of_rear_axle < -0.1
+    assert u[1] == pytest.approx(left, abs=0.35 * abs(of_rear_axle))
+    spin = wheels.columns["velocity"][int(np.searchsorted(wheels.stamp, settled))]
+    assert u[10:] == pytest.approx(spin, rel=0.005)
+    assert np.ptp(spin) > 0.03 * spin.mean()
+
+
+def test_where_a_window_begins_in_a_bend_at_the_limit_the_car_of_the_simulation_turns_already():
+    """The car turns all the time, and its tyres are not stretched by a driver who turns in at once."""
+    windows = levels(driven(prototype(), "bend at the limit", duration=60.0), prototype())
+    assert max(windows) < 2.5  # 3.7 where windows begin straight on

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 SLOWEST = 4.0  # [m/s] below it slip angles say little and tyres creep
 LONGEST = 25.0  # [s] of a window
 SHORTEST = 6.0  # [s] of a window, run-in included
+BEGINNING = 0.1  # [s] to either side of the instant at which a window begins, of which a mean is taken
 RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
 HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
@@ -61,6 +62,7 @@ class Window:
     # (n, 1) to the left of the way on which the first recording sets out that knows its course, else this one [rad].
     turned: Readings
     place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
+    yaw_rate: float = 0.0  # at the beginning [rad/s], as far as it is known
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,11 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
         if on_the_map:
             outset = sets_out = outset if sets_out is None else sets_out
         turned = Readings(headed.t, headed.value - outset)
-        stretches = list(_windows(index, name, readings, kinds, speed, headed, turned, place))
+        imu = of_car.get(kinds.get("imu", ""))
+        stretches = [
+            replace(window, yaw_rate=_yaw_rate(imu, window.begin) if imu is not None else 0.0)
+            for window in _windows(index, name, readings, kinds, speed, headed, turned, place)
+        ]
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
         windows += stretches
@@ -249,6 +255,13 @@ def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: R
             angle = cumulative_trapezoid(rate, t, initial=0)
             return Readings(t, angle[:, None]), False
     return Readings(speed.t, np.zeros((len(speed.t), 1))), False
+
+
+def _yaw_rate(imu: Readings, at: float) -> float:
+    """Mean yaw rate [rad/s] about a time [s], of an inertial sensor in the axes of the car; zero if it is not known."""
+    near = imu.value[np.abs(imu.t - at) < BEGINNING, 2]
+    near = near[np.isfinite(near)]
+    return float(near.mean()) if len(near) else 0.0
 
 
 def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
