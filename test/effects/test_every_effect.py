@@ -119,6 +119,7 @@ def test_nothing_that_looks_for_a_mismatch_names_an_effect():
     assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in IDS}
 
 
+@pytest.mark.slow
 def test_effects_of_size_zero_change_nothing(bare, full):
     without, present = driven(bare), driven(full)
     assert_allclose(present.u, without.u, rtol=1e-9, atol=1e-9)

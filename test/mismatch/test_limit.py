@@ -140,6 +140,7 @@ def biased(*manoeuvres: str) -> Search:
     return searched(["gyro_bias x"], *manoeuvres, gyro_bias={"x": 0.03})
 
 
+@pytest.mark.slow
 def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
     search = biased("sweep", "slalom")
     (alone,) = search.singles()
@@ -150,6 +151,7 @@ def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
     assert settled.gain == pytest.approx(alone.gain, abs=0.01)
 
 
+@pytest.mark.slow
 def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
     search = searched(["brake_drag fl", "rolling_resistance"], "sweep", "slalom", brake_drag={"fl": 60.0})
     hidden, other = search.singles()
