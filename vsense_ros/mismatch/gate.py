@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,19 +161,10 @@ def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
     """The same measurements in two recordings: one would seem to prove what was found in the other."""
     names: dict[bytes, str] = {}
     for recording in recordings:
-        content = _content(recording)
+        content = recording.digest()
         if content in names:
             yield f"{names[content]} and {recording.name} hold the same measurements; leave one of them out"
         names[content] = recording.name
-
-
-def _content(recording: Recording) -> bytes:
-    digest = sha256()
-    for topic, channel in sorted(recording.channels.items()):
-        digest.update(topic.encode() + channel.stamp.tobytes())
-        for field, values in sorted(channel.columns.items()):
-            digest.update(field.encode() + values.tobytes())
-    return digest.digest()
 
 
 def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,18 +84,8 @@ def watch(
             f"{recording.name or 'recording'}: nowhere {WINDOW:g} s of driving in which the observer had converged"
         )
     t = (np.array(stamps) - start) * 1e-9
-    content = _content(recording, topics)
-    return Watch(recording.name, recording.duration, tuple(monitor.quantities), t, np.array(kept), beyond, content)
-
-
-def _content(recording: Recording, topics: Sequence[str]) -> bytes:
-    digest = sha256()
-    for topic in topics:
-        channel = recording[topic]
-        digest.update(topic.encode() + channel.stamp.tobytes())
-        for field, values in sorted(channel.columns.items()):
-            digest.update(field.encode() + values.tobytes())
-    return digest.digest()
+    quantities, content = tuple(monitor.quantities), recording.digest(topics)
+    return Watch(recording.name, recording.duration, quantities, t, np.array(kept), beyond, content)
 
 
 def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
