@@ -246,7 +246,7 @@ def test_reading_goes_on_at_the_next_chunk_when_a_record_has_no_end(tmp_path: Pa
     assert sum(map(len, found.channels.values())) + found.messages_lost == sum(map(len, recording.channels.values()))
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 10**9), st.integers(1, 255))
 def test_no_flipped_byte_crashes_the_reader_or_changes_a_value(
     tmp_path: Path, recording: Recording, where: int, bits: int
