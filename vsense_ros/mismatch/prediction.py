@@ -437,8 +437,9 @@ def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array
 
 def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Array]:
     """Coordinates and velocities (14 each) of a car that goes along the map's x at a `speed` [m/s] and turns to the
-    left by a `yaw_rate` [rad/s], as tyres of a usual cornering stiffness have it side-slip. From there the simulation
-    is sooner where the car is than from a car that goes straight, which enters a bend at its limit as no driver does.
+    left by a `yaw_rate` [rad/s]: the single-track car in a steady bend, on tyres of a usual cornering stiffness. From
+    there the simulation is sooner where the car is than from a car that goes straight, which enters a bend at its limit
+    as no driver does.
     """
     physics = vehicle.physics
     q, u = rolling_straight(vehicle, speed)
