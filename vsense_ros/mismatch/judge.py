@@ -56,13 +56,12 @@ RIVAL, RIVAL_LEFT = 0.65, 1.5
 # what is not there explains nothing that what is there does not.
 SURPASSED = 0.25
 SURE = 0.7  # share of the gain of several effects that those of them have alone about which nothing else is in doubt
-# In multiples of the least gain, below which several effects that gain alike are chance, unless a term is proven that
-# describes what they explain.
-ALIKE = 2.0
 LEFT_OVER = 2.0  # root mean square of all residuals after an effect, in deviations, with which it is not what lacks
-# The same of the worst signal: something is left over, and a further effect is worth while. Where nothing is hidden,
-# the model stays well below (public split).
+# The same of the worst signal, with which a further effect is worth while.
 ASTRAY = 1.75
+# The same, with which something is left over even if nothing explains it: half as much again as the worst signal of a
+# car with nothing hidden (0.89 at most of 20 of the public split).
+SUSPECT = 1.35
 MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if that stays further off than ASTRAY
 # Most that signals and recordings may disagree in an effect: what its own size in each of them would gain besides, over
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
@@ -272,7 +271,7 @@ class Proof:
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
-        return self.worst > ASTRAY or bool(self.fitted.predictor.evidence.left_out)
+        return self.worst > SUSPECT or bool(self.fitted.predictor.evidence.left_out)
 
     @cached_property
     def worst(self) -> float:
@@ -288,13 +287,13 @@ class Proof:
     @property
     def fits_together(self) -> bool:
         """Whether what no fit has seen is far off for the base fit, but not for base parameters fitted to all."""
-        return self._worst_of_both is not None and self._worst_of_both <= ASTRAY
+        return self._worst_of_both is not None and self._worst_of_both <= SUSPECT
 
     @cached_property
     def _worst_of_both(self) -> float | None:
         """`worst` of base parameters fitted to all recordings; None unless only what no fit has seen is off."""
         if self.residuals is None or not (
-            self.residuals.worst(self.before) > ASTRAY >= self.fitted.worst(self.base.residuals)
+            self.residuals.worst(self.before) > SUSPECT >= self.fitted.worst(self.base.residuals)
         ):
             return None
         evidence = self.fitted.predictor.evidence
@@ -486,8 +485,6 @@ class _Judge:
                 leader = max(alone, key=self.proven)
                 rivals = self.within_reach(leader)
                 names = {frozenset(e.effects) for e in rivals}
-        if len(names) > 1 and term is None and self.proven(leader) < ALIKE * self.threshold:
-            return self.nothing_known(leading, term)
         return replace(
             self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
             besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else (),
