@@ -439,7 +439,7 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
     assert judge((found,), (), Made()).verdict == verdict
 
 
-@pytest.mark.parametrize(("worst", "left_over"), [(0.89, False), (1.5, True)])  # the first with nothing hidden
+@pytest.mark.parametrize(("worst", "left_over"), [(1.48, False), (1.8, True)])  # the first with nothing hidden
 def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
     evidence = SimpleNamespace(left_out=())
     fitted = SimpleNamespace(predictor=SimpleNamespace(evidence=evidence))

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, turned, untempered
-from vsense_ros.mismatch.judge import SUSPECT, Proof
+from vsense_ros.mismatch.judge import ASTRAY, Proof
 from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.search import Search
@@ -194,6 +194,6 @@ def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest
     residuals = Residuals(Predictor(vehicle, evidence))
     base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
     proof = Proof(unseen, vehicle, residuals, base)
-    assert residuals.worst(base.residuals) < SUSPECT < proof.residuals.worst(proof.before)
+    assert residuals.worst(base.residuals) < ASTRAY < proof.residuals.worst(proof.before)
     assert proof.astray() == astray
     assert proof.fits_together != astray

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.evidence import Evidence
 from vsense_ros.mismatch.fit import Fit, Residuals, cost
-from vsense_ros.mismatch.judge import SUSPECT, Judged, Proof, interval
+from vsense_ros.mismatch.judge import ASTRAY, Judged, Proof, interval
 from vsense_ros.mismatch.knobs import Candidate
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.prediction import LOST
@@ -208,7 +208,7 @@ def _most_off(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals,
     """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
     what was held out, where they are far from those of a good model there alone."""
     unseen = proof.residuals
-    if unseen is not None and residuals.worst(base.residuals) < SUSPECT < unseen.worst(proof.before):
+    if unseen is not None and residuals.worst(base.residuals) < ASTRAY < unseen.worst(proof.before):
         return unseen, proof.before, " on what was held out"
     return residuals, base.residuals, ""
 
