@@ -96,8 +96,14 @@ class Evidence:
 
     def by_recording(self) -> list[list[Window]]:
         """Windows of each recording that has some."""
-        numbers = sorted({w.recording for w in self.windows})
-        return [[w for w in self.windows if w.recording == number] for number in numbers]
+        return [[self.windows[index] for index in of] for of in self.places_by_recording()]
+
+    def places_by_recording(self) -> list[list[int]]:
+        """Where among all windows those of each recording are that has some."""
+        found: dict[int, list[int]] = {}
+        for index, window in enumerate(self.windows):
+            found.setdefault(window.recording, []).append(index)
+        return [found[number] for number in sorted(found)]
 
     def joined(self, other: Evidence) -> Evidence:
         """The windows of both, whose recordings are different ones."""

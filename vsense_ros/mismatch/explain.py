@@ -80,7 +80,7 @@ class Answer:
             for place in effect.get("profile", ())
         ]  # fmt: skip
         if rows:
-            with path.open("w", encoding="utf-8", newline="") as file:
+            with written_whole(path) as file:
                 csv.writer(file).writerows([["effect", "unit", *telling.PLACE, "value"], *rows])
 
 

@@ -19,6 +19,7 @@ from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.fleet import FAILED, TABLE
 from vsense_ros.mismatch.report import PAGE as REPORT
 from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
+from vsense_ros.whole_file import written_whole
 
 SHEET, PAGE = "fleet.csv", "fleet.html"
 
@@ -106,7 +107,7 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     pq.write_table(pa.Table.from_pylist(rows(results), schema=SCHEMA), out / TABLE)
     lines = [_line(result) for result in results]
-    with (out / SHEET).open("w", encoding="utf-8", newline="") as file:
+    with written_whole(out / SHEET) as file:
         sheet = csv.DictWriter(file, ("vehicle", "verdict", "effects", "proven", "recordings", "unused", "reason"))
         sheet.writeheader()
         sheet.writerows({**line, "effects": "; ".join(line["effects"])} for line in lines)
@@ -127,7 +128,8 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
         ],
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )  # fmt: skip
-    (out / PAGE).write_text(text, encoding="utf-8")
+    with written_whole(out / PAGE) as file:
+        file.write(text)
 
 
 def _report(result: Mapping[str, Any], out: Path) -> str:

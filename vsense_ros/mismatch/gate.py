@@ -107,8 +107,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     """Recordings that each want another mass or other wheels, linearly."""
     drives = residuals.predictor.evidence.by_recording()
     own = []
-    for windows in drives:
-        rows = [i for i, w in enumerate(residuals.predictor.evidence.windows) if w.recording == windows[0].recording]
+    for rows in residuals.predictor.evidence.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
         own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
     for name in LASTING:

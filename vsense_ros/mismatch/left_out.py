@@ -57,10 +57,8 @@ def as_it_is(fitted: Fit) -> Fit:
 
 def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
     """Recordings, or windows where there is one recording."""
-    windows = residuals.predictor.evidence.windows
-    numbers = sorted({w.recording for w in windows})
-    groups = [[i for i, w in enumerate(windows) if w.recording == number] for number in numbers]
-    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(windows))])
+    groups = residuals.predictor.evidence.places_by_recording()
+    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
 
 
 def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:

@@ -303,12 +303,10 @@ class Predictor:
         of what this car does in a window in which it gets lost."""
         windows = self.evidence.windows
         found = [np.zeros(self.car.memory.numel()) for _ in windows]
-        in_order: dict[int, list[int]] = {}
-        for index in sorted(range(len(windows)), key=lambda i: windows[i].begin):
-            in_order.setdefault(windows[index].recording, []).append(index)
+        in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.evidence.places_by_recording()]
         ways = self._ways(self.start, self._sensors(self.start))
-        for place in range(max(map(len, in_order.values()), default=0) - 1):
-            pairs = [of[place : place + 2] for of in in_order.values() if len(of) > place + 1]
+        for place in range(max(map(len, in_order), default=0) - 1):
+            pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
             runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
             for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
                 lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.memory).all()

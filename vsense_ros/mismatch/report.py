@@ -34,6 +34,7 @@ from vsense_ros.mismatch.picture import (
 )
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.effects.base import CORNERS
+from vsense_ros.whole_file import written_whole
 
 PLACES = ("wheel", "axle", "sensor", "axis", "form")
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
@@ -200,7 +201,8 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
         )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    with written_whole(path) as file:
+        file.write(page)
 
 
 def write_next_test(found: Mapping[str, Any], path: Path) -> None:
@@ -211,7 +213,8 @@ def write_next_test(found: Mapping[str, Any], path: Path) -> None:
     if path.is_file():
         words = _templates().get_template("next_test.html.j2").render(found=found, next_test=_next_test(found)).strip()
         page = path.read_text(encoding="utf-8")
-        path.write_text(NEXT_TEST.sub(lambda _: words, page, count=1), encoding="utf-8")
+        with written_whole(path) as file:
+            file.write(NEXT_TEST.sub(lambda _: words, page, count=1))
 
 
 def printed(found: Mapping[str, Any], console: Console) -> None:

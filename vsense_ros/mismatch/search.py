@@ -347,11 +347,9 @@ class Search:
         in for them: nothing of a single recording, or of several on one road."""
         if not self._in_pieces:
             return 0.0
-        equations, windows = self.base.equations, self.residuals.predictor.evidence.windows
-        left = 0.0
-        for number in {w.recording for w in windows}:
-            group = [i for i, w in enumerate(windows) if w.recording == number]
-            left += float(equations.values(equations.change(group))[group].sum())
+        equations = self.base.equations
+        groups = self.residuals.predictor.evidence.places_by_recording()
+        left = sum(float(equations.values(equations.change(group))[group].sum()) for group in groups)
         return (self.base.value - left) / self.whole
 
     @cached_property

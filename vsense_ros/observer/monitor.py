@@ -25,6 +25,7 @@ from vsense_ros.model.car import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND, U
+from vsense_ros.whole_file import written_whole
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def save_limits(path: str | Path, limits: Limits) -> None:
     yaml.width = 120
     yaml.default_flow_style = None
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with Path(path).open("w", encoding="utf-8") as file:
+    with written_whole(path) as file:
         yaml.dump(limits.model_dump(), file)
 
 
