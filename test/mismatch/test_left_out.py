@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.evidence import Readings
+from vsense_ros.mismatch.evidence import Evidence, Readings
 from vsense_ros.mismatch.fit import Fit
 from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.left_out import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
 from vsense_ros.mismatch.prediction import Setting
-from vsense_ros.mismatch.road import STRETCH
+from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
+from vsense_ros.observer.reading import Map
 
 KNOBS = tuple(Knob(name, "-", 0.1, -1.0, 1.0, lambda values, amount: {}) for name in ("mass", "drag", "slope"))
 SIGNALS = ["longitudinal_acceleration", "speed"]
@@ -30,7 +31,7 @@ def window(recording: int, begin: float, end: float, speed: float, at: float) ->
 
 
 def residuals_of(windows: list[SimpleNamespace]) -> SimpleNamespace:
-    evidence = SimpleNamespace(windows=windows)
+    evidence = Evidence(tuple(windows), {}, (), (), Road(), Map(None))
     return SimpleNamespace(predictor=SimpleNamespace(evidence=evidence), layout=[SIGNALS] * len(windows))
 
 
