@@ -1,4 +1,4 @@
-"""Text files that are there whole or not at all."""
+"""Files that are there whole or not at all."""
 
 from __future__ import annotations
 
@@ -13,15 +13,20 @@ def written_whole(path: str | Path) -> Iterator[TextIO]:
     """A file to write to, which takes the place of `path` when all is written: who is interrupted, or has no room left,
     keeps the earlier one. Lines end as they are written. What is no file, such as /dev/stdout, is written to as it
     is."""
+    with in_place_of(path) as fresh, fresh.open("w", encoding="utf-8", newline="") as file:
+        yield file
+
+
+@contextmanager
+def in_place_of(path: str | Path) -> Iterator[Path]:
+    """The same for who writes files by their path: that of a new one beside `path`, or of what is no file."""
     target = Path(path).resolve()
     if target.exists() and not target.is_file():
-        with target.open("w", encoding="utf-8", newline="") as file:
-            yield file
+        yield target
         return
     fresh = target.with_name(f"{target.name}.new")
     try:
-        with fresh.open("w", encoding="utf-8", newline="") as file:
-            yield file
+        yield fresh
         fresh.replace(target)
     finally:
         fresh.unlink(missing_ok=True)

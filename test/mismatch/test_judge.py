@@ -423,6 +423,8 @@ def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_
     found = explaining("wind", 0.01, 0.01)
     assert judge((found,), (), lost).verdict == "unknown"
     assert judge((found,), (), Made()).verdict == "no_mismatch"
+    alike = [explaining(name, 0.05, 0.05) for name in ("wind", "bank")]
+    assert judge(alike, (), lost).verdict == "ambiguous"
 
 
 @pytest.mark.parametrize(

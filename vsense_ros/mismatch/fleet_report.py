@@ -19,7 +19,7 @@ from vsense_ros.evaluate.report import page_environment
 from vsense_ros.mismatch.fleet import FAILED, TABLE
 from vsense_ros.mismatch.report import PAGE as REPORT
 from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
-from vsense_ros.whole_file import written_whole
+from vsense_ros.whole_file import in_place_of, written_whole
 
 SHEET, PAGE = "fleet.csv", "fleet.html"
 
@@ -105,7 +105,8 @@ def _columns(effect: Mapping[str, Any]) -> dict[str, Any]:
 def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
     """`fleet.parquet`, `fleet.csv` and `fleet.html` into the folder `out`."""
     out.mkdir(parents=True, exist_ok=True)
-    pq.write_table(pa.Table.from_pylist(rows(results), schema=SCHEMA), out / TABLE)
+    with in_place_of(out / TABLE) as fresh:
+        pq.write_table(pa.Table.from_pylist(rows(results), schema=SCHEMA), fresh)
     lines = [_line(result) for result in results]
     with written_whole(out / SHEET) as file:
         sheet = csv.DictWriter(file, ("vehicle", "verdict", "effects", "proven", "recordings", "unused", "reason"))
