@@ -16,12 +16,12 @@ from rich.console import Console
 
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.cli import main
-from vsense_ros.demo import Job, run_demo
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Channel, Recording
-from vsense_ros.shared_files import shared_folder
-from vsense_ros.vehicle_file import load_vehicle
-from vsense_ros.vehicle_schema import json_schema, parameter_rows
+from vsense_ros.experiments.demo import Job, run_demo
+from vsense_ros.files.installed import shared_folder
+from vsense_ros.files.schema import json_schema, parameter_rows
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Channel, Recording
 
 START = 1_700_000_000_000_000_000
 SPEED = 15.0  # [m/s]
@@ -359,8 +359,8 @@ def test_processes_that_fail_are_told_at_the_end_and_the_drive_is_shown_without_
     def fail(**_: object) -> None:
         raise InputError("node observer ended with 1")
 
-    monkeypatch.setattr("vsense_ros.demo.find_spec", lambda name: object())
-    monkeypatch.setattr("vsense_ros.demo.run_through_ros", fail)
+    monkeypatch.setattr("vsense_ros.experiments.demo.find_spec", lambda name: object())
+    monkeypatch.setattr("vsense_ros.experiments.demo.run_through_ros", fail)
     job = Job("here", "A drive", "rav4", lambda: bag)
     with pytest.raises(InputError, match=r"here: its ROS processes failed.*node observer ended"):
         run_demo(tmp_path, Console(record=True), jobs=(job,))
@@ -368,7 +368,7 @@ def test_processes_that_fail_are_told_at_the_end_and_the_drive_is_shown_without_
 
 
 def test_a_machine_without_ros_is_told_so(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr("vsense_ros.demo.find_spec", lambda name: None)
+    monkeypatch.setattr("vsense_ros.experiments.demo.find_spec", lambda name: None)
     console = Console(record=True, width=110)
     run_demo(tmp_path, console, jobs=(Job("here", "A drive", "rav4", lambda: bag),))
     assert "There is no ROS 2 on this machine" in console.export_text()

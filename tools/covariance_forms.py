@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from vsense_ros.bag import read_bag
 from vsense_ros.evaluate.terminal import progress
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
-from vsense_ros.recording import Recording, Sample
-from vsense_ros.vehicle_file import load_vehicle
 
 Array = NDArray[Any]
 

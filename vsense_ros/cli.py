@@ -187,8 +187,8 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     with waiting(f"reading {bag.name}"):
@@ -299,10 +299,10 @@ def _explain(
     """The verdict."""
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.mismatch.explain import STAGES, answer
-    from vsense_ros.mismatch.report import printed
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
+    from vsense_ros.mismatch.page import printed
 
     car = load_vehicle(vehicle_path(vehicle))
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
@@ -328,9 +328,9 @@ def _told_apart(paths: Sequence[Path]) -> dict[Path, str]:
 
 def _design(vehicle: str, report: Path) -> None:
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.mismatch import design
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     design.left_open(design.answered(report), car)  # says what is wrong before a bar begins
@@ -369,13 +369,13 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     Examples:
       vsense tune drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml --output my_car_tuned.yaml
     """
-    from vsense_ros import tuning as job
     from vsense_ros.bag.importers import import_recording
-    from vsense_ros.evaluate import tuning_report
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle, save_changes
+    from vsense_ros.identify import noise as job
+    from vsense_ros.identify import noise_report
     from vsense_ros.model.vehicle import left_out_of_observer
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle, save_changes
 
     path = vehicle_path(vehicle)
     car = load_vehicle(path)
@@ -386,8 +386,8 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
     output.parent.mkdir(parents=True, exist_ok=True)
     save_changes(path, output, result.vehicle, result.changed(car))
     result.write(output.with_suffix(".json"))
-    picture = tuning_report.draw(result, output.with_suffix(".png"))
-    tuning_report.show(result, console())
+    picture = noise_report.draw(result, output.with_suffix(".png"))
+    noise_report.show(result, console())
     say(f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.")
 
 
@@ -417,11 +417,11 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.model.vehicle import left_out_of_observer
     from vsense_ros.observer import calibration
     from vsense_ros.observer.monitor import load_limits, save_limits
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     _warn(left_out_of_observer(car))
@@ -488,10 +488,10 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.inspect import inspect
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.manoeuvre import generate
     from vsense_ros.model.vehicle import left_out_of_simulation
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     _warn(left_out_of_simulation(car))
@@ -540,8 +540,8 @@ def demo(out: Path, without_ros: bool) -> None:
       vsense demo
       vsense demo --without-ros --out /tmp/demo
     """
-    from vsense_ros.demo import run_demo
     from vsense_ros.evaluate.terminal import console
+    from vsense_ros.experiments.demo import run_demo
 
     run_demo(out, console(), through_ros=not without_ros)
 
@@ -575,12 +575,12 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
 
     from rich.table import Table
 
-    from vsense_ros import genesis as job
-    from vsense_ros.demo import dataset
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import genesis as job
+    from vsense_ros.experiments.demo import dataset
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle, save_vehicle
     from vsense_ros.model.vehicle import left_out_of_observer
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle, save_vehicle
 
     def show(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
         table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
@@ -634,10 +634,10 @@ def thesis(out: Path) -> None:
     Examples:
       vsense thesis
     """
-    from vsense_ros import thesis as job
     from vsense_ros.evaluate.terminal import console, progress
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
+    from vsense_ros.experiments import thesis as job
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
 
     plant, model = (load_vehicle(vehicle_path(name)) for name in ("prototype_real", "prototype_model"))
     with progress("driving and estimating") as done:
@@ -722,9 +722,9 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     """
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.model.vehicle import left_out_of_observer
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     if sensors:
@@ -764,8 +764,8 @@ def tyres(files: tuple[Path, ...], out: Path) -> None:
       vsense tyres my_tyre.tir
     """
     from vsense_ros.evaluate.tyre_picture import draw
-    from vsense_ros.shared_files import shared_folder
-    from vsense_ros.tyre_file import load_tyre
+    from vsense_ros.files.installed import shared_folder
+    from vsense_ros.files.tyre import load_tyre
 
     out.mkdir(parents=True, exist_ok=True)
     for file in files or sorted((shared_folder("config") / "tyres").iterdir()):
@@ -793,9 +793,9 @@ def suspension(vehicle: str, output: Path | None, bump: float, rebound: float, r
     from rich.table import Table
 
     from vsense_ros.evaluate.terminal import console, say, waiting
-    from vsense_ros.model.kinematic_tables import kinematic_tables, largest_errors
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle, save_tables
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle, save_tables
+    from vsense_ros.model.car.kinematic_tables import kinematic_tables, largest_errors
 
     path = vehicle_path(vehicle)
     car = load_vehicle(path)
@@ -831,10 +831,10 @@ def simplification(vehicle: str, out: Path) -> None:
       vsense simplification
       vsense simplification --vehicle my_car_with_tables.yaml --out out
     """
-    from vsense_ros import simplification as job
     from vsense_ros.evaluate.terminal import progress
-    from vsense_ros.shared_files import vehicle_path
-    from vsense_ros.vehicle_file import load_vehicle
+    from vsense_ros.experiments import simplification as job
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import load_vehicle
 
     car = load_vehicle(vehicle_path(vehicle))
     if ids := [effect.id for effect in car.physics.effects.present()]:
@@ -854,7 +854,7 @@ def schema(as_json: bool) -> None:
       vsense schema > parameters.md
       vsense schema --json > vehicle.schema.json
     """
-    from vsense_ros.vehicle_schema import json_schema, markdown_table
+    from vsense_ros.files.schema import json_schema, markdown_table
 
     click.echo(json.dumps(json_schema(), indent=2) if as_json else markdown_table(), nl=as_json)
 

@@ -8,7 +8,7 @@ import pytest
 
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 
 def real(name: str, file: str = "") -> Path:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.importers import comma2k19, import_recording
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 

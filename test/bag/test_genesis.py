@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 Array = NDArray[np.float64]
 

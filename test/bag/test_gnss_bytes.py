@@ -15,7 +15,7 @@ from pyubx2 import UBXReader
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.bag.importers import build
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 STAMP = 1_533_226_488_299_000_000
 

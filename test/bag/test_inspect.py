@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.inspect import TopicInfo, inspect
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 START = 1_600_000_000_000_000_000
 RADIUS = 0.32

@@ -15,10 +15,11 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from vsense_ros.bag import BagWriter, cdr, mcap, read_bag, write_bag
-from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.bag import BagWriter, mcap, read_bag, write_bag
 from vsense_ros.errors import InputError
-from vsense_ros.recording import FIELDS, Channel, Recording, Sample
+from vsense_ros.messages import cdr
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START = 1_600_000_000_000_000_000

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsense_ros.bag import cdr, read_bag, write_bag
-from vsense_ros.recording import FIELDS, Channel, Recording
+from vsense_ros.bag import read_bag, write_bag
+from vsense_ros.messages import cdr
+from vsense_ros.messages.recording import FIELDS, Channel, Recording
 
 COUNT = 100_000
 IMU = "sensor_msgs/msg/Imu"

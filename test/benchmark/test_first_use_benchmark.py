@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from vsense_ros.model import codegen
+from vsense_ros import codegen
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 PROGRAM = """

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsense_ros.mismatch.prediction import with_all_effects
-from vsense_ros.model import codegen
-from vsense_ros.model.car import Car, car_of
-from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.open_loop import Inputs, OpenLoop, Run
-from vsense_ros.model.steps import advance_function, dynamics_function, linearize_function
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.mismatch.simulation import with_all_effects
+from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.car.steps import advance_function, dynamics_function, linearize_function
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 FUNCTIONS = {"dynamics": dynamics_function, "linearize": linearize_function, "advance": advance_function}
 

@@ -12,20 +12,21 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vsense_ros.model import codegen, spatial
-from vsense_ros.model.car import WHEELS
-from vsense_ros.model.full_car import FullCar
-from vsense_ros.model.full_car_simulation import FullCarPlant
-from vsense_ros.model.kinematic_tables import kinematic_tables
+from vsense_ros import codegen
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model import spatial
+from vsense_ros.model.car.full_car import FullCar
+from vsense_ros.model.car.kinematic_tables import kinematic_tables
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.multibody.assembly import assemble
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.multibody.joints import Revolute, Universal
 from vsense_ros.model.multibody.mechanism import BASE, Base, Body, Distance, Linkage, Mechanism, Point
-from vsense_ros.model.simulate import rolling_straight
-from vsense_ros.model.tree import Body as TreeBody
-from vsense_ros.model.tree import Tree
+from vsense_ros.model.multibody.tree import Body as TreeBody
+from vsense_ros.model.multibody.tree import Tree
+from vsense_ros.model.simulation.closed_loop import rolling_straight
+from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 

@@ -18,12 +18,12 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from vsense_ros.bag import cdr
 from vsense_ros.driver import samples
+from vsense_ros.messages import cdr
+from vsense_ros.messages.recording import Sample
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
 from vsense_ros.node.spin import EventsExecutor
-from vsense_ros.recording import Sample
 
 PERIOD = 0.004  # [s]
 ROUNDS = 5000

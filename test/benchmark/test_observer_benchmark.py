@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
-from vsense_ros.model import steps
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.car import steps
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, estimate_samples, run
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import load_vehicle
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))

@@ -15,19 +15,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
 from vsense_ros.export import c, check
-from vsense_ros.model import codegen
-from vsense_ros.model.car import WHEELS, car_of
-from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.full_car import FullCar
-from vsense_ros.model.simulate import rolling_radii, rolling_straight
-from vsense_ros.model.steps import model_functions
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.full_car import FullCar
+from vsense_ros.model.car.steps import model_functions
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.full_car_ekf import FullCarEkf
 from vsense_ros.observer.full_car_spi import FullCarSpi
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.vehicle_file import load_vehicle
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 STEP = 0.004  # [s]

@@ -14,7 +14,7 @@ import pymap3d
 
 from blind.knobs import KNOBS
 from blind.plants.log import PERIOD, rotation
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 EPOCH = 1_600_000_000_000_000_000  # [ns]
 ORIGIN = (48.1, 11.6, 500.0)  # latitude, longitude [deg], height [m]

@@ -16,9 +16,9 @@ from blind.plants import mujoco_tree
 from blind.plants.log import PERIOD
 from blind.sensors import Bench, Mounting
 from blind.tyres import FORMULAS
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.effects import BY_ID, Effects
-from vsense_ros.model.simulate import rolling_straight, simulate
-from vsense_ros.vehicle_file import load_vehicle
+from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 
 CAR = CARS[1]
 BEGIN = 1.5  # [s] after which an unsettled start is forgotten

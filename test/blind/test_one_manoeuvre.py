@@ -11,8 +11,8 @@ pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv ins
 from blind.cases import all_cases
 from blind.generate import generate
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.mismatch.explain import answer
-from vsense_ros.vehicle_file import load_vehicle
 
 
 @pytest.fixture(scope="module")

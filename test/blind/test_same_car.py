@@ -19,9 +19,9 @@ from blind import cars, courses, knobs, vehicle_file
 from blind.cars import CARS
 from blind.plants import log, mujoco_tree, newton_euler
 from blind.sensors import GRADES, Mounting
-from vsense_ros.model.car import Car, car_of
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.parameter import numbers
-from vsense_ros.vehicle_file import load_vehicle
 
 PLANTS = {"newton_euler": newton_euler.simulate, "mujoco_tree": mujoco_tree.simulate}
 FORWARD = 20.0  # [m/s]: these tyres know slips, not speeds

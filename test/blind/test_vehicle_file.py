@@ -15,8 +15,8 @@ from blind.plants import mujoco_tree
 from blind.plants.log import PERIOD
 from blind.sensors import Mounting
 from blind.tyres import FORMULAS, mixed
-from vsense_ros.model.simulate import rolling_straight, simulate
-from vsense_ros.vehicle_file import load_vehicle
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 
 MOUNTING = Mounting((0.2, 0.0, -0.1), (-0.3, 0.0, 0.9))
 NO_ERRORS = dict.fromkeys(vehicle_file.drawn_errors(np.random.default_rng(0)), 1.0)

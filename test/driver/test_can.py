@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.can import CanDecoder, load_database
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.driver.can_mapping import CanMapping, load_mapping
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 
 DBC = """
 VERSION ""

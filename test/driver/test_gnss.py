@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.bag.importers import import_recording
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.gnss import GnssSettings, metres_between, stamp_of_day
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE, heading_and_tilt
 from vsense_ros.driver.ubx import UbxDecoder
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 
 SECOND = 1_000_000_000
 UTC = datetime.UTC

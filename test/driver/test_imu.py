@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.diagnostic import Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.imu import ImuChecker, ImuSettings, XbusDecoder, encode_mtdata2, mounting_rotation
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Level
+from vsense_ros.messages.recording import Sample
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

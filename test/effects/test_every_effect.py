@@ -12,16 +12,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros import mismatch
-from vsense_ros.model.car import car_of
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import car_of
 from vsense_ros.model.effects import BY_ID, Effects
 from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.effects.unmodelled_reading import UnmodelledReading
-from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.sensors import Imu
-from vsense_ros.model.simulate import rolling_straight
+from vsense_ros.model.simulation.closed_loop import rolling_straight
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
 
 DURATION, STEP = 6.0, 0.005
 IDS = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 START = 1_700_000_000_000_000_000
 WHEELS = ("fl", "fr", "rl", "rr")

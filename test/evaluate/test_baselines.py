@@ -8,7 +8,7 @@ import pytest
 from synthetic_drives import channel, odometry, recording
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate import baselines
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 COEFFICIENTS = np.array([0.02, -0.008, 1.6, -0.0035])
 

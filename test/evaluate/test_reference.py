@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vsense_ros.evaluate.reference import at_reference, mounting_in_words
-from vsense_ros.recording import Channel, Recording
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Channel, Recording
 
 SPEED, RATE = 10.0, 0.4  # [m/s], [rad/s]: a circle of 25 m
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from synthetic_drives import channel, odometry, recording, slalom
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import compose, draw
 from vsense_ros.evaluate.report import named, score_cells, write_report
 from vsense_ros.evaluate.signals import SIGNALS, thin
-from vsense_ros.recording import Recording
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Recording
 
 
 def drive(output: Recording, input: Recording, **more) -> Drive:

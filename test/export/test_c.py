@@ -15,12 +15,13 @@ import pymap3d
 import pytest
 from click.testing import CliRunner
 
+from vsense_ros import codegen
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.cli import main
+from vsense_ros.codegen.c99 import c_function, number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, check
-from vsense_ros.export.expressions import c_function, number
-from vsense_ros.model import codegen
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.friction_change import FrictionChange
 from vsense_ros.model.effects.road_bank import RoadBank
@@ -30,7 +31,6 @@ from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.vehicle_file import load_vehicle
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))

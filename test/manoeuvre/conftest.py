@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 VEHICLES = Path(__file__).resolve().parents[2] / "config" / "vehicles"
 

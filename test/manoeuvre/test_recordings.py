@@ -13,8 +13,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
 from vsense_ros.manoeuvre import STANDARD, generate
 from vsense_ros.manoeuvre.bags import LARGEST, SEED
+from vsense_ros.messages.recording import Recording
 from vsense_ros.observer import run
-from vsense_ros.recording import Recording
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 NAMES = [m.name for m in STANDARD]

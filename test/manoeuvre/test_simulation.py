@@ -9,7 +9,7 @@ import pytest
 
 from vsense_ros.manoeuvre import TESTS, drive
 from vsense_ros.manoeuvre.driver import SpeedKeeper, ramp, steady_steering, understeer_gradient
-from vsense_ros.model.simulate import rolling_straight, simulate
+from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
 

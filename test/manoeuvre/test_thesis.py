@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from vsense_ros.experiments.thesis import HIS_PERCENT, KINDS, LEFT, PARAMETERS, ROWS, STEPS, repeat, show, write
 from vsense_ros.manoeuvre import MANOEUVRES as MANOEUVRES_BY_NAME
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
-from vsense_ros.model.car import car_of
-from vsense_ros.model.full_car_simulation import simulate_full_car
-from vsense_ros.model.simulate import rolling_straight
-from vsense_ros.model.steps import model_functions
-from vsense_ros.thesis import HIS_PERCENT, KINDS, LEFT, PARAMETERS, ROWS, STEPS, repeat, show, write
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import model_functions
+from vsense_ros.model.simulation.closed_loop import rolling_straight
+from vsense_ros.model.simulation.full_car import simulate_full_car
 
 pytestmark = pytest.mark.slow
 FORCES = ("wheel_force_rr_x", "wheel_force_rr_y", "wheel_force_rr_z")

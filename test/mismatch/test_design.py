@@ -14,13 +14,13 @@ from hidden import prototype, without
 from synthetic_findings import finding, traces
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.mismatch import design
 from vsense_ros.mismatch.design import Option, Rival, Separation, left_open, separations
 from vsense_ros.mismatch.knobs import base_knobs, out_of_reach
-from vsense_ros.mismatch.report import NEXT_TEST, write_report
+from vsense_ros.mismatch.page import NEXT_TEST, write_report
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import save_vehicle
 
 
 def choice(*names: str) -> list[Option]:

@@ -13,15 +13,15 @@ import pytest
 
 from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.mismatch.answer import NO_COURSE
 from vsense_ros.mismatch.design import NEXT
-from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
 from vsense_ros.mismatch.fit import Residuals
 from vsense_ros.mismatch.knobs import candidates
-from vsense_ros.mismatch.prediction import Predictor
-from vsense_ros.mismatch.telling import NO_COURSE
+from vsense_ros.mismatch.simulation import Predictor
+from vsense_ros.mismatch.windows import gather
 from vsense_ros.model.effects import BY_ID
-from vsense_ros.vehicle_file import load_vehicle
 
 
 def test_an_effect_that_the_library_does_not_have_is_refused():

@@ -12,7 +12,7 @@ from hidden import driven, having, prototype, wrong
 from vsense_ros import cli
 from vsense_ros.bag.mcap import write_bag
 from vsense_ros.cli import main
-from vsense_ros.vehicle_file import save_vehicle
+from vsense_ros.files.vehicle import save_vehicle
 
 
 @pytest.fixture

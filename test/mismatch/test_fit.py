@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from vsense_ros.mismatch.fit import Fit, fit, slopes_at
 from vsense_ros.mismatch.knobs import Knob
-from vsense_ros.mismatch.prediction import Setting
+from vsense_ros.mismatch.simulation import Setting
 
 DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
 WEIGHT = 3.0  # of a knob that is one deviation off

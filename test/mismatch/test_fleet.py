@@ -22,11 +22,11 @@ from synthetic_findings import effect, finding
 from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import fleet, fleet_report
 from vsense_ros.mismatch.explain import Answer
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import save_vehicle
 
 Progress = Callable[[float], None]
 

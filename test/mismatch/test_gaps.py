@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import trapezoid
 
 from hidden import driven, prototype, seconds, silent, without
-from vsense_ros.mismatch.evidence import gather
-from vsense_ros.mismatch.gate import hindrance
-from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.data_quality import hindrance
 from vsense_ros.mismatch.road import Road
-from vsense_ros.recording import Recording
+from vsense_ros.mismatch.simulation import Predictor
+from vsense_ros.mismatch.windows import gather
 
 LONG = 60.0  # [s] more than one window
 

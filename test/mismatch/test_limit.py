@@ -12,16 +12,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
-from vsense_ros.mismatch.evidence import gather
 from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, turned, untempered
-from vsense_ros.mismatch.judge import ASTRAY, Proof
 from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates, out_of_reach
-from vsense_ros.mismatch.prediction import Predictor
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.model.car import SPIN, X, car_of
-from vsense_ros.model.open_loop import Inputs, OpenLoop
-from vsense_ros.model.simulate import rolling_radii, rolling_straight
+from vsense_ros.mismatch.simulation import Predictor
+from vsense_ros.mismatch.verdict import ASTRAY, Proof
+from vsense_ros.mismatch.windows import gather
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import SPIN, X
+from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 
 ERRORS = arrays(float, (3, 5), elements=st.floats(-40.0, 40.0, allow_subnormal=False))
 

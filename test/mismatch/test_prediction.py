@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype
-from vsense_ros.mismatch.evidence import RUN_IN, gather
 from vsense_ros.mismatch.fit import Residuals
-from vsense_ros.mismatch.prediction import Predictor, turning
+from vsense_ros.mismatch.simulation import Predictor, turning
+from vsense_ros.mismatch.windows import RUN_IN, gather
 
 HEATING = {"front": 0.01, "rear": 0.01}
 

@@ -12,19 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, unheard, wrong
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import extension
-from vsense_ros.mismatch.evidence import gather
+from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.knobs import FOLLOWED, candidates
-from vsense_ros.mismatch.left_out import odd
-from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
+from vsense_ros.mismatch.road_prediction import survey
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.survey import survey
+from vsense_ros.mismatch.simulation import Predictor, Setting
+from vsense_ros.mismatch.windows import gather
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import load_vehicle
 
 
 def waves(x: np.ndarray) -> np.ndarray:

@@ -12,13 +12,13 @@ from scipy.signal import savgol_filter
 
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import build, import_recording
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.effects.base import SPACING
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 RAV4 = EXAMPLES / "rav4/vehicle.yaml"  # rav4.yaml without GNSS

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from hidden import driven, prototype, unheard
-from vsense_ros.mismatch.evidence import RUN_IN, gather
 from vsense_ros.mismatch.selection import most_telling
+from vsense_ros.mismatch.windows import RUN_IN, gather
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import detrend
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.mismatch.evidence import Readings, Window
 from vsense_ros.mismatch.signals import CUT_OFF, difference, grid, noise, signals
+from vsense_ros.mismatch.windows import Readings, Window
 from vsense_ros.model.sensors import GnssVelocity, Imu
 
 BEGIN, END, PERIOD = 0.0, 200.0, 0.01

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype, silent, without
-from vsense_ros.mismatch.evidence import Readings, gather
 from vsense_ros.mismatch.fit import Residuals, fit
 from vsense_ros.mismatch.knobs import TORQUE_SHARES, UNKNOWN_TORQUES, base_knobs
-from vsense_ros.mismatch.prediction import Predictor
+from vsense_ros.mismatch.simulation import Predictor
+from vsense_ros.mismatch.windows import Readings, gather
 
 VELOCITY = "gnss_velocity"
 DELAY = "effects.sensor_delay.wheel_speeds"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import Car, car_of
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import car_of
-from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.steps import GAMMA, model_functions
+from vsense_ros.codegen import Kernel
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import GAMMA, model_functions
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]

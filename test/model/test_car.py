@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pinocchio_car import PIN_ORDER, VERTICAL, G, Twin
-from vsense_ros.model.car import Car
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.steps import dynamics_function
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.steps import dynamics_function
 from vsense_ros.model.tyres import TMeasy, tmeasy
 from vsense_ros.model.vehicle import Vehicle
 

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vsense_ros.model import codegen
+from vsense_ros import codegen
+from vsense_ros.codegen import compile as _compile
 
 PROGRAM = """
 import logging, sys
 import casadi as ca
-from vsense_ros.model import codegen
+from vsense_ros import codegen
+from vsense_ros.codegen import compile as _compile
 logging.basicConfig(level=logging.WARNING)
 x = ca.SX.sym("x", 3)
 function, = codegen.compiled("probe", [codegen.function("probe", [x], [ca.sin(x) * x], ["x"])])
@@ -39,7 +41,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("VSENSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("VSENSE_COMPILE", "1")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(codegen, "_broken", set())
+    monkeypatch.setattr(_compile, "_broken", set())
     return tmp_path / "cache"
 
 

@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stepping import Stepper
-from vsense_ros.model.car import car_of
-from vsense_ros.model.simulate import rolling_radii
-from vsense_ros.model.steps import model_functions
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import model_functions
+from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 G = 9.80665
 STEP = 2e-3  # [s]

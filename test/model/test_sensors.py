@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.model.car import Car, Motion
+from vsense_ros.model.car.car import Car, Motion
 from vsense_ros.model.sensors import (
     GnssAttitude,
     GnssPosition,

@@ -11,9 +11,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from stepping import Stepper
-from vsense_ros.model.car import Car, kinematics
-from vsense_ros.model.steps import (
-    DYNAMIC_COORDINATES,
+from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.steps import (
     advance_function,
     dynamics_function,
     force_function,
@@ -21,6 +20,7 @@ from vsense_ros.model.steps import (
     linearize_function,
     model_functions,
 )
+from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 
 seeds = st.integers(0, 2**32 - 1)
 relaxed = settings(deadline=None, max_examples=10)

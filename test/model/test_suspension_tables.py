@@ -18,10 +18,11 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from stepping import Stepper
-from vsense_ros.model.car import Car, kinematics
+from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.steps import dynamics_function, force_function, linearize_function
+from vsense_ros.model.car.suspension import AxleTable, SuspensionTables
+from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.steps import DYNAMIC_COORDINATES, dynamics_function, force_function, linearize_function
-from vsense_ros.model.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.tyres import TMeasy, tmeasy
 from vsense_ros.model.vehicle import Vehicle
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from vsense_ros.model import spatial
-from vsense_ros.model.tree import Body, Tree, inverse_spd, solve_dominant, solve_spd
+from vsense_ros.model.multibody.tree import Body, Tree, inverse_spd, solve_dominant, solve_spd
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
 

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import WHEELS
+from vsense_ros.model.car.full_car import OUTPUTS, RACK, FullCar
+from vsense_ros.model.car.linkage import Linkages
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.full_car import OUTPUTS, RACK, FullCar
-from vsense_ros.model.linkage import Linkages
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.vehicle import Vehicle
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.full_car_simulation import FullCarPlant, simulate_full_car
-from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
+from vsense_ros.model.simulation.full_car import FullCarPlant, simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
 
 Array = np.ndarray

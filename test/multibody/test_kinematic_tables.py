@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import car_of
-from vsense_ros.model.full_car import FullCar
-from vsense_ros.model.full_car_simulation import FullCarPlant
-from vsense_ros.model.kinematic_tables import (
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.full_car import FullCar
+from vsense_ros.model.car.kinematic_tables import (
     COLUMNS,
     TOLERANCE,
     SteeringRack,
@@ -21,9 +20,10 @@ from vsense_ros.model.kinematic_tables import (
     largest_errors,
     steering_rack,
 )
-from vsense_ros.model.simulate import rolling_straight
-from vsense_ros.model.steps import dynamics_function
-from vsense_ros.model.suspension import SuspensionTables
+from vsense_ros.model.car.steps import dynamics_function
+from vsense_ros.model.car.suspension import SuspensionTables
+from vsense_ros.model.simulation.closed_loop import rolling_straight
+from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 
 CAMBER, TOE = COLUMNS.index("camber"), COLUMNS.index("toe")

@@ -9,11 +9,11 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
 
-from vsense_ros.bag import cdr
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.messages import cdr
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import FIELDS, Sample
 from vsense_ros.node.convert import message_type
-from vsense_ros.recording import FIELDS, Sample
 
 STAMP = 1_723_456_789_123_456_789
 INTEGERS = {"status": 2, "service": 11, "position_covariance_type": 2}

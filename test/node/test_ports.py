@@ -14,8 +14,8 @@ import can
 import pytest
 import serial
 
-from vsense_ros.diagnostic import Level
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Level
 from vsense_ros.node.byte_log import read_byte_log, write_byte_log
 from vsense_ros.node.ports import PtyPort, SlcanAdapter, open_port
 from vsense_ros.node.serial_link import SerialLink

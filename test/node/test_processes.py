@@ -25,9 +25,9 @@ from vsense_ros.driver.imu import encode_mtdata2
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.samples import imu
 from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Channel, Recording, Sample
 from vsense_ros.node.ports import PtyPort, SlcanAdapter, TcpPort
 from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
-from vsense_ros.recording import Channel, Recording, Sample
 
 pytestmark = pytest.mark.slow
 

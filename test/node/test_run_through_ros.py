@@ -19,15 +19,15 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
 from vsense_ros import observer
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
-from vsense_ros.diagnostic import Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.imu import encode_mtdata2
 from vsense_ros.errors import InputError
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.diagnostic import Level
+from vsense_ros.messages.recording import Channel, Recording, Sample
 from vsense_ros.node.processes import RosRun, run_through_ros
 from vsense_ros.observer.monitor import Limits, Range, save_limits
-from vsense_ros.recording import Channel, Recording, Sample
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from drives import feed, messages
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import load_vehicle
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 

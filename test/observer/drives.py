@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.diagnostic import Diagnostic
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.observer import Observer
 from vsense_ros.observer.spi import Spi
-from vsense_ros.recording import Recording, Sample
 
 Array = NDArray[np.float64]
 SECOND = 1_000_000_000

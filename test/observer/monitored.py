@@ -8,18 +8,18 @@ from functools import cache
 
 import numpy as np
 
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.model.car import car_of
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.model.car.car import car_of
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.aero_drag import AeroDrag
 from vsense_ros.model.effects.crosswind import Crosswind
-from vsense_ros.model.open_loop import Inputs, OpenLoop
 from vsense_ros.model.sensors import WheelTorques
-from vsense_ros.model.simulate import Trajectory, rolling_straight
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Channel, Recording
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
 
 STEP = 1e-3  # [s]
 RADIUS = 0.27  # [m]

@@ -27,13 +27,13 @@ from drives import (
     messages,
     seconds,
 )
-from vsense_ros.diagnostic import Level
+from vsense_ros.messages.diagnostic import Level
+from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import GnssPosition, Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.health import Health
 from vsense_ros.observer.reading import Event, Map, Reader
-from vsense_ros.recording import Recording, Sample
 
 NAMES = {topic: name for name, topic in SENSORS.items()}
 NAN, INFINITE, HUGE = np.nan, np.inf, 1e300

@@ -7,6 +7,7 @@ import pytest
 
 from drives import feed, follow, messages
 from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.vehicle import Vehicle
@@ -14,7 +15,6 @@ from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.full_car_ekf import FullCarEkf
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.recording import Recording
 
 pytestmark = pytest.mark.slow
 

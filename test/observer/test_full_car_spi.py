@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from drives import feed, goes_on_as_it_did, messages
 from test_full_car_ekf import on_known_tyres
 from vsense_ros.errors import InputError
-from vsense_ros.model.full_car_simulation import FullCarPlant
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.full_car_ekf import LONGEST_STEP, FullCarEkf
 from vsense_ros.observer.full_car_spi import FullCarNumbers, FullCarSpi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_ukf import KAPPA
-from vsense_ros.recording import Recording
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from vsense_ros.model import codegen
+from vsense_ros import codegen
 from vsense_ros.observer.kalman import DYNAMIC, FORCE, SURROUND, CompiledKalman, Kalman, Linearization, Q, U, kalman
 
 Array = NDArray[np.float64]

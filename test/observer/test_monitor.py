@@ -17,13 +17,13 @@ from drives import messages
 from monitored import altered, driven, prototype
 from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Recording
 from vsense_ros.observer import Observer
 from vsense_ros.observer.calibration import MOST, Watch, calibrate, watch
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import save_vehicle
 
 BEGIN = 18.0  # [s] when something goes wrong
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drives import feed, messages
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
@@ -13,7 +14,6 @@ from vsense_ros.observer.dekf import Dekf
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE
 from vsense_ros.observer.ukf import Ukf
-from vsense_ros.recording import Recording
 
 NAMES = ("longitudinal", "lateral", "vertical", "roll", "pitch", "yaw", "suspension", "wheel_spin")
 

@@ -16,17 +16,17 @@ from pydantic import ValidationError
 from drives import feed, goes_on_as_it_did, messages
 from test_kalman import N, problem
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import car_of
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import model_functions
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import Imu
-from vsense_ros.model.steps import model_functions
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.kalman import GAIN_COLUMNS, Kalman
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
 from vsense_ros.observer.spi import Spi
-from vsense_ros.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"

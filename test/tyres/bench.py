@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.files.tyre import load_tyre
 from vsense_ros.model.parameter import numbers, symbols, vector, with_values
 from vsense_ros.model.tyres import FORCES, RELAXATION_LENGTHS, MagicFormula
 from vsense_ros.model.tyres.magic_formula import ASYMMETRIC
-from vsense_ros.tyre_file import load_tyre
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "config/tyres"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.vehicle_file import load_vehicle
 
 
 @pytest.fixture(scope="session")

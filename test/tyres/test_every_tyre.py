@@ -247,8 +247,8 @@ def test_lateral_force_grows_over_the_relaxation_length_whatever_the_speed(name)
 def test_a_car_runs_on_every_tyre_and_tells_it_side_and_inclination(genesis):
     import casadi as ca
 
-    from vsense_ros.model.car import Car
-    from vsense_ros.model.simulate import rolling_straight
+    from vsense_ros.model.car.car import Car
+    from vsense_ros.model.simulation.closed_loop import rolling_straight
 
     seen = set()
     for tyre in TYRES.values():

@@ -8,9 +8,9 @@ import pytest
 
 from bench import FOLDER, forces
 from vsense_ros.errors import InputError
-from vsense_ros.tir import read_tir
-from vsense_ros.tyre_file import load_tyre
-from vsense_ros.vehicle_file import load_vehicle, save_vehicle
+from vsense_ros.files.tir import read_tir
+from vsense_ros.files.tyre import load_tyre
+from vsense_ros.files.vehicle import load_vehicle, save_vehicle
 
 BOOK = FOLDER / "pacejka_2006_205_60r15.tir"
 

@@ -14,7 +14,7 @@ import numpy as np
 from pyubx2 import GET, UBXMessage
 
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 _KNOT = 1852 / 3600  # [m/s]
 

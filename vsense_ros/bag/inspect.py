@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.bag.topics import INPUTS, TOPICS
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.messages.topics import INPUTS, TOPICS
 
 Array = NDArray[np.float64]
 

@@ -25,9 +25,9 @@ import zstandard
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from vsense_ros.bag import cdr, messages
 from vsense_ros.errors import InputError
-from vsense_ros.recording import FIELDS, Channel, Recording, Sample
+from vsense_ros.messages import cdr, definitions
+from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(0x01, 0x09)
@@ -158,8 +158,8 @@ class BagWriter:
             self._flush()
 
     def _add_topic(self, topic: str, kind: str) -> tuple[int, str]:
-        if kind not in messages.TYPE_HASHES:
-            known = ", ".join(sorted(messages.TYPE_HASHES))
+        if kind not in definitions.TYPE_HASHES:
+            known = ", ".join(sorted(definitions.TYPE_HASHES))
             raise InputError(f"{topic}: message type {kind!r} cannot be written; known: {known}")
         if kind not in self._kinds:
             self._kinds[kind] = len(self._kinds) + 1
@@ -171,12 +171,14 @@ class BagWriter:
         return number, kind
 
     def _schema(self, kind: str) -> bytes:
-        body = struct.pack("<H", self._kinds[kind]) + _text(kind) + _text("ros2msg") + _text(messages.schema_text(kind))
+        body = (
+            struct.pack("<H", self._kinds[kind]) + _text(kind) + _text("ros2msg") + _text(definitions.schema_text(kind))
+        )
         return _record(_SCHEMA, body)
 
     def _channel(self, topic: str) -> bytes:
         number, kind = self._topics[topic]
-        metadata = {"offered_qos_profiles": _QOS, "topic_type_hash": messages.TYPE_HASHES[kind]}
+        metadata = {"offered_qos_profiles": _QOS, "topic_type_hash": definitions.TYPE_HASHES[kind]}
         head = struct.pack("<HH", number, self._kinds[kind])
         return _record(_CHANNEL, head + _text(_absolute(topic)) + _text("cdr") + _map(metadata))
 
@@ -283,7 +285,7 @@ message_count: {total}
     type: {kind}
     serialization_format: cdr
     offered_qos_profiles:
-{_indent(_QOS, 6)}    type_description_hash: {messages.TYPE_HASHES[kind]}
+{_indent(_QOS, 6)}    type_description_hash: {definitions.TYPE_HASHES[kind]}
   message_count: {self._counts[channel]}
 """
             for topic, (channel, kind) in self._topics.items()
@@ -610,9 +612,8 @@ def _scan(path: Path, contents: _Contents) -> None:
 def read_bag(path: str | Path) -> Recording:
     """Read a bag folder or a single `.mcap` file.
 
-    All intact messages of the types in `vsense_ros.recording.FIELDS` are returned, topics without their leading
-    slash; what was lost or skipped, and where, stands in `notes`, the known number of lost messages in
-    `messages_lost`.
+    All intact messages of the types in `messages.recording.FIELDS` are returned, topics without their leading slash;
+    what was lost or skipped, and where, stands in `notes`, the known number of lost messages in `messages_lost`.
 
     Raises `InputError` if there is no such bag, if it is none, or if it holds no message.
     """

@@ -12,7 +12,6 @@ import numpy as np
 from cantools.database import Database, Message
 from cantools.database import Signal as DbcSignal
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.driver.can_mapping import (
@@ -28,7 +27,8 @@ from vsense_ros.driver.can_mapping import (
 )
 from vsense_ros.driver.monitor import LATEST, NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 
 
 def load_database(path: str | Path) -> Database:

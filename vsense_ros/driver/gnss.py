@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 
 DAY = 86400 * NANO
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver import samples
 from vsense_ros.driver.gnss import LinkStatistics, utc_stamp
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

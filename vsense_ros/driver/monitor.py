@@ -9,7 +9,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 
 NANO = 1_000_000_000
 LATEST = 2**31 * NANO  # [ns] what the stamp of a message, whose seconds have 32 bits, can no longer hold

@@ -11,12 +11,12 @@ from typing import Any
 from pynmeagps import NMEAReader
 from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEAStreamError, NMEATypeError
 
-from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
 from vsense_ros.driver.monitor import NANO
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Sample
 
 KNOT = 1852.0 / 3600.0  # [m/s]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense_ros.recording import Sample
+from vsense_ros.messages.recording import Sample
 
 # Messages can only mark a whole vector as absent (covariance[0] = -1), not one axis of it. An axis that the sensor does
 # not measure has the value NaN (zero, where it is part of a quaternion) and this variance, in the unit squared.

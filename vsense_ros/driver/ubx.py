@@ -9,10 +9,10 @@ from typing import Any
 
 from pyubx2 import UBXReader, exceptions
 
-from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
-from vsense_ros.recording import Sample
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Sample
 
 MILLISECOND = 1_000_000  # [ns]
 WEEK = 7 * 86400 * 1000  # [ms]

@@ -18,7 +18,7 @@ from vsense_ros.evaluate.signals import (
     make_series,
     read_signals,
 )
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 Scores = dict[str, SignalScore]
 

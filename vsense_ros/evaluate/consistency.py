@@ -14,8 +14,8 @@ from scipy.stats import chi2, norm
 
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.messages.recording import Recording
 from vsense_ros.observer.innovations import Innovations
-from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from vsense_ros.bag.inspect import TopicInfo, inspect
-from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
-from vsense_ros.recording import Recording
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Recording
 
 
 class RunFigures(Protocol):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.evaluate.signals import Array, Series, read_signals, wrap
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
 LONGEST_LAG = 1.0  # that is searched for [s]

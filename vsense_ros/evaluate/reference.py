@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
 
 ODOMETRY = "vsense/odometry"
 SIDE_SLIP = "vsense/sideslip"

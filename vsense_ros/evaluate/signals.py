@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 WHEELS = ("fl", "fr", "rl", "rr")
 MOST_POINTS = 1600  # of a curve, beyond which neither print nor screen shows more

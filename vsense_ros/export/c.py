@@ -14,10 +14,11 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.codegen.c99 import c_function, number, wrapped
 from vsense_ros.errors import InputError
-from vsense_ros.export.expressions import c_function, number, wrapped
-from vsense_ros.model import steps
-from vsense_ros.model.car import COORDINATES, INPUTS, SURROUNDINGS, WHEELS, Car, car_of
+from vsense_ros.model.car import steps
+from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
@@ -27,8 +28,8 @@ from vsense_ros.observer.kalman import SURROUND, U
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.reading import Map
+from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, Survey, places, slope_by_size
 from vsense_ros.observer.spi import FILTERS, Spi
-from vsense_ros.observer.survey import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, Survey, places, slope_by_size
 
 Array = NDArray[np.float64]
 

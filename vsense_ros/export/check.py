@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.export import c
-from vsense_ros.model import codegen
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE
 from vsense_ros.observer.spi import Spi
-from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 

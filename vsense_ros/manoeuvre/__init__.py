@@ -20,9 +20,9 @@ from vsense_ros.manoeuvre import (
 )
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.model.simulate import Trajectory, rolling_straight, simulate
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
 
 # Those that stand in bags/.
 STANDARD = tuple(

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vsense_ros.bag import write_bag
+from vsense_ros.files.installed import shared_folder
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import STANDARD, generate
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.shared_files import shared_folder
-from vsense_ros.vehicle_file import load_vehicle
 
 SEED = 2020
 LARGEST = 1_500_000  # [byte] of a bag's file

@@ -6,7 +6,7 @@ import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.driver import Pedals, SpeedKeeper, ramp, steady_steering
-from vsense_ros.model.simulate import Driver
+from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
 RADIUS = 100.0  # [m]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
-from vsense_ros.model.simulate import Driver
+from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
 SPEED = 120 / 3.6

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper
-from vsense_ros.model.simulate import Array, Driver
+from vsense_ros.model.simulation.closed_loop import Array, Driver
 from vsense_ros.model.vehicle import Vehicle
 
 SPEED = 70 / 3.6

@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import SPIN, YAW, X
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.simulate import rolling_radii
+from vsense_ros.model.coordinates import SPIN, YAW, X
+from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.tyres import CORNERING_STIFFNESSES
 from vsense_ros.model.vehicle import Axle, Vehicle
 

@@ -19,7 +19,10 @@ from math import pi
 import numpy as np
 import pymap3d
 
-from vsense_ros.model.car import WHEELS, car_of
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import sensor_functions
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.sensors import (
     GnssPosition,
     GnssVelocity,
@@ -30,10 +33,8 @@ from vsense_ros.model.sensors import (
     WheelSpeeds,
     WheelTorques,
 )
-from vsense_ros.model.simulate import Array, Trajectory
-from vsense_ros.model.steps import sensor_functions
+from vsense_ros.model.simulation.closed_loop import Array, Trajectory
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Channel, Recording
 
 EPOCH = 1_593_043_200_000_000_000  # [ns] 2020-06-25 00:00 UTC: a recording is always made at the same time
 ORIGIN = (43.5, -8.2, 50.0)  # latitude, longitude [deg], height [m] of the map's origin

@@ -7,7 +7,7 @@ import numpy as np
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.driver import steady_steering
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.simulate import Driver
+from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
 SPEED = 80 / 3.6

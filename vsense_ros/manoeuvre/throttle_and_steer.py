@@ -12,7 +12,7 @@ import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
-from vsense_ros.model.simulate import Driver
+from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
 TORQUE = 115.0  # [N m] at each rear wheel

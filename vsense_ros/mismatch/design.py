@@ -25,20 +25,20 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.errors import InputError
+from vsense_ros.files.atomic import written_whole
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.mismatch.evidence import RUN_IN, Evidence, gather
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
-from vsense_ros.mismatch.judge import NORMAL_90
 from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES, Knob, base_knobs, candidates, out_of_reach
+from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
 from vsense_ros.mismatch.picture import label
-from vsense_ros.mismatch.prediction import Predictor, Setting
-from vsense_ros.mismatch.report import PAGE, place_of, write_next_test
-from vsense_ros.model.car import YAW
+from vsense_ros.mismatch.simulation import Predictor, Setting
+from vsense_ros.mismatch.verdict import NORMAL_90
+from vsense_ros.mismatch.windows import RUN_IN, Evidence, gather
+from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.effects import BY_ID, Effect
-from vsense_ros.model.simulate import Trajectory, rolling_straight
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.whole_file import written_whole
 
 Array = NDArray[np.float64]
 

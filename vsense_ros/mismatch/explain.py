@@ -19,24 +19,24 @@ import numpy as np
 from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
-from vsense_ros.mismatch import telling
+from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import ANSWER, NEXT
-from vsense_ros.mismatch.evidence import Evidence, gather
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
-from vsense_ros.mismatch.gate import hindrance, misfit
-from vsense_ros.mismatch.judge import THRESHOLD, Judged, Proof, judge, least_gain
 from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
+from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.prediction import LOST, Predictor
-from vsense_ros.mismatch.report import PAGE, write_report
 from vsense_ros.mismatch.search import Explanation, Search
 from vsense_ros.mismatch.selection import most_telling
+from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.verdict import THRESHOLD, Judged, Proof, judge, least_gain
+from vsense_ros.mismatch.windows import Evidence, gather
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import save_vehicle
-from vsense_ros.whole_file import written_whole
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 # Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
@@ -74,14 +74,14 @@ class Answer:
     def _write_road(self, path: Path) -> None:
         """A row for each place and effect of the road that was named."""
         rows = [
-            [effect["id"], effect["parameters"][0]["unit"], *(place.get(key, "") for key in telling.PLACE),
+            [effect["id"], effect["parameters"][0]["unit"], *(place.get(key, "") for key in entries.PLACE),
              effect["parameters"][0]["value"] + place["value"]]
             for effect in self.found["effects"] if effect["accepted"]
             for place in effect.get("profile", ())
         ]  # fmt: skip
         if rows:
             with written_whole(path) as file:
-                csv.writer(file).writerows([["effect", "unit", *telling.PLACE, "value"], *rows])
+                csv.writer(file).writerows([["effect", "unit", *entries.PLACE, "value"], *rows])
 
 
 class NotAssessableError(Exception):
@@ -157,7 +157,7 @@ def _explained(
     proof = Proof(unseen, vehicle, residuals, base, progress)
     found["remarks"] = [*residuals.predictor.evidence.remarks, *proof.remarks]
     if proof.residuals is None and len(residuals.layout) == 1:
-        found["remarks"].append(telling.ALONE)
+        found["remarks"].append(entries.ALONE)
     found["held_out_unused"] = [name for name in found["held_out"] if name not in proof.recordings]
     found["held_out"] = proof.recordings
     proving = proof.residuals.predictor.evidence.driven if proof.residuals is not None else 0.0
@@ -176,28 +176,28 @@ def _explained(
     if strange and (leader is None or misfit(leader.fit, residuals)):
         raise NotAssessableError(strange)
     shown = leader.fit if leader is not None else base
-    found["remarks"] += telling.remarks(judged, proof, shown, kinds, beyond, varying)
+    found["remarks"] += entries.remarks(judged, proof, shown, kinds, beyond, varying)
     evidence = residuals.predictor.evidence
-    effects = telling.effect_entries(judged, evidence, proof)
+    effects = entries.effect_entries(judged, evidence, proof)
     answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
     for effect in effects:
         effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
     found |= {
         "verdict": verdict,
         "by_pieces": leader is not None and proof.surveyed(leader.fit),
-        "located": telling.located(residuals, base, proof)
-        | {"force": telling.force(judged, proof), "parts": telling.parts(effects, answer_set)},
+        "located": entries.located(residuals, base, proof)
+        | {"force": entries.force(judged, proof), "parts": entries.parts(effects, answer_set)},
         "effects": effects,
         "answer_set": answer_set,
         "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
-        "fit": telling.errors(residuals, base, shown, proof),
-        "base": telling.base_parameters(base, leader.fit if leader is not None else None),
+        "fit": entries.errors(residuals, base, shown, proof),
+        "base": entries.base_parameters(base, leader.fit if leader is not None else None),
         "misfit": residuals.level(base.residuals),
     }
-    found["sentence"] = telling.sentence(found, [e.effects for e in judged.rivals])
-    traces = telling.traces(residuals, base, residuals.predictor.simulated(shown.setting), False)
+    found["sentence"] = entries.sentence(found, [e.effects for e in judged.rivals])
+    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.setting), False)
     if proof.residuals is not None:
-        traces += telling.traces(proof.residuals, base, proof.simulated(shown), True)
+        traces += entries.traces(proof.residuals, base, proof.simulated(shown), True)
     sure = leader is not None and verdict != "ambiguous"
     return Answer(found, traces, extended(vehicle, evidence, shown.setting) if sure else None)
 

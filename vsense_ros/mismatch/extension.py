@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from vsense_ros.mismatch.evidence import Evidence
-from vsense_ros.mismatch.prediction import Setting, abscissae
 from vsense_ros.mismatch.road import place_of, profile
+from vsense_ros.mismatch.simulation import Setting, abscissae
+from vsense_ros.mismatch.windows import Evidence
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.vehicle import Vehicle
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.equations import Equations, least
 from vsense_ros.mismatch.knobs import Knob
-from vsense_ros.mismatch.prediction import Predictor, Setting
 from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference, grid
+from vsense_ros.mismatch.simulation import Predictor, Setting
 
 Array = NDArray[np.float64]
 

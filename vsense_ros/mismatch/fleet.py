@@ -25,13 +25,13 @@ from distributed import Client, LocalCluster, as_completed, get_worker
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
+from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.design import answered, designed
-from vsense_ros.mismatch.evidence import LEFT_OUT, gather
 from vsense_ros.mismatch.explain import STAGES, answer
+from vsense_ros.mismatch.windows import LEFT_OUT, gather
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.recording import Recording
-from vsense_ros.vehicle_file import load_vehicle
-from vsense_ros.whole_file import written_whole
 
 VEHICLE_FILE = "vehicle.yaml"
 HELD_OUT = "held_out"

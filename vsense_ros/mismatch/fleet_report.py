@@ -16,10 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
+from vsense_ros.files.atomic import in_place_of, written_whole
 from vsense_ros.mismatch.fleet import FAILED, TABLE
-from vsense_ros.mismatch.report import PAGE as REPORT
-from vsense_ros.mismatch.report import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
-from vsense_ros.whole_file import in_place_of, written_whole
+from vsense_ros.mismatch.page import PAGE as REPORT
+from vsense_ros.mismatch.page import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
 
 SHEET, PAGE = "fleet.csv", "fleet.html"
 

@@ -15,10 +15,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
-from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
-from vsense_ros.mismatch.left_out import (
+from vsense_ros.mismatch.cross_validation import (
     LeftOut,
     as_it_is,
     by_pieces,
@@ -28,8 +25,11 @@ from vsense_ros.mismatch.left_out import (
     places,
     tells_its_pieces,
 )
-from vsense_ros.mismatch.prediction import Setting
+from vsense_ros.mismatch.equations import Equations
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
+from vsense_ros.mismatch.knobs import Candidate, Knob, shapes, terms
 from vsense_ros.mismatch.road import profile
+from vsense_ros.mismatch.simulation import Setting
 
 Array = NDArray[np.float64]
 

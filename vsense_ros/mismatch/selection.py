@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.evidence import RUN_IN, Evidence, Readings, Window
+from vsense_ros.mismatch.windows import RUN_IN, Evidence, Readings, Window
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from vsense_ros.mismatch.evidence import GRID, RUN_IN, Readings, Window, in_axes_of_car
+from vsense_ros.mismatch.windows import GRID, RUN_IN, Readings, Window, in_axes_of_car
 from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]

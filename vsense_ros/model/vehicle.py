@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from vsense_ros.model.car.linkage import Linkages
+from vsense_ros.model.car.suspension import SuspensionTables
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import Effects
-from vsense_ros.model.linkage import Linkages
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
 from vsense_ros.model.sensors import Sensor, SensorBase
 from vsense_ros.model.sensors import Steering as SteeringSensor
 from vsense_ros.model.sensors.base import Triple
-from vsense_ros.model.suspension import SuspensionTables
 from vsense_ros.model.tyres import Tyre
 
 SWINGING_SHARE = 0.3  # of the car's mass at most: beyond, what is left is no rigid body with a pendulum on it

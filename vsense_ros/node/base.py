@@ -22,15 +22,15 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from vsense_ros.bag import cdr
-from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.errors import InputError
+from vsense_ros.messages import cdr
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Sample
 from vsense_ros.node import parameters, spin
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
 from vsense_ros.node.reader import LOSSLESS, Reader
 from vsense_ros.node.time_base import TimeBase
-from vsense_ros.recording import Sample
 
 Params = TypeVar("Params", bound=NodeParameters)
 

@@ -13,11 +13,11 @@ from typing import Any, Literal
 import can
 from pydantic import Field
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_bus import open_bus
 from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.time_base import Arrivals

@@ -1,4 +1,4 @@
-"""Message types by name. Messages themselves travel as CDR bytes, which `vsense_ros.bag.cdr` turns into samples.
+"""Message types by name. Messages themselves travel as CDR bytes, which `vsense_ros.messages.cdr` turns into samples.
 
 rclpy publishes bytes as they are and hands them over to raw subscriptions, so that a sample meets no message object on
 its way: converting one field by field costs some 30 µs, its bytes a third of that.

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from vsense_ros.bag import cdr
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages import cdr
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.reader import Reader
 from vsense_ros.observer import Observer, estimate_samples
 from vsense_ros.observer.monitor import load_limits
-from vsense_ros.shared_files import vehicle_path
-from vsense_ros.vehicle_file import load_vehicle
 
 _TIMES_KEPT = 1_000_000
 _PERCENTILES = (50, 90, 99, 99.9)

@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from vsense_ros.bag import read_bag
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Recording
 from vsense_ros.node.byte_log import write_byte_log
-from vsense_ros.recording import Recording
 
 _FIRST_DOMAIN, _LAST_DOMAIN = 10, 100  # above 101 the ports of a domain collide with ephemeral ones
 _DOMAIN_PORT = 7400

@@ -11,9 +11,9 @@ from typing import Any
 from pydantic import Field
 
 from vsense_ros.bag import BagWriter
-from vsense_ros.bag.messages import TYPE_HASHES
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.messages.definitions import TYPE_HASHES
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters

@@ -24,10 +24,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from vsense_ros.bag import cdr, read_bag
-from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.bag import read_bag
 from vsense_ros.driver.can_bus import open_bus, read_can_log
 from vsense_ros.errors import InputError
+from vsense_ros.messages import cdr
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
 from vsense_ros.node.byte_log import read_byte_log
 from vsense_ros.node.can_driver import bus_options

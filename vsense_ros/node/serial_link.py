@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import serial
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0  # [s] between attempts to open
 _PATIENCE = 0.1  # [s] for which a read waits

@@ -7,12 +7,12 @@ from typing import Any, Protocol, TypeVar
 
 from pydantic import Field
 
-from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 from vsense_ros.node.base import SensingNode
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.serial_link import SerialLink
 from vsense_ros.node.time_base import Arrivals
-from vsense_ros.recording import Sample
 
 
 class Decoder(Protocol):

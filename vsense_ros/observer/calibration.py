@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range
 from vsense_ros.observer.observer import Observer
-from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.codegen import Entry, Kernel
-from vsense_ros.model.steps import GAMMA
+from vsense_ros.codegen import Entry, Kernel
+from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.observer.kalman import CompiledKalman, Kalman, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]

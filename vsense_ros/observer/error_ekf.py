@@ -18,11 +18,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import INPUTS, PITCH, ROLL, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z, car_of
-from vsense_ros.model.codegen import Kernel
+from vsense_ros.codegen import Kernel
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import model_functions, sensor_functions
+from vsense_ros.model.coordinates import INPUTS, PITCH, ROLL, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z
 from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
-from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.compiled_step import Backup, CompiledStep, Process, Replayed
 from vsense_ros.observer.kalman import FORCE, SURROUND, Linearization, Q, U, kalman

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import SPIN, SURROUNDINGS, WHEELS, YAW, Y
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, WHEELS, YAW, Y
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND
-from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
 

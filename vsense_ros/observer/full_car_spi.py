@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.model import codegen
-from vsense_ros.model.codegen import Kernel
-from vsense_ros.model.full_car import FullCar
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.full_car_ekf import FullCarEkf
 from vsense_ros.observer.kalman import SURROUND, Q, U

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-from vsense_ros.diagnostic import Diagnostic, Level
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.sensors import SensorBase
 
 PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match

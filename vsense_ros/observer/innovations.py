@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.observer import Observer
 from vsense_ros.observer.run import topics_in
-from vsense_ros.recording import Recording
 
 Array = NDArray[np.float64]
 

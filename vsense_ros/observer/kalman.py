@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from vsense_ros.model import codegen
-from vsense_ros.model.steps import DYNAMIC_COORDINATES, GAMMA
+from vsense_ros import codegen
+from vsense_ros.model.car.steps import GAMMA
+from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 
 Array = NDArray[np.float64]
 

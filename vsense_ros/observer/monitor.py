@@ -19,13 +19,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import ROLL, SPIN, WHEELS, YAW, X, Y
+from vsense_ros.files.atomic import written_whole
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND, U
-from vsense_ros.whole_file import written_whole
 
 Array = NDArray[np.float64]
 

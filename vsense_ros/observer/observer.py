@@ -15,9 +15,10 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.diagnostic import Diagnostic, Level
 from vsense_ros.errors import InputError
-from vsense_ros.model.car import YAW, X, Y
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.coordinates import YAW, X, Y
 from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
@@ -29,10 +30,9 @@ from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.health import PATIENCE, Health
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.reading import Event, Map, Reader
+from vsense_ros.observer.road_map import Survey
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.standstill import Standstill
-from vsense_ros.observer.survey import Survey
-from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
 

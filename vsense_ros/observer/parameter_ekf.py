@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from vsense_ros.model import codegen
-from vsense_ros.model.car import COORDINATES
+from vsense_ros import codegen
+from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import SURROUND, Q, U
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered

@@ -29,8 +29,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model import codegen
-from vsense_ros.model.car import COORDINATES, SURROUNDINGS, Car
+from vsense_ros import codegen
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.coordinates import COORDINATES, SURROUNDINGS
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
 

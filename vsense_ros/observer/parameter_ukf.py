@@ -8,8 +8,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from vsense_ros.model import codegen
-from vsense_ros.model.car import COORDINATES, Motion
+from vsense_ros import codegen
+from vsense_ros.model.car.car import Motion
+from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered

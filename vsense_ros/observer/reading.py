@@ -10,8 +10,8 @@ import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
+from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.recording import Sample
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense_ros.diagnostic import Diagnostic
 from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
 from vsense_ros.observer.observer import Observer
-from vsense_ros.recording import Channel, Recording
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.model import codegen
-from vsense_ros.model.car import Car, car_of
-from vsense_ros.model.codegen import Kernel
+from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.compiled_step import Learned

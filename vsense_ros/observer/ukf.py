@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.model.car import car_of
-from vsense_ros.model.codegen import Kernel
+from vsense_ros.codegen import Kernel
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.steps import model_functions, sensor_functions
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.model.steps import model_functions, sensor_functions
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
 from vsense_ros.observer.whole_state import WholeState

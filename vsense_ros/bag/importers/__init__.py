@@ -12,7 +12,7 @@ from typing import Any
 from vsense_ros.bag import mcap
 from vsense_ros.bag.importers import comma2k19, csv, genesis, mdf4, racelogic_vbb
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 
 @dataclass(frozen=True)

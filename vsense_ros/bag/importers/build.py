@@ -12,8 +12,8 @@ import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
-from vsense_ros.bag.topics import TOPICS
-from vsense_ros.recording import FIELDS, Channel
+from vsense_ros.messages.recording import FIELDS, Channel
+from vsense_ros.messages.topics import TOPICS
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Channel, Recording
+from vsense_ros.messages.recording import Channel, Recording
 
 NAME = "comma2k19"
 DESCRIPTION = "segment folder of comma2k19 (processed_log, global_pose)"

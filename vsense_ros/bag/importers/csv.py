@@ -12,7 +12,7 @@ import numpy as np
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 NAME = "csv"
 DESCRIPTION = "text table with a column mapping (.csv, .tsv, .txt)"

@@ -22,7 +22,7 @@ from scipy.io.matlab import MatReadError
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 NAME = "genesis"
 DESCRIPTION = "lap of the MPC Berkeley Genesis (.mat)"

@@ -31,9 +31,9 @@ from ruamel.yaml.error import YAMLError
 
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
-from vsense_ros.bag.topics import TOPICS
 from vsense_ros.errors import InputError
-from vsense_ros.recording import FIELDS, Channel, Recording
+from vsense_ros.messages.recording import FIELDS, Channel, Recording
+from vsense_ros.messages.topics import TOPICS
 
 _G = 9.80665  # [m/s²]
 _DEG = np.pi / 180.0

@@ -18,7 +18,7 @@ import pymap3d
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
-from vsense_ros.recording import Recording
+from vsense_ros.messages.recording import Recording
 
 NAME = "racelogic_vbb"
 DESCRIPTION = "Racelogic VBOX binary (.vbb)"

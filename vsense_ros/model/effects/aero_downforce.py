@@ -10,7 +10,7 @@ from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car.car import Car
 
 
 class AeroDownforce(Effect):

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from vsense_ros.model.parameter import Part
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
     from vsense_ros.model.sensors import SensorBase
     from vsense_ros.model.vehicle import Vehicle
 

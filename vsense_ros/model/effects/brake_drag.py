@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_wheel, size
 SMALLEST_SPIN = 1.0  # [rad/s] below it the torque fades, so that a wheel may rest
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class BrakeDrag(Effect):

@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 ROUNDING = 0.002  # [m] over which contact begins
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class BumpStop(Effect):

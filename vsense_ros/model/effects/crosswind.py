@@ -10,7 +10,7 @@ from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.effects.base import Effect, shape, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car.car import Car
 
 CALM = 0.1  # [m/s] keeps the direction of the air flow defined at rest
 

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class RollSteer(Effect):

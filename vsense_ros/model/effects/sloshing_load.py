@@ -13,7 +13,7 @@ DAMPING = 0.05  # damping ratio of the swing
 LEAST_REST = 0.2  # of the car's mass that does not swing: what a fit may try beyond has no meaning
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car
+    from vsense_ros.model.car.car import Car
 
 
 class SloshingLoad(Effect):

@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, size
 SMALLEST_RATE = 0.01  # [m/s] below it the friction fades, so that the suspension creeps instead of sticking
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class SuspensionFriction(Effect):

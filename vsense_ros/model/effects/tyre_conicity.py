@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.effects.base import Effect, of_wheel, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Corner
+    from vsense_ros.model.car.car import Corner
 
 
 class TyreConicity(Effect):

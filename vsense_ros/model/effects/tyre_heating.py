@@ -14,7 +14,7 @@ HEAT_CAPACITY = 8e3  # [J/K] of the tread that takes part
 LEAST = 0.2  # of the grip that is left at any temperature
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class TyreHeating(Effect):

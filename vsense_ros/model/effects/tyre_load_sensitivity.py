@@ -11,7 +11,7 @@ from vsense_ros.model.effects.base import Effect, of_axle, size
 LEAST = 0.2  # of the grip that is left at any load
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Corner
+    from vsense_ros.model.car.car import Corner
     from vsense_ros.model.vehicle import Vehicle
 
 

@@ -12,7 +12,7 @@ from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
 STANDSTILL = 0.3  # [m/s] keeps the lag finite at rest
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 
 class TyreRelaxation(Effect):

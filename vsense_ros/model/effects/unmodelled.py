@@ -12,7 +12,7 @@ from pydantic import create_model
 from vsense_ros.model.effects.base import AXLES, CORNERS, WHEELS, Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Car, Corner
+    from vsense_ros.model.car.car import Car, Corner
 
 SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 

@@ -19,13 +19,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
 from vsense_ros.errors import InputError
-from vsense_ros.model import codegen, spatial
+from vsense_ros.model import spatial
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.multibody.joints import column
 from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
-from vsense_ros.model.tree import solve_dominant
+from vsense_ros.model.multibody.tree import solve_dominant
 
 PENALTY_MASS = 1e6  # [kg]
 CORRECTIONS = 3  # iterations in one call

@@ -30,8 +30,8 @@ from vsense_ros.model.multibody.mechanism import (
     Perpendicular,
     Point,
 )
-from vsense_ros.model.tree import Body as TreeBody
-from vsense_ros.model.tree import Tree
+from vsense_ros.model.multibody.tree import Body as TreeBody
+from vsense_ros.model.multibody.tree import Tree
 
 
 @dataclass(frozen=True, eq=False)

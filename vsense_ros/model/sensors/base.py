@@ -15,7 +15,7 @@ from pydantic import Field
 from vsense_ros.model.parameter import Part, parameter
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Motion
+    from vsense_ros.model.car.car import Motion
 
 Vector = NDArray[np.float64]
 Names = tuple[str, ...]  # of the joints in a JointState

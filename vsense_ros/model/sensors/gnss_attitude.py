@@ -11,7 +11,7 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import Names, NoiseFromMessage, SensorBase, Values, Vector, covariance_diagonal
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Motion
+    from vsense_ros.model.car.car import Motion
 
 
 class GnssAttitude(SensorBase):

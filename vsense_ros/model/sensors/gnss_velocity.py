@@ -19,7 +19,7 @@ from vsense_ros.model.sensors.base import (
 )
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Motion
+    from vsense_ros.model.car.car import Motion
 
 
 class GnssVelocity(SensorBase):

@@ -11,7 +11,7 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car import Motion
+    from vsense_ros.model.car.car import Motion
 
 NAMES = ("suspension_fl", "suspension_fr", "suspension_rl", "suspension_rr")
 

@@ -1,0 +1,41 @@
+"""Messages of a recording, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense_ros.messages.recording import Channel, Recording
+
+ARRIVALS = st.lists(st.integers(0, 20), max_size=12)
+
+
+def channel(topic: str, arrivals: list[int]) -> Channel:
+    """Its values are the numbers of its rows."""
+    received = np.array(arrivals, dtype=np.int64)
+    rows = np.arange(len(arrivals), dtype=float)
+    columns = {"position": rows[:, None], "velocity": -rows[:, None], "effort": np.zeros((len(rows), 0))}
+    return Channel(topic, "sensor_msgs/msg/JointState", received - 5, received, columns, "frame", ("wheel_fl",))
+
+
+@given(st.tuples(ARRIVALS, ARRIVALS, ARRIVALS))
+def test_messages_come_in_order_of_arrival_and_ties_in_the_order_of_channels_and_rows(
+    arrivals: tuple[list[int], ...],
+) -> None:
+    channels = {name: channel(name, times) for name, times in zip("abc", arrivals, strict=True)}
+    found = list(Recording(channels).samples())
+    expected = sorted(
+        (int(c.received[row]), place, row) for place, c in enumerate(channels.values()) for row in range(len(c))
+    )
+    assert [(s.received, "abc".index(s.topic), int(s.values["position"][0])) for s in found] == expected
+    for sample, (_, _, row) in zip(found, expected, strict=True):
+        one = channels[sample.topic].sample(row)
+        assert (sample.kind, sample.stamp, sample.frame_id, sample.names) == (one.kind, one.stamp, "frame", one.names)
+        assert {k: v.tolist() for k, v in sample.values.items()} == {k: v.tolist() for k, v in one.values.items()}
+
+
+def test_only_the_topics_that_are_asked_for_come() -> None:
+    recording = Recording({name: channel(name, [1, 2]) for name in "abc"})
+    assert [s.topic for s in recording.samples(("c", "a"))] == ["a", "c", "a", "c"]
+    assert list(recording.samples(())) == []

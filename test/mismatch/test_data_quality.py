@@ -1,0 +1,309 @@
+"""Recordings that were spoilt on purpose: nothing is named, and the reason is the right one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hidden import driven, prototype
+from vsense_ros.bag.inspect import doubts
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.mismatch.data_quality import hindrance, misfit
+from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.knobs import BASE
+from vsense_ros.mismatch.simulation import Setting
+from vsense_ros.mismatch.windows import gather
+from vsense_ros.model.simulation.closed_loop import rolling_radii
+from vsense_ros.model.vehicle import Vehicle
+
+RATES, FORCES = "angular_velocity", "linear_acceleration"
+
+
+def reason(*recordings: Recording, held_out: tuple[Recording, ...] = (), vehicle: Vehicle | None = None) -> str:
+    vehicle = vehicle or prototype()
+    every = [*recordings, *held_out]
+    return hindrance(every, gather(recordings, vehicle), gather(held_out, vehicle), vehicle)
+
+
+def without(*topics: str) -> Callable[[Recording], Recording]:
+    return lambda r: replace(r, channels={k: c for k, c in r.channels.items() if k not in topics})
+
+
+def with_channel(recording: Recording, channel: Channel) -> Recording:
+    return replace(recording, channels={**recording.channels, channel.topic: channel})
+
+
+def changed(topic: str, field: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Recording], Recording]:
+    def apply(recording: Recording) -> Recording:
+        channel = recording[topic]
+        columns = {**channel.columns, field: change(channel.columns[field].copy())}
+        return with_channel(recording, replace(channel, columns=columns))
+
+    return apply
+
+
+def held(column: int | slice, first: int, last: int) -> Callable[[np.ndarray], np.ndarray]:
+    """The value of row `first` until row `last`."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        values[first:last, column] = values[first, column]
+        return values
+
+    return change
+
+
+def scaled(column: int | slice, factor: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[:, column] *= factor
+        return values
+
+    return change
+
+
+def later(topic: str, seconds: float) -> Callable[[Recording], Recording]:
+    return lambda r: with_channel(r, replace(r[topic], stamp=r[topic].stamp + round(seconds * 1e9)))
+
+
+def in_frame(topic: str, frame: str) -> Callable[[Recording], Recording]:
+    return lambda r: with_channel(r, replace(r[topic], frame_id=frame))
+
+
+def all_of(*changes: Callable[[Recording], Recording]) -> Callable[[Recording], Recording]:
+    def apply(recording: Recording) -> Recording:
+        for change in changes:
+            recording = change(recording)
+        return recording
+
+    return apply
+
+
+TOPICS = ("gps/fix", "gps/velocity", "imu/data", "vehicle/steering", "vehicle/wheel_speeds", "vehicle/wheel_torques")
+NO_GNSS = without("gps/fix", "gps/velocity")
+
+
+@pytest.mark.parametrize("manoeuvre", ["sweep", "slalom", "brake", "brake again"])
+@pytest.mark.parametrize("change", [lambda r: r, NO_GNSS, without("vehicle/wheel_speeds")])
+def test_a_drive_with_all_sensors_right_passes(manoeuvre, change):
+    assert reason(change(driven(prototype(), manoeuvre))) == ""
+
+
+def test_a_driver_may_hold_the_wheel_at_one_angle():
+    assert reason(driven(prototype(), "bend")) == ""
+
+
+def test_the_same_measurements_twice_prove_nothing():
+    recording = driven(prototype(), "slalom")
+    assert "slalom and copy hold the same measurements" in reason(
+        recording, held_out=(replace(recording, name="copy"),)
+    )
+
+
+@pytest.mark.parametrize("angles", [(0.0,), (0.0, 0.001), (-0.001, 0.0, 0.001)])
+def test_a_driver_may_go_straight_on_with_a_steering_angle_of_few_values(angles):
+    recording = driven(prototype(), "straight", duration=80.0)
+    rows = len(recording["vehicle/steering"])
+    held = np.repeat(np.resize(angles, rows // 50 + 1), 50)[:rows, None]
+    assert "end of its range" not in reason(changed("vehicle/steering", "position", lambda _: held)(recording))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0])
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_sensor_without_one_sound_value_is_no_error(topic, value):
+    recording = driven(prototype(), "slalom")
+    for field in recording[topic].columns:
+        recording = changed(topic, field, lambda v: np.full_like(v, value))(recording)
+    assert reason(recording) or topic not in ("imu/data", "vehicle/steering")
+
+
+def test_an_origin_of_the_map_that_is_no_number_is_none():
+    recording = driven(prototype(), "slalom")
+    assert recording.map_origin is not None
+    origin = {key: "north" for key in recording.metadata if key.startswith("origin_")}
+    assert replace(recording, metadata={**recording.metadata, **origin}).map_origin is None
+
+
+def test_a_coarse_gyro_that_keeps_its_value_on_a_straight_passes():
+    coarse = changed("imu/data", RATES, lambda w: np.round(w / 0.006) * 0.006)
+    assert reason(coarse(driven(prototype(), "brake"))) == ""
+
+
+def test_a_recording_shorter_than_a_manoeuvre_is_refused():
+    assert "nowhere 6 s of driving" in reason(driven(prototype(), "slalom", duration=4.0))
+
+
+def test_one_manoeuvre_is_too_little():
+    assert "only 7.1 s of driving can be used, 10 s are needed" in reason(driven(prototype(), "slalom", duration=7.2))
+
+
+def test_a_car_that_goes_straight_on_at_one_speed_tells_nothing():
+    assert "straight ahead at constant speed (at most 0.01 m/s² lateral" in reason(driven(prototype(), "straight"))
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (without("vehicle/steering"), "no steering angle"),
+        (without("vehicle/wheel_speeds", "gps/velocity"), "neither wheel speeds nor GNSS"),
+        (without("imu/data"), "no inertial measurements"),
+        (in_frame("imu/data", "imu_rear"), "frame_id 'imu_rear', expected 'imu_link'"),
+        (changed("imu/data", RATES, held(2, 0, 100_000)), "the yaw rate is frozen"),
+        (changed("imu/data", RATES, held(2, 1000, 1400)), "the yaw rate is frozen for 1.6 s"),
+        (changed("imu/data", FORCES, held(0, 1000, 1400)), "the longitudinal acceleration is frozen"),
+        (changed("vehicle/wheel_speeds", "velocity", held(3, 500, 800)), "the speed of the wheel rr is frozen"),
+        (changed("vehicle/wheel_speeds", "velocity", held(slice(None), 500, 800)), "the speed of the wheel fl is"),
+        (changed("vehicle/steering", "position", held(0, 400, 800)), "the steering angle is frozen for 4.0 s"),
+        (changed("vehicle/steering", "position", lambda p: np.clip(p, -0.52, 0.51)), "of its range, 0.0"),
+        (changed("vehicle/wheel_torques", "effort", held(slice(None), 300, 800)), "the wheel torques are frozen"),
+        (changed("gps/velocity", "linear", held(slice(None), 40, 90)), "GNSS velocity to the east is frozen"),
+        (changed("imu/data", RATES, lambda w: np.clip(w, -0.12, 0.12)), "the yaw rate is at the end of its range"),
+        (changed("imu/data", FORCES, lambda f: np.clip(f, -2.0, 20)), "acceleration is at the end of its range"),
+        (changed("imu/data", RATES, scaled(2, 10)), "the car spins"),
+        (changed("imu/data", RATES, scaled(slice(None), 180 / np.pi)), "the car spins in slalom, or the unit"),
+        (changed("imu/data", FORCES, scaled(slice(None), 1 / 9.81)), "specific force looks like g"),
+        (changed("imu/data", FORCES, scaled(1, -1)), "the lateral acceleration has the sign opposite"),
+        (changed("imu/data", FORCES, scaled(1, 1 / 9.81)), "is its unit wrong?"),
+        (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.27)), "look like m/s, expected rad/s"),
+        (changed("vehicle/steering", "position", scaled(0, 0.07)), "the road-wheel angle is"),
+        (changed("vehicle/steering", "position", scaled(0, -1)), "expected positive to the left"),
+        (changed("vehicle/wheel_torques", "effort", scaled(slice(None), 1e-3)), "the wheel torque over radius"),
+        (all_of(NO_GNSS, changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 3.6))), "yaw rate or speed"),
+        (all_of(NO_GNSS, changed("vehicle/steering", "position", scaled(0, -1))), "the road-wheel angle has the sign"),
+        (all_of(NO_GNSS, later("vehicle/steering", 1.2)), "the road-wheel angle"),
+    ],
+)  # fmt: skip
+def test_a_spoilt_recording_is_refused_for_what_was_done_to_it(change, found):
+    manoeuvre = "brake" if found.startswith("the wheel torque") else "slalom"
+    assert found in reason(change(driven(prototype(), manoeuvre)))
+
+
+def test_one_spoilt_recording_among_good_ones_is_refused_by_name_held_out_or_not():
+    good, bad = driven(prototype(), "sweep"), changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))
+    assert "the car spins in slalom" in reason(good, bad)
+    assert "the car spins in slalom" in reason(good, held_out=(bad,))
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda r: replace(r, metadata={**r.metadata, "vehicle": "van"}), "the vehicle is 'Prototype"),
+        (changed("vehicle/wheel_speeds", "velocity", scaled(slice(None), 0.93)), "% larger than those of"),
+        (changed("imu/data", FORCES, lambda f: np.add(f, [0.0, 2.0, 0.0])), "lateral accelerometer has shifted by 2.0"),
+    ],
+)
+def test_recordings_of_different_cars_or_mountings_are_refused(change, found):
+    other = change(driven(prototype(), "slalom"))
+    assert found in reason(driven(prototype(), "sweep"), other)
+    assert found in reason(driven(prototype(), "sweep"), held_out=(other,))
+
+
+def test_sensors_of_one_topic_in_two_places_are_refused():
+    sensors = prototype().sensors
+    anywhere = prototype().model_copy(
+        update={"sensors": {**sensors, "imu": sensors["imu"].model_copy(update={"frame_id": ""})}}
+    )
+    moved = in_frame("imu/data", "imu_rear")(driven(prototype(), "slalom"))
+    assert "frame of imu/data is 'imu_link' in one and 'imu_rear'" in reason(
+        driven(prototype(), "sweep"), moved, vehicle=anywhere
+    )
+
+
+def test_an_upside_down_sensor_that_the_file_knows_of_passes():
+    sensors = prototype().sensors
+    turned = sensors["imu"].model_copy(update={"attitude": (np.pi, 0.0, 0.0)})
+    vehicle = prototype().model_copy(update={"sensors": {**sensors, "imu": turned}})
+    flip = all_of(*(changed("imu/data", field, lambda v: v * [1.0, -1.0, -1.0]) for field in (RATES, FORCES)))
+    recording = driven(prototype(), "slalom")
+    assert reason(flip(recording), vehicle=vehicle) == ""
+    assert "gravity is on -z" in reason(flip(recording))
+
+
+def test_two_sensors_of_one_kind_are_refused():
+    sensors = prototype().sensors
+    second = sensors["imu"].model_copy(update={"topic": "imu/second"})
+    vehicle = prototype().model_copy(update={"sensors": {**sensors, "second": second}})
+    recording = driven(prototype(), "slalom")
+    assert reason(recording, vehicle=vehicle) == ""
+    twice = with_channel(recording, replace(recording["imu/data"], topic="imu/second"))
+    assert "2 sensors of the kind imu with measurements (imu, second)" in reason(twice, vehicle=vehicle)
+
+
+def test_an_effect_that_needs_an_absent_signal_is_not_assessable():
+    found = answer([without("vehicle/wheel_torques")(driven(prototype(), "slalom"))], prototype(), assume=["aero_drag"])
+    assert found.found["verdict"] == "not_assessable"
+    assert "aero_drag: it needs wheel torques, which these recordings do not have" in found.found["sentence"]
+
+
+def test_what_is_refused_is_not_assessable_and_nothing_is_named(tmp_path):
+    result = answer([changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))], prototype())
+    assert result.found["verdict"] == "not_assessable"
+    assert result.found["effects"] == []
+    assert "the car spins" in result.found["sentence"]
+    result.write(tmp_path)
+    assert not (tmp_path / "vehicle.extended.yaml").exists()
+
+
+@pytest.mark.slow
+def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
+    van = prototype().with_parameters(
+        {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}
+    )
+    found = answer([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).found
+    assert found["verdict"] == "not_assessable"
+    assert "are they recordings of one car?" in found["sentence"]
+
+
+def test_a_fit_that_is_still_changing_is_none_to_start_from():
+    restless = Fit(Setting({}), (), np.zeros(0), [np.full(10, 1.5)], [np.zeros((10, 0))], 0.0, converged=False)
+    assert "the base parameters do not settle: after 8 steps" in misfit(
+        restless, SimpleNamespace(level=Residuals.level)
+    )
+    near = replace(restless, residuals=[np.full(10, 0.9)])
+    assert misfit(near, SimpleNamespace(level=Residuals.level)) == ""
+
+
+@pytest.mark.slow
+def test_a_file_of_another_car_that_leaves_the_road_with_the_recorded_inputs_is_asked_about():
+    ice = prototype().with_parameters({"front.grip_scale": 0.05, "rear.grip_scale": 0.02})
+    found = answer([driven(prototype(), "slalom")], ice).found
+    assert found["verdict"] in ("not_assessable", "unknown")
+    assert not [effect for effect in found["effects"] if effect["accepted"]]
+
+
+def test_a_fit_of_no_parameters_is_none_of_another_car():
+    base = Fit(Setting({}), (), np.zeros(0), [np.full(10, 9.0)], [np.zeros((10, 0))], 0.0)
+    assert not misfit(base, SimpleNamespace(level=Residuals.level))
+
+
+@pytest.mark.parametrize("radius", [0.27, 0.2778, 0.285])
+def test_small_wheels_that_the_file_knows_of_are_not_taken_for_kilometres_per_hour(radius):
+    recording = driven(prototype(), "brake", 20.0)
+    wheels = recording["vehicle/wheel_speeds"]
+    by = float(np.mean(rolling_radii(prototype()))) / radius
+    turning = changed(wheels.topic, "velocity", lambda values: by * values)(recording)
+    assert "look like km/h" in doubts(turning)[wheels.topic][0]
+    assert wheels.topic not in doubts(turning, radius)
+    assert "look like km/h" in doubts(turning, 0.34)[wheels.topic][0]
+
+
+@pytest.mark.parametrize(
+    ("outside", "refused"),
+    [
+        ({}, False),
+        ({"roll stiffness, rear": -0.6}, False),
+        ({"mass": 1.5}, True),
+        ({"roll stiffness, rear": -0.6, "grip, front": 1.5}, True),
+    ],
+)
+def test_a_mass_or_several_parameters_out_of_bounds_are_of_another_car_and_one_stiffness_may_be_physics(
+    outside, refused
+):
+    amounts = np.array([outside.get(knob.name, 0.0) for knob in BASE])
+    base = Fit(Setting({}), BASE, amounts, [np.full(10, 0.5)], [], 0.0)
+    found = misfit(base, SimpleNamespace(level=Residuals.level))
+    assert bool(found) == refused
+    assert all(name in found for name in outside) or not refused

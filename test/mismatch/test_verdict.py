@@ -1,0 +1,463 @@
+"""What may be said of explanations, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from operator import itemgetter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.knobs import Candidate, Knob
+from vsense_ros.mismatch.search import Explanation
+from vsense_ros.mismatch.simulation import Setting
+from vsense_ros.mismatch.verdict import (
+    ASTRAY,
+    OUTDONE,
+    REFUSED,
+    SHORT,
+    THRESHOLD,
+    TRUSTED,
+    Judged,
+    Proof,
+    confidence,
+    interval,
+    judge,
+    least_gain,
+)
+
+GAINS = st.floats(-1.0, 1.0)
+
+
+@given(GAINS, GAINS, st.floats(0.0, 0.5))
+def test_more_gain_makes_surer_and_a_better_rival_less_sure(gain, other, more):
+    assert 0.0 < confidence(gain, other) < 1.0
+    assert confidence(gain + more, other) >= confidence(gain, other)
+    assert confidence(gain, other + more) <= confidence(gain, other)
+
+
+def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
+    assert confidence(THRESHOLD, 0.0) < 0.5
+    assert confidence(10 * THRESHOLD, THRESHOLD) == pytest.approx(TRUSTED, rel=0.01)
+    assert confidence(10 * THRESHOLD, THRESHOLD) > 0.8
+
+
+@given(st.floats(0.1, 2000.0), st.floats(1.0, 10.0))
+def test_chance_explains_more_of_less_driving_but_never_less_than_of_much(driven, times):
+    assert least_gain(driven) >= least_gain(times * driven) >= THRESHOLD
+    assert least_gain(SHORT / times) == pytest.approx(times * THRESHOLD)
+
+
+@dataclass
+class Made:
+    """What recordings that no fit has seen would say, told."""
+
+    left: float = 1.0  # of the residuals after any effect, in deviations
+    base: Fit = field(default_factory=lambda: FITTED)
+
+    @property
+    def fitted(self) -> Made:
+        return self
+
+    def gain(self, explanation: Explanation) -> float:
+        return -0.1 if explanation.name.strip() in GROWN else explanation.left_out
+
+    def gain_of_most(self, explanation: Explanation) -> float:
+        return explanation.left_out
+
+    def unmended(self, explanation: Explanation) -> str:
+        return "roll_rate" if explanation.name.strip() in UNMENDED else ""
+
+    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
+        return 1.5 if explanation.name.strip() in ODD else 0.1
+
+    def level(self, residuals: object) -> float:
+        return self.left
+
+    def worst(self, residuals: object = None) -> float:
+        return 1.0
+
+    def astray(self) -> bool:
+        return False
+
+
+FITTED = Fit(Setting({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
+ODD = ("effect of another size in each recording", "drag + effect of another size in each recording")
+UNMENDED = ("effect that mends another signal",)
+GROWN = ("effect with which one drive goes far wrong",)
+
+
+def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Explanation:
+    candidates = tuple(Candidate(one, "", (), one) for one in effect.split(" + "))
+    return Explanation(candidates, FITTED, keep, gain, elsewhere, elsewhere, 0.0, {})
+
+
+def said(*explanations: Explanation, **proof: float) -> tuple[str, tuple[str, ...]]:
+    judged = judge(explanations, (), Made(**proof))
+    return judged.verdict, tuple(e.name.strip() for e in judged.rivals)
+
+
+def test_a_gain_that_lasts_elsewhere_is_named_and_one_that_does_not_is_not():
+    assert said(explaining("drag", 0.5, 0.45)) == ("named", ("drag",))
+    assert said(explaining("drag", 0.5, 0.1)) == ("no_mismatch", ())
+
+
+def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what_was_held_out_by_chance():
+    class Suited(Made):
+        on_another_road = False
+
+        def gain(self, explanation: Explanation) -> float:
+            return 0.5
+
+        gain_of_most = gain
+
+    everywhere = explaining("slope", 0.5, 0.1)
+    place = Knob("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, amount: {}, place=("slope", 0.0))
+    fitted = replace(FITTED, knobs=(place,), amounts=np.array([0.2]), slopes=[np.zeros((100, 1))])
+    profile = Candidate("slope", "along the road", (place,), "slope")
+    along = replace(everywhere, candidates=(profile,), fit=fitted, deviations={place.name: 0.01})
+    assert judge([everywhere], (), Suited()).verdict == "named"
+    assert judge([along], (), Suited()).verdict == "no_mismatch"
+    assert judge([replace(along, left_out=0.4)], (), Suited()).verdict == "named"
+
+
+def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
+    worse = explaining(GROWN[0], 0.5, 0.45)
+    assert said(worse) == ("no_mismatch", ())
+    assert judge((), [worse], Made()).verdict == "no_mismatch"
+    force = explaining("force", 0.3, 0.3)
+    assert judge((), [worse, force], Made()).leader == force
+
+
+def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no_explanation():
+    drag = explaining("drag", 0.5, 0.45)
+    assert said(replace(drag, spoilt=0.1)) == ("named", ("drag",))
+    assert said(replace(drag, spoilt=0.3)) == ("no_mismatch", ())
+
+
+@pytest.mark.parametrize(
+    ("explanation", "words"),
+    [
+        (explaining("drag", 0.01, 0.01), "no more than chance"),
+        (explaining("drag", 0.5, 0.1), "lasts where it was not fitted"),
+        (explaining(GROWN[0], 0.5, 0.45), "lasts where it was not fitted"),
+        (replace(explaining("drag", 0.5, 0.45), spoilt=0.3), "spoils in some drives"),
+        (explaining(UNMENDED[0], 0.5, 0.45), "leaves the roll rate about as far off as it was"),
+        (explaining(ODD[0], 0.5, 0.45), "disagree in its size"),
+        (explaining("drag", 0.5, 0.45), ""),
+    ],
+)
+def test_what_is_refused_is_told_why(explanation, words):
+    (reason,) = judge([explanation], (), Made()).refused.values()
+    assert words in reason
+    assert bool(words) == bool(reason)
+
+
+def test_what_explains_as_much_is_said_besides_even_if_it_is_itself_unproven():
+    drag, slope = explaining("drag", 0.5, 0.45), explaining(UNMENDED[0], 0.5, 0.42)
+    assert said(drag, slope) == ("ambiguous", ("drag", UNMENDED[0]))
+    assert said(slope) == ("no_mismatch", ())
+
+
+def test_what_explains_less_is_excluded():
+    assert said(explaining("drag", 0.9, 0.9), explaining("slope", 0.8, 0.8)) == ("named", ("drag",))
+
+
+def test_what_explains_most_of_it_cannot_be_excluded_and_half_of_it_can():
+    assert said(explaining("drag", 0.3, 0.3), explaining("slope", 0.22, 0.22)) == ("ambiguous", ("drag", "slope"))
+    assert said(explaining("drag", 0.3, 0.3), explaining("slope", 0.15, 0.15)) == ("named", ("drag",))
+
+
+def test_what_the_base_parameters_take_up_almost_whole_needs_more_gain():
+    assert said(explaining("drag", 0.04, 0.04, keep=0.5))[0] == "named"
+    assert said(explaining("drag", 0.04, 0.04, keep=0.15))[0] == "no_mismatch"
+    assert said(explaining("drag", 0.05, 0.05, keep=0.05))[0] == "named"  # at most half as much again is asked for
+
+
+def test_where_much_is_left_over_nothing_is_named():
+    assert said(explaining("drag", 0.5, 0.5), left=2.5) == ("no_mismatch", ())
+
+
+def test_an_effect_in_whose_size_recordings_disagree_is_not_it_but_something_is_there():
+    odd = explaining(ODD[0], 0.5, 0.5)
+    assert said(odd) == ("unknown", ())
+    assert said(odd, explaining("drag", 0.2, 0.2)) == ("unknown", ())
+    assert said(explaining("drag", 0.3, 0.3), explaining(ODD[1], 0.5, 0.5)) == ("named", ("drag",))
+
+
+def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like_it():
+    """Half of what one window lacks, put into both where the other lacks nothing, gains 1 - 0.25 - 0.25 of its square;
+    another size in each would gain as much again."""
+    change = np.random.default_rng(1).normal(size=200)
+    layout = [["yaw_rate"], ["yaw_rate"]]
+
+    def at_odds(*hidden: float) -> float:
+        before = replace(FITTED, residuals=[-size * change for size in hidden])
+        after = replace(FITTED, residuals=[(0.5 - size) * change for size in hidden])
+        proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=layout), residuals=None)
+        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+
+    assert at_odds(0.5, 0.5) == 0.0
+    assert at_odds(1.0, 0.0) == pytest.approx(1.0)
+
+
+def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
+    """The same drives, and a base parameter that was turned by three deviations at a cost of ten each squared, and no
+    longer is: 90 beside what the change itself gains."""
+    change = np.random.default_rng(1).normal(size=200)
+    mass = Knob("mass", "-", 0.1, -1.0, 1.0, lambda values, amount: {})
+    turned = replace(FITTED, knobs=(mass,), amounts=np.array([0.3]), weight=10.0)
+    before = replace(turned, residuals=[-change, 0 * change])
+    after = replace(turned, amounts=np.zeros(1), residuals=[-0.5 * change, 0.5 * change])
+    explanation = replace(explaining("drag", 0.5, 0.5), fit=after)
+    proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * 2), residuals=None)
+    gained = 0.5 * float(change @ change)
+    assert Proof.at_odds(proof, explanation) == pytest.approx(gained / (gained + 90))
+
+
+def test_of_many_windows_one_may_disagree():
+    """Three windows agree in a change to the last; in the fourth it should have been the opposite."""
+    change = np.random.default_rng(1).normal(size=200)
+
+    def odds(*multiples: float) -> float:
+        before = replace(FITTED, residuals=[-multiple * change for multiple in multiples])
+        after = replace(FITTED, residuals=[(1 - multiple) * change for multiple in multiples])
+        proof = SimpleNamespace(
+            base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * len(multiples)), residuals=None
+        )
+        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+
+    assert odds(1.0, 1.0, 1.0, -1.0) == pytest.approx(0.0, abs=1e-9)
+    assert odds(1.0, 1.0, -1.0, -1.0) > 1.0
+    assert odds(1.0, 1.0, -1.0) > 1.0  # these are not many
+
+
+def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
+    def mends(unseen: dict[str, float], then: dict[str, float]) -> bool:
+        told = SimpleNamespace(
+            worst=lambda off: max(off.values()),
+            furthest=lambda off: max(off.items(), key=itemgetter(1)),
+            deviations=lambda off: off,
+        )
+        proof = SimpleNamespace(
+            worst=2.5,
+            fitted=told,
+            residuals=told,
+            compared=lambda fit: (unseen, then),
+            trained=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
+        )
+        return not Proof.unmended(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
+
+    assert mends({"roll rate": 0.9}, {"roll rate": 0.95})
+    assert not mends({"roll rate": 2.6}, {"roll rate": 2.7})
+    assert not mends({"roll rate": 2.6}, {"roll rate": 2.5})
+    assert mends({"roll rate": 2.6}, {"roll rate": ASTRAY - 0.01})
+    assert mends({"roll rate": 12.0}, {"roll rate": 7.0})
+
+
+@pytest.mark.parametrize(
+    ("left", "whole", "gain", "told"),
+    [
+        ([0.0, 0.0, 0.0, 6.0], -1.25, 1.0, True),
+        ([0.0, 0.0, 6.0], -2.0, -2.0, False),
+        ([1.0, 1.0, 1.0, 1.0], 0.75, 0.75, False),
+    ],
+)
+def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_count(left, whole, gain, told):
+    windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=9.0) for i in range(len(left))]
+    proof = Proof.__new__(Proof)
+    proof.base = FITTED
+    proof.residuals = SimpleNamespace(predictor=SimpleNamespace(evidence=SimpleNamespace(windows=windows)))
+    proof.compared = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
+    found = explaining("wind", 0.5, 0.5)
+    assert proof.gain(found) == pytest.approx(whole)
+    assert proof.gain_of_most(found) == pytest.approx(gain)
+    assert proof.against(found).startswith("drive 3: from 0 to 9 s") == told
+
+
+def unfinished(left: float) -> Made:
+    """The same where a signal is still off after the first effect."""
+    return type("Unfinished", (Made,), {"worst": lambda self, residuals=None: left})()
+
+
+def test_a_second_effect_is_named_where_it_adds_clearly_more_than_any_other_would():
+    one, two = explaining("drag", 0.5, 0.5), explaining("drag + bank", 0.6, 0.6)
+    small = explaining("drag + bank", 0.515, 0.515)  # 3 % of what drag leaves
+    enough = explaining("drag + bank", 0.525, 0.525)
+    assert said(one, two) == ("named", ("drag + bank",))
+    assert said(one, small) == ("named", ("drag",))
+    assert said(one, enough) == ("named", ("drag + bank",))
+    judged = judge((one, two, explaining("drag + wind", 0.56, 0.56)), (), Made())
+    assert (judged.verdict, judged.rivals, judged.besides) == ("named", (one,), ("bank", "wind"))
+    assert said(one, two, explaining("grade + bank", 0.59, 0.59)) == ("ambiguous", ("drag + bank", "grade + bank"))
+
+
+def test_a_second_effect_that_explains_what_the_form_of_a_large_first_one_may_leave_is_not_told():
+    large = explaining("drag", 0.93, 0.93)
+    assert said(large, explaining("drag + bank", 0.938, 0.938)) == ("named", ("drag",))
+    assert said(large, explaining("drag + bank", 0.943, 0.943)) == ("named", ("drag + bank",))
+
+
+def test_what_explains_half_as_much_beside_the_first_effect_does_not_count_if_the_second_leaves_it_nothing():
+    gyro, both = explaining("gyro", 0.44, 0.44), explaining("gyro + offset", 0.78, 0.78)
+    pair, all_three = explaining("gyro + cone", 0.68, 0.68), explaining("gyro + cone + offset", 0.78, 0.78)
+    assert said(gyro, both, pair) == ("named", ("gyro",))
+    assert said(gyro, both, pair, all_three) == ("named", ("gyro + offset",))
+
+
+def test_a_second_effect_counts_against_what_the_first_leaves_and_not_against_how_far_off_the_car_was():
+    large = explaining("radius", 0.92, 0.92)
+    assert said(large, explaining("radius + yaw", 0.94, 0.94)) == ("named", ("radius + yaw",))
+    assert said(large, explaining("radius + yaw", 0.925, 0.925)) == ("named", ("radius",))
+
+
+def test_what_adds_nothing_to_another_that_adds_to_it_is_excluded():
+    drag, slope = explaining("drag", 0.5, 0.5), explaining("slope", 0.45, 0.45)
+    assert said(drag, slope) == ("ambiguous", ("drag", "slope"))
+    assert said(drag, slope, explaining("drag + slope", 0.505, 0.505)) == ("named", ("drag",))
+    united = judge([drag, slope, explaining("drag + slope", 0.505, 0.505)], (), Made())
+    assert united.adds(slope) == pytest.approx(0.005)
+    assert united.adds(drag) is None
+    both_add = explaining("drag + slope", 0.515, 0.515)
+    assert said(drag, slope, both_add) == ("ambiguous", ("drag", "slope"))
+    alike = explaining("slope", 0.492, 0.492)  # what drag adds to it might be chance
+    assert said(drag, alike, explaining("drag + slope", 0.505, 0.505)) == ("ambiguous", ("drag", "slope"))
+
+
+def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
+    one, *pairs = (explaining(name, g, g) for name, g in (("drag", 0.5), ("drag + bank", 0.6), ("drag + wind", 0.59)))
+    assert said(one, *pairs, explaining("drag + bank + wind", 0.61, 0.61)) == ("named", ("drag",))
+    all_three = explaining("drag + bank + wind", 0.8, 0.8)
+    assert said(one, *pairs, all_three) == ("named", (all_three.name,))
+
+
+def test_three_effects_of_which_no_two_explain_a_car_are_named():
+    levels = (3.5, 2.4, 1.0)
+    gains = {"drag": 0.4, "drag + bank": 0.7, "drag + bank + wind": 0.95}
+    fits = [replace(FITTED, residuals=[np.full(100, level)]) for level in levels]
+    several = [replace(explaining(name, g, g), fit=fit) for (name, g), fit in zip(gains.items(), fits, strict=True)]
+    proof = type("Several", (Made,), {"level": lambda self, residuals: residuals[0][0]})()
+    judged = judge(several, (), proof)
+    assert (judged.verdict, judged.leader) == ("named", several[-1])
+
+
+def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
+    """On a rough road the vertical acceleration is off for any model: what mends the yaw rate need not mend it."""
+    off = {"vertical_acceleration": 3.0, "yaw_rate": 2.0}, {"vertical_acceleration": 3.001, "yaw_rate": 0.5}
+    residuals = Residuals.__new__(Residuals)
+    residuals.deviations = lambda rows: off[int(rows[0][0])]
+    base, fitted = (replace(FITTED, residuals=[np.array([float(i)])]) for i in range(2))
+    proof = Proof.__new__(Proof)
+    proof.residuals, proof.fitted, proof.base = None, residuals, base
+    proof.trained = lambda fit: (base.residuals, fit.residuals)
+    assert residuals.furthest(base.residuals)[0] == "yaw_rate"
+    assert not proof.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
+
+
+def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
+    one = explaining("drag", 0.5, 0.5)
+    much, other = explaining("drag + bank", 0.9, 0.9), explaining("drag + wind", 0.8, 0.8)
+    assert judge((one, much, other), (), unfinished(2.0)).leader == much
+    assert judge((one, much, other), (), unfinished(1.0)).leader == one
+
+
+def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alone():
+    bank = explaining("bank", 0.5, 0.5)
+    found, other = explaining("bank + ratio", 0.9, 0.9), explaining("bank + gyro", 0.75, 0.75)
+    judged = judge((bank, found, other), (), unfinished(2.0))
+    assert (judged.verdict, judged.rivals) == ("named", (found,))
+    assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
+    assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
+    assert judged.confidence(other, "gyro") <= REFUSED
+    near = explaining("bank + gyro", 0.87, 0.87)
+    assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
+
+
+def test_a_smaller_second_effect_that_cannot_be_told_from_another_leaves_the_first_named():
+    bank = explaining("bank", 0.6, 0.6)
+    pairs = [explaining(f"bank + {other}", 0.8, 0.8) for other in ("ratio", "gyro")]
+    judged = judge((bank, *pairs), (), unfinished(2.0))
+    assert (judged.verdict, judged.rivals, judged.besides) == ("named", (bank,), ("gyro", "ratio"))
+
+
+def test_a_small_gain_that_several_effects_give_alike_is_in_doubt_and_not_chance():
+    assert said(*(explaining(name, 0.04, 0.04) for name in ("wind", "bank"))) == ("ambiguous", ("wind", "bank"))
+    assert said(explaining("wind", 0.04, 0.04)) == ("named", ("wind",))
+    assert said(*(explaining(name, 0.02, 0.02) for name in ("wind", "bank"))) == ("no_mismatch", ())
+
+
+def test_effects_in_doubt_are_told_beside_a_term_that_explains_as_much_and_not_beside_one_that_explains_more():
+    alike = [explaining(name, 0.055, 0.055) for name in ("drag", "slope")]
+    judged = judge(alike, [explaining("force", 0.06, 0.06)], Made())
+    assert (judged.verdict, [e.name.strip() for e in judged.rivals]) == ("ambiguous", ["drag", "slope"])
+    assert judge(alike, [explaining("force", 0.12, 0.12)], Made()).verdict == "unknown"
+
+
+def test_an_effect_that_a_term_explains_clearly_better_is_refused_with_that_reason():
+    drag = explaining("drag", 0.7, 0.7)
+    outdone = judge([drag], [explaining("force", 0.78, 0.78)], Made())
+    assert (outdone.verdict, outdone.refused[id(drag)]) == ("unknown", OUTDONE)
+    enough = judge([drag], [explaining("force", 0.76, 0.76)], Made())
+    assert (enough.verdict, enough.refused[id(drag)]) == ("named", "")
+
+
+def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
+    drag = {wheel: Knob(wheel, "N m", 10.0, 0.0, 500.0, lambda values, amount: {}) for wheel in ("fl", "fr", "rl")}
+    found = [
+        replace(explaining("drag", gain, gain), candidates=(Candidate("drag", where, knobs, "drag"),))
+        for gain, where, knobs in (
+            (0.5, "fl", (drag["fl"],)), (0.5, "fl and fr", (drag["fl"], drag["fr"])), (0.49, "fr", (drag["fr"],)),
+            (0.2, "rl", (drag["rl"],)),
+        )
+    ]  # fmt: skip
+    judged = Judged("named", found[0], (found[0],), (found[0],), tuple(found), {id(e): e.gain for e in found}, {})
+    assert judged.other_places() == ("fr",)
+
+
+def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_over():
+    lost = type("Lost", (Made,), {"astray": lambda self: True})()
+    found = explaining("wind", 0.01, 0.01)
+    assert judge((found,), (), lost).verdict == "unknown"
+    assert judge((found,), (), Made()).verdict == "no_mismatch"
+    alike = [explaining(name, 0.05, 0.05) for name in ("wind", "bank")]
+    assert judge(alike, (), lost).verdict == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("torque", "deviation", "verdict"), [(1.0, 0.1, "no_mismatch"), (5.0, 1.0, "named"), (5.0, 4.0, "no_mismatch")]
+)
+def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torque, deviation, verdict):
+    knob = Knob("torque", "N m", 10.0, -100.0, 100.0, lambda values, amount: {"torque": amount})
+    found = replace(
+        explaining("brake_drag", 0.2, 0.2),
+        candidates=(Candidate("brake_drag", "", (knob,), "a brake that drags"),),
+        fit=replace(FITTED, knobs=(knob,), amounts=np.array([torque])),
+        deviations={"torque": deviation},
+    )
+    assert judge((found,), (), Made()).verdict == verdict
+
+
+@pytest.mark.parametrize(("worst", "left_over"), [(1.48, False), (1.8, True)])  # the first with nothing hidden
+def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
+    evidence = SimpleNamespace(left_out=())
+    fitted = SimpleNamespace(predictor=SimpleNamespace(evidence=evidence))
+    assert Proof.astray(SimpleNamespace(worst=worst, fitted=fitted)) == left_over
+
+
+@pytest.mark.parametrize(("mended", "verdict"), [(True, "named"), (False, "no_mismatch")])
+def test_a_signal_that_one_size_for_all_of_the_road_leaves_off_may_be_how_the_road_changes(mended, verdict):
+    level = explaining("effect that mends another signal", 0.2, 0.2)
+    changing = explaining("bank of another size at every place" if mended else level.name, 0.5, -0.1)
+    judged = judge((level,), (), Made(), lambda explanation: changing)
+    assert (judged.verdict, judged.leader) == (verdict, level if mended else None)  # what is told is what lasts
+
+
+@given(st.floats(-10.0, 10.0), st.floats(0.0, 5.0))
+def test_an_interval_is_about_its_size_and_wider_than_what_the_windows_agree_in(value, spread):
+    low, high = interval(value, spread)
+    assert (low + high) / 2 == pytest.approx(value, abs=1e-9)
+    assert (high - low) / 2 >= 1.64 * max(spread, 0.12 * abs(value))

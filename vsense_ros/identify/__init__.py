@@ -1,0 +1,1 @@
+"""Numbers of a vehicle file found from recordings."""

@@ -1,0 +1,319 @@
+"""Noise covariances of the observer, found by maximising the likelihood of recordings.
+
+The likelihood is that of the innovations of the errorEKF: the density of every message given all before it. It needs no
+reference. Unknowns are the logarithms of standard deviations, so none can become negative. The
+method is Fisher scoring (Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by
+differences, give the gradient and the information matrix together, and the inverse of the latter says how well each
+number is told.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.evaluate.consistency import Consistency, Error, consistency, errors_of
+from vsense_ros.evaluate.reference import at_reference
+from vsense_ros.identify.side_slip import Knob, Progress, part, turned
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.observer_settings import ForceErrors
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import run
+from vsense_ros.observer.innovations import Innovations, innovations
+
+Array = NDArray[np.float64]
+
+PRIOR = float(np.log(3))  # standard deviation of the logarithm of a number around what the file says
+BOUND = float(np.log(10))  # that it may change by at most: a drive on which an error did not show is no proof of none
+LARGEST_STEP = float(np.log(5))  # of an iteration
+DIFFERENCE = 0.05  # of a logarithm, for derivatives
+STEEPEST = 3.0  # change of a whitened innovation by a logarithm: beyond that, a gate decided otherwise some time before
+ITERATIONS = 8  # at most
+LEAST_GAIN = 0.05  # in log-likelihood, of each number, that an iteration must promise; noise alone gives 0.5
+TOLD = 0.5  # a number is told whose standard deviation is this share of the prior's
+DIGITS = 3  # that are kept of a number
+
+_NOISE = ("noise", "rate_noise", "force_noise")
+_FROM_MESSAGE = "noise_from_message"
+ALL = "all"  # sensors together, in tables
+
+
+def noise_numbers(vehicle: Vehicle) -> list[str]:
+    """Dotted paths of what is tuned: noise of the sensors, force errors and slopes of the road.
+
+    What is zero stays zero. Initial uncertainties stay: a recording has only one beginning. So do correlation times:
+    with them free, the likelihood, most of which is fast sensors, takes slow errors for ever slower ones, and on
+    recordings that are held out the side slip gets worse.
+    """
+    kinds = {sensor.kind for sensor in vehicle.sensors.values()}
+    torques_unknown = "wheel_speeds" in kinds and "wheel_torques" not in kinds
+    paths = []
+    for name, sensor in vehicle.sensors.items():
+        for field in _NOISE:
+            value = getattr(sensor, field, None)
+            if isinstance(value, tuple):
+                paths += [f"sensors.{name}.{field}.{i}" for i in range(len(value))]
+            elif value is not None:
+                paths.append(f"sensors.{name}.{field}")
+    errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
+    for field in ForceErrors.model_fields:
+        used = torques_unknown if field == "wheel_spin" else not field.endswith("time_constant")
+        if used and getattr(errors, field) > 0:
+            paths.append(f"observer.force_errors.{field}")
+    for slope in ("grade", "bank"):
+        if getattr(around, slope) > 0:
+            paths.append(f"observer.surroundings.{slope}")
+    return paths
+
+
+@dataclass(frozen=True)
+class Found:
+    """One number: dotted path, before, after, and the standard deviation of the logarithm of the latter, as far as the
+    innovations are white."""
+
+    path: str
+    before: float
+    after: float
+    deviation: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the recordings say something about it."""
+        return self.deviation < TOLD * PRIOR
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether it would have gone further."""
+        return bool(abs(np.log(self.after / self.before)) > 0.99 * BOUND)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """How consistent the filter is on some recordings: by sensor and for `ALL`, and by signal where there are
+    references."""
+
+    sensors: Mapping[str, Consistency]
+    errors: Mapping[str, Error]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A tuned vehicle, what was found, and its figures before and after; None: nothing was held out."""
+
+    vehicle: Vehicle
+    found: tuple[Found, ...]
+    before: Figures
+    after: Figures
+    held_out: tuple[Figures, Figures] | None
+
+    def changed(self, start: Vehicle) -> list[str]:
+        """Dotted paths of what differs from the vehicle that tuning started from."""
+        paths = [found.path for found in self.found if found.before != found.after]
+        for name, sensor in start.sensors.items():
+            if getattr(sensor, _FROM_MESSAGE, None) != getattr(self.vehicle.sensors[name], _FROM_MESSAGE, None):
+                paths.append(f"sensors.{name}.{_FROM_MESSAGE}")
+        return paths
+
+    def write(self, path: Path) -> None:
+        """Everything but the vehicle as JSON."""
+        content = {
+            "numbers": {f.path: asdict(f) | {"told": f.told, "at_bound": f.at_bound} for f in self.found},
+            "before": asdict(self.before),
+            "after": asdict(self.after),
+        }
+        if self.held_out is not None:
+            content["held_out"] = dict(zip(("before", "after"), map(asdict, self.held_out), strict=True))
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def with_own_noise(vehicle: Vehicle) -> Vehicle:
+    """The vehicle, whose sensors have the noise of the file even where messages state another."""
+    sensors = {
+        name: sensor.model_copy(update={_FROM_MESSAGE: False}) if _FROM_MESSAGE in type(sensor).model_fields else sensor
+        for name, sensor in vehicle.sensors.items()
+    }
+    return vehicle.model_copy(update={"sensors": sensors})
+
+
+def tune(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    *,
+    own_noise: bool = False,
+    progress: Progress | None = None,
+) -> Tuning:
+    """The vehicle with the noise numbers under which the recordings are likeliest.
+
+    A number of which they tell nothing stays where it is, by a prior of a factor of three. With `own_noise`, sensors
+    whose messages state covariances are tuned as well, and no longer read them. Parameters that the observer would
+    estimate keep the file's values. Runs are shared out to all processors. `progress` takes the share done.
+    """
+    known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
+    start = with_own_noise(known) if own_noise else known
+    knobs = [Knob(path, {path: 1.0}, 1.0) for path in noise_numbers(vehicle)]
+    every = [*recordings, *held_out]
+    jobs = len(recordings) * (len(knobs) + 1)
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(every,)) as pool:
+
+        def evaluate(points: Sequence[Array], done: Progress | None) -> list[list[Innovations]]:
+            cars = [turned(start, knobs, point) for point in points]
+            asked = [[pool.submit(_innovations, i, car) for i in range(len(recordings))] for car in cars]
+            found: list[list[Innovations]] = []
+            for i, of_car in enumerate(asked):
+                found.append([one for job in of_car for one in job.result().values()])
+                if done is not None:
+                    done((i + 1) / len(asked))
+            return found
+
+        steps, deviations = maximise(evaluate, len(knobs), part(progress, 0, 1))
+        tuned = turned(start, knobs, steps, DIGITS)
+        cars = (known, tuned)
+        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in cars]
+        results = [[job.result() for job in of_car] for of_car in judged]
+    first, last = results
+    count = len(recordings)
+    before, after = _figures(first[:count], first[:count]), _figures(last[:count], first[:count])
+    proof = None
+    if held_out:
+        proof = _figures(first[count:], first[count:]), _figures(last[count:], first[count:])
+    found = tuple(
+        Found(knob.name, knob.value(start), knob.value(tuned), float(deviation))
+        for knob, deviation in zip(knobs, deviations, strict=True)
+    )
+    result = tuned.model_copy(
+        update={"observer": tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})}
+    )
+    return Tuning(result, found, before, after, proof)
+
+
+Evaluate = Callable[[Sequence[Array], Progress | None], list[list[Innovations]]]
+
+
+def maximise(evaluate: Evaluate, count: int, progress: Progress | None = None) -> tuple[Array, Array]:
+    """Point (count,) around zero at which innovations are likeliest, and standard deviations of its elements.
+
+    `evaluate` gives the innovations at each of some points, in the same order of the same messages. The prior is
+    normal with `PRIOR`. Each iteration is a scoring step, shortened until it is an improvement. Which messages are
+    outliers is decided once, at zero: if that could change, a filter that refuses whatever is unlikely would win.
+    """
+    here = np.zeros(count)
+    now = evaluate([here], None)[0]
+    if not now:
+        raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
+    credible = [innovation.credible() for innovation in now]
+    value = _posterior(here, now, credible)
+    information = np.eye(count)
+    for iteration in range(ITERATIONS):
+        share = part(progress, iteration, ITERATIONS)
+        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], share)
+        slope, information = _score(now, nearby, credible)
+        slope = slope - here / PRIOR**2
+        information = information + np.eye(count) / PRIOR**2
+        free = (np.abs(here) < BOUND) | (slope * here < 0)  # not held by a bound
+        step = np.zeros(count)
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], slope[free])
+        if 0.5 * slope @ step < LEAST_GAIN * count:
+            break
+        step *= min(1.0, LARGEST_STEP / float(np.abs(step).max()))
+        for shorter in (1.0, 0.5, 0.25, 0.125):
+            there = np.clip(here + shorter * step, -BOUND, BOUND)
+            innovation = evaluate([there], None)[0]
+            candidate = _posterior(there, innovation, credible)
+            if candidate > value:
+                break
+        else:
+            break
+        here, now, value = there, innovation, candidate
+    if progress is not None:
+        progress(1.0)
+    return here, np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+_Mask = NDArray[np.bool_]
+
+
+def _posterior(point: Array, found: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
+    """Logarithm of likelihood times prior, but for a constant."""
+    likelihood = sum(float(i.log_density()[of].sum()) for i, of in zip(found, credible, strict=True))
+    return likelihood - 0.5 * float(point @ point) / PRIOR**2
+
+
+def _score(
+    now: Sequence[Innovations], nearby: Sequence[Sequence[Innovations]], credible: Sequence[_Mask]
+) -> tuple[Array, Array]:
+    """Gradient (k,) and Fisher information (k, k) of the log-likelihood.
+
+    Of an innovation e with deviation d the log density is -½ (e/d)² - log d: its slope is -(e/d)(∂e/d) + ((e/d)² - 1)
+    ∂log d, and its information (∂e/d)² + 2 (∂log d)². The factor (e/d)² - 1, which vanishes in the mean at the optimum,
+    keeps the error of one-sided differences out of the result.
+    """
+    count = len(nearby)
+    slope, information = np.zeros(count), np.zeros((count, count))
+    for i, (here, of) in enumerate(zip(now, credible, strict=True)):
+        by_innovation, by_scale = (np.zeros((here.whitened[of].size, count)) for _ in range(2))
+        for k, all_there in enumerate(nearby):
+            stretch = all_there[i].deviation[of] / here.deviation[of]
+            change = (all_there[i].whitened[of] * stretch - here.whitened[of]) / DIFFERENCE
+            by_innovation[:, k] = np.nan_to_num(change).clip(-STEEPEST, STEEPEST).ravel()
+            by_scale[:, k] = np.nan_to_num(np.log(stretch) / DIFFERENCE).ravel()
+        w = np.nan_to_num(here.whitened[of]).ravel()
+        slope += (w**2 - 1) @ by_scale - w @ by_innovation
+        information += by_innovation.T @ by_innovation + 2 * by_scale.T @ by_scale
+    return slope, information
+
+
+_RECORDINGS: list[Recording] = []  # of a worker process
+
+
+def _keep(recordings: Sequence[Recording]) -> None:
+    _RECORDINGS[:] = recordings
+
+
+def _innovations(index: int, vehicle: Vehicle) -> dict[str, Innovations]:
+    return innovations(_RECORDINGS[index], vehicle)
+
+
+_Judged = tuple[dict[str, Innovations], dict[str, Error]]
+
+
+def _judged(index: int, vehicle: Vehicle) -> _Judged:
+    """Innovations, and errors against the reference where there is one."""
+    recording = _RECORDINGS[index]
+    errors: dict[str, Error] = {}
+    if any("reference/" in topic for topic in recording.channels):
+        errors = errors_of(at_reference(run(recording, vehicle).output, vehicle), recording)
+    return innovations(recording, vehicle), errors
+
+
+def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:
+    """Over all recordings; which messages are credible is told by the `first` results, those before tuning."""
+    names = list(dict.fromkeys(name for found, _ in results for name in found))
+    pairs = [
+        (name, found[name], before[name].credible())
+        for (found, _), (before, _) in zip(results, first, strict=True)
+        for name in found
+    ]
+    sensors = {}
+    for name in [*names, ALL]:
+        chosen = [pair for pair in pairs if name in (pair[0], ALL)]
+        sensors[name] = consistency([one for _, one, _ in chosen], [of for *_, of in chosen])
+    signals = list(dict.fromkeys(name for _, errors in results for name in errors))
+    by_signal = {name: [errors[name] for _, errors in results if name in errors] for name in signals}
+    means = {
+        name: Error(
+            float(np.sqrt(np.mean([e.rmse**2 for e in of]))),
+            float(np.mean([e.nees for e in of])),
+            float(np.mean([e.inside for e in of])),
+        )
+        for name, of in by_signal.items()
+    }
+    return Figures(sensors, means)

@@ -1,0 +1,130 @@
+"""What is left out of a fit in turn, to see whether what it says lasts there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.mismatch.equations import Equations
+from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.road import POINT
+from vsense_ros.mismatch.signals import grid
+from vsense_ros.mismatch.windows import Evidence, Window
+from vsense_ros.model.effects.base import SPACING
+
+Array = NDArray[np.float64]
+
+STRETCHES = 4  # of a window that is the only one
+PIECES = 10  # least number of places of a road, in each recording, that is proven by its pieces
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How a fit is taken apart, which parts are left out together, and what the base fit leaves of them."""
+
+    apart: Callable[[Fit], Fit]
+    groups: Sequence[Sequence[int]]
+    own: Array  # (groups,) value of the base fit
+    unseen: Array  # (groups,) the same where it does not see the group
+    rows: NDArray[np.int64]  # (groups,) numbers of residuals
+
+    @classmethod
+    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> LeftOut:
+        equations = apart(base).equations
+        own, rows = (
+            np.array([of[list(group)].sum() for group in groups]) for of in (equations.values(), equations.rows)
+        )
+        return cls(apart, groups, own, np.array([equations.left_out(group) for group in groups]), rows)
+
+    def gains(self, fitted: Equations, whole: float) -> tuple[float, float]:
+        """How much less than the base a fit, taken apart, leaves of each group that it does not see: over a `whole`,
+        and over what the base leaves of them, together. What is predicted linearly may be far off where one group alone
+        holds a parameter: over the whole none of them may count for more than it costs itself."""
+        falls = self.unseen - [fitted.left_out(group) for group in self.groups]
+        most = np.maximum(self.unseen, self.own)
+        share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, self.rows))
+        return float(np.sum(np.clip(falls, -self.own, self.own))) / whole, float(share)
+
+
+def as_it_is(fitted: Fit) -> Fit:
+    """A fit taken apart into its windows."""
+    return fitted
+
+
+def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
+    """Recordings, or windows where there is one recording."""
+    groups = residuals.predictor.evidence.places_by_recording()
+    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
+
+
+def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
+    """Stretches of the only window."""
+    (names,) = residuals.layout
+
+    def cut(rows: Array) -> list[Array]:
+        instants = np.arange(len(rows)).reshape(len(names), -1)
+        return [rows[part.reshape(-1)] for part in np.array_split(instants, STRETCHES, axis=1)]
+
+    def apart(fitted: Fit) -> Fit:
+        (rest,), (slopes,) = fitted.residuals, fitted.slopes
+        return replace(fitted, residuals=cut(rest), slopes=cut(slopes))
+
+    return LeftOut.of(base, apart, [[i] for i in range(STRETCHES)])
+
+
+def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
+    """Each second piece of the road, in all windows, then all others: a road follows from its neighbouring pieces."""
+    n = len(residuals.layout)
+    return LeftOut.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
+
+
+def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
+    """Takes a fit apart into what is on odd pieces of the road, by window, and then what is on even ones."""
+    windows = residuals.predictor.evidence.windows
+    on_odd = [np.tile(odd(window), len(names)) for window, names in zip(windows, residuals.layout, strict=True)]
+    halves = [*on_odd, *(~rows for rows in on_odd)]
+
+    def apart(fitted: Fit) -> Fit:
+        def chosen(parts: list[Array]) -> list[Array]:
+            return [part[rows] for part, rows in zip([*parts, *parts], halves, strict=True)]
+
+        return replace(fitted, residuals=chosen(fitted.residuals), slopes=chosen(fitted.slopes))
+
+    return apart
+
+
+def odd(window: Window) -> NDArray[np.bool_]:
+    """Whether each instant of a window that is compared is on an odd piece of the road."""
+    return np.asarray(places(window) // SPACING % 2 == 1)
+
+
+def tells_its_pieces(evidence: Evidence) -> bool:
+    """Whether a road is so long that what one manoeuvre leaves over is a part of it: that lasts as long as a few of its
+    pieces."""
+    return len(evidence.points) >= PIECES * len(evidence.by_recording())
+
+
+def pieces_alone_tell(evidence: Evidence) -> bool:
+    """Whether nothing but its pieces can prove the road: no place is met twice, in one recording or in several long
+    ones. Of several short ones, recordings are left out."""
+    return passed_once(evidence.windows) and (len(evidence.by_recording()) == 1 or tells_its_pieces(evidence))
+
+
+def passed_once(windows: Sequence[Window]) -> bool:
+    """Whether no part of them tells what another one meets on its way: most of the road is another all the time."""
+    times = Counter(point for window in windows for point in passed(window))
+    return 2 * sum(count == 1 for count in times.values()) > len(times)
+
+
+def passed(window: Window) -> set[float]:
+    """Where on the road a window has been [`road.POINT`]."""
+    return set(places(window) // POINT)
+
+
+def places(window: Window) -> Array:
+    """Abscissa at each instant of a window that is compared [m]."""
+    return np.asarray(np.interp(grid(window), window.place.t, window.place.value[:, 0]))

@@ -1,0 +1,448 @@
+"""Recordings of which nothing can be said, with the reason, before anything is fitted to them.
+
+A spin, a sensor that is frozen or at its end, a wrong unit or another car spoil every figure that follows, and some
+effect would still seem to explain what they leave behind. One such recording is enough to say nothing: what the others
+say is heard when the user leaves it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from vsense_ros.bag.inspect import doubts
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
+from vsense_ros.mismatch.knobs import BASE
+from vsense_ros.mismatch.windows import SLOWEST, Evidence, Readings, Window, in_axes_of_car, turned_to_car
+from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.simulation.closed_loop import rolling_radii
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+LEAST = 10.0  # [s] of driving
+GENTLE = 0.15  # [m/s²] lateral and longitudinal, below which nothing can be said
+SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
+SLIDE = 0.7  # [rad] by which nobody's side slip changes …
+SLIDE_TIME = 3.0  # [s] … in so long, unless the car spins
+# [s] of exactly the same value from a moving car
+STILL = {"imu": 1.0, "wheel_speeds": 2.0, "gnss_velocity": 3.0, "suspension": 3.0}
+COARSE = 100  # values that a signal takes; one with fewer may well keep its value …
+STILL_COARSE = 10.0  # [s] … for so long
+SATURATED = 8  # samples at the end of a range, and as many times longer than it stays at other values
+CLIPPED = 3  # times that a steering angle does so, which may be held at one end once
+INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques …
+TURNING = 1.5  # [m/s²] … during which the car's turning changes by this lateral acceleration …
+PUSHED = 2.5  # [m/s²] … or its specific force along by this, more than cornering or a slope does
+GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
+SMOOTH = 0.5  # [s] of the means between which relations are judged
+RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
+STRANGE = 2.0  # standard deviations left over from which on several cars are thought of
+LASTING = ("mass", "tyre radius")  # what neither road nor driver changes …
+LASTING_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
+TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
+
+_COMPONENTS = {
+    "imu": (
+        "roll rate", "pitch rate", "yaw rate",
+        "longitudinal acceleration", "lateral acceleration", "vertical acceleration",
+    ),
+    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+    "gnss_velocity": ("GNSS velocity to the east", "GNSS velocity to the north"),
+    "suspension": tuple(f"suspension travel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+}  # fmt: skip
+_ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
+
+
+def hindrance(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidence, vehicle: Vehicle) -> str:
+    """Why nothing can be said of the evidence; empty where something can. `recordings` are all, `unseen` the evidence
+    of those that are held out of the fit."""
+    return next(_hindrances(recordings, fitted, unseen, vehicle), "")
+
+
+def _hindrances(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidence, vehicle: Vehicle) -> Iterator[str]:
+    sensors = {**fitted.sensors, **unseen.sensors}
+    yield from _given_twice(recordings)
+    yield from _of_several_cars(recordings, sensors)
+    yield from _twins(sensors)
+    drives = [*fitted.by_recording(), *unseen.by_recording()]
+    for windows in drives:
+        yield from _standing_still(windows, sensors)
+        yield from _saturated(windows, sensors)
+        yield from _clipped(windows, sensors)
+        yield from _spinning(windows, sensors)
+    yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
+    means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
+    yield from _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]])
+    for name, drive in means:
+        yield from _unrelated(drive, name)
+    yield from _unlike(means)
+
+
+def misfit(base: Fit, residuals: Residuals) -> str:
+    """Why a fit of the base parameters is none to start from; empty where it is one."""
+    return next(_misfits(base, residuals), "")
+
+
+def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
+    level = residuals.level(base.residuals)
+    if level > 1 and not base.converged:
+        yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
+    amounts = dict(zip((knob.name for knob in base.knobs), base.amounts, strict=True))
+    outside = [k for k in BASE if k.name in amounts and not k.low < amounts[k.name] < k.high]
+    # One stiffness may stand in for the physics that is missing.
+    if len(outside) > 1 or any(knob.name in LASTING for knob in outside):
+        names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
+        yield f"{names} of the vehicle file's fits; is it the file of this car?"
+    if level > STRANGE and amounts.keys() >= set(LASTING):
+        yield from _of_several_fits(base, residuals)
+
+
+def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
+    """Recordings that each want another mass or other wheels, linearly."""
+    drives = residuals.predictor.evidence.by_recording()
+    own = []
+    for rows in residuals.predictor.evidence.places_by_recording():
+        left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
+        own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
+    for name in LASTING:
+        at = [knob.name for knob in base.knobs].index(name)
+        found = [change[at] for change in own]
+        if np.std(found) > LASTING_APART:
+            low, high = int(np.argmin(found)), int(np.argmax(found))
+            apart = 100 * (found[high] - found[low]) * base.knobs[at].deviation
+            yield (
+                f"the {name} of the car in {drives[high][0].name} is {apart:.0f} % more than in {drives[low][0].name}, "
+                "and no parameters fit both; are they recordings of one car?"
+            )
+
+
+def _too_little(evidence: Evidence, drives: Sequence[_Drive]) -> Iterator[str]:
+    if not evidence.windows:
+        yield "; ".join(evidence.remarks) or "there is no recording"
+        return
+    if evidence.driven < LEAST:
+        yield f"only {evidence.driven:.1f} s of driving can be used, {LEAST:g} s are needed"
+    lateral, longitudinal = (max(found) for found in zip(*(drive.strongest for drive in drives), strict=True))
+    if lateral < GENTLE and longitudinal < GENTLE:
+        yield (
+            f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
+            f"{longitudinal:.2f} m/s² longitudinal)"
+        )
+    if not any(evidence.sensors[name].kind == "imu" for w in evidence.windows for name in w.readings):
+        yield "; ".join(
+            ["there are no inertial measurements, with which a simulation could be compared", *evidence.remarks]
+        )
+
+
+def _of_several_cars(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """What recordings say of their car and its sensors must agree."""
+    said: dict[str, str] = {}
+    for recording in recordings:
+        stated = {"vehicle": recording.metadata.get("vehicle", "")}
+        for sensor in sensors.values():
+            if sensor.topic in recording:
+                stated[f"frame of {sensor.topic}"] = recording[sensor.topic].frame_id
+        for what, value in stated.items():
+            if value and said.setdefault(what, value) != value:
+                yield (
+                    f"the recordings are of different cars: the {what} is {said[what]!r} in one and {value!r} in "
+                    f"{recording.name}; explain each car by itself"
+                )
+
+
+def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
+    """The same measurements in two recordings: one would seem to prove what was found in the other."""
+    names: dict[bytes, str] = {}
+    for recording in recordings:
+        content = recording.digest()
+        if content in names:
+            yield f"{names[content]} and {recording.name} hold the same measurements; leave one of them out"
+        names[content] = recording.name
+
+
+def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    for kind in sorted(_ONE_OF_EACH):
+        names = [name for name, sensor in sensors.items() if sensor.kind == kind]
+        if len(names) > 1:
+            yield (
+                f"the vehicle file has {len(names)} sensors of the kind {kind} with measurements "
+                f"({', '.join(names)}), of which one can be compared; leave the others out of the file"
+            )
+
+
+def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[str]:
+    """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
+    for recording in recordings:
+        for topic, found in doubts(_as_mounted(recording, sensors), radius).items():
+            if found and topic in {sensor.topic for sensor in sensors.values() if sensor.kind in _ONE_OF_EACH}:
+                yield f"in {recording.name}, {topic}: {found[0]}"
+
+
+def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Recording:
+    """The recording with inertial measurements in the axes of the car, where the vehicle file says that the sensor is
+    turned away from them."""
+    channels = dict(recording.channels)
+    for sensor in sensors.values():
+        if isinstance(sensor, Imu) and sensor.topic in channels and any(sensor.attitude):
+            channel = channels[sensor.topic]
+            fields = ("angular_velocity", "linear_acceleration")
+            turned = {field: turned_to_car(channel.columns[field], sensor) for field in fields}
+            channels[sensor.topic] = replace(channel, columns={**channel.columns, **turned})
+    return replace(recording, channels=channels)
+
+
+def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """Signals that do not change although the car moves."""
+    for window in windows:
+        for name, readings in window.readings.items():
+            kind = sensors[name].kind
+            for column, what in enumerate(_COMPONENTS.get(kind, ())):
+                value, t = _present(readings, column)
+                if len(value) < 2:
+                    continue
+                first, length = _runs(value)
+                last = first + length - 1
+                long = int(np.argmax(t[last] - t[first]))
+                duration = float(t[last[long]] - t[first[long]])
+                coarse = kind != "gnss_velocity" and 1 < len(np.unique(value)) < COARSE
+                if length[long] >= 10 and duration >= (STILL_COARSE if coarse else STILL[kind]):
+                    yield f"the {what} is frozen for {duration:.1f} s from {t[first[long]]:.1f} s on in {window.name}"
+            if kind in ("steering", "wheel_torques"):
+                yield from _input_still(window, readings, kind, sensors)
+
+
+def _input_still(window: Window, driven: Readings, kind: str, sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """A driver may well hold wheel and pedals, but then the car does not begin to move otherwise."""
+    inertial = (in_axes_of_car(r, sensors[name]) for name, r in window.readings.items() if sensors[name].kind == "imu")
+    imu = next(inertial, None)
+    present = np.isfinite(driven.value).all(axis=1)
+    value, t = driven.value[present], driven.t[present]
+    felt = 2 if kind == "steering" else 3
+    if imu is None or len(t) < 2 or np.isfinite(imu.value[:, felt]).sum() < 2:
+        return
+    response, at = _present(imu, felt)
+    if kind == "steering":
+        speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
+        response = _averaged(at, response * speed)
+        shape, least, what = response / np.maximum(speed, 1.0) ** 2, TURNING, "the steering angle is"
+    else:
+        response = shape = _averaged(at, response)
+        least, what = PUSHED, "the wheel torques are"
+    for first, length in zip(*_runs(value), strict=True):
+        begin, end = t[first], t[first + length - 1]
+        # The car needs a while to follow what went before, and means and clocks reach beyond the end.
+        inside = (at >= begin + 0.5) & (at <= end - 0.3)
+        if end - begin < INPUT_STILL or not inside.any():
+            continue
+        if np.ptp(response[inside]) > least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
+            yield f"{what} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
+
+
+def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """Inertial signals that stay at their largest or smallest value as at no other."""
+    for name in {name for window in windows for name in window.readings if sensors[name].kind == "imu"}:
+        for column, what in enumerate(_COMPONENTS["imu"]):
+            parts = [_present(w.readings[name], column)[0] for w in windows if name in w.readings]
+            parts = [part for part in parts if len(part)]
+            if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
+                continue
+            at_end, elsewhere = {}, []
+            for end in (max(p.max() for p in parts), min(p.min() for p in parts)):
+                at_end[float(end)] = 0
+            for part in parts:
+                first, length = _runs(part)
+                for end in at_end:
+                    at_end[end] = max(at_end[end], int(length[part[first] == end].max(initial=0)))
+                elsewhere.append(length[~np.isin(part[first], list(at_end))])
+            usual = float(np.percentile(np.concatenate(elsewhere), 99)) if any(map(len, elsewhere)) else 1.0
+            for end, longest in at_end.items():
+                if longest >= SATURATED * usual:
+                    yield f"the {what} is at the end of its range, {end:.4g}, in {windows[0].name}"
+
+
+def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    """A steering angle that stays again and again at the ends of its range, and nowhere else."""
+    for name in {name for window in windows for name in window.readings if sensors[name].kind == "steering"}:
+        parts = [_present(w.readings[name], 0)[0] for w in windows if name in w.readings]
+        parts = [part for part in parts if len(part)]
+        if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
+            continue
+        ends = max(part.max() for part in parts), min(part.min() for part in parts)
+        runs = [(part[first], length) for part in parts for first, length in [_runs(part)]]
+        value, length = (np.concatenate(joined) for joined in zip(*runs, strict=True))
+        held = np.isin(value, ends)
+        longest = int(length[~held].max(initial=1))
+        for end in ends:
+            if np.sum(length[value == end] >= SATURATED * longest) >= CLIPPED:
+                yield f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"
+
+
+def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+    for window in windows:
+        by_kind = {sensors[name].kind: in_axes_of_car(found, sensors[name]) for name, found in window.readings.items()}
+        rate, t = _present(by_kind["imu"], 2) if "imu" in by_kind else (np.zeros(0), np.zeros(0))
+        if len(t) < 2:
+            continue
+        speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
+        if float(np.max(np.abs(_averaged(t, rate * speed)))) > SPIN:
+            yield f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
+        velocity = by_kind.get("gnss_velocity")
+        if velocity is None:
+            continue
+        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
+        if moving.sum() < 2:
+            continue
+        at, (east, north) = velocity.t[moving], velocity.value[moving, :2].T
+        heading = cumulative_trapezoid(rate, t, initial=0)
+        slip = np.unwrap(np.arctan2(north, east)) - np.interp(at, t, heading)
+        earlier = np.interp(at - SLIDE_TIME, at, slip)
+        known = (at <= t[-1]) & (np.maximum(at - SLIDE_TIME, at[0]) >= t[0])  # how the car has turned
+        if float(np.max(np.abs(slip - earlier)[known], initial=0.0)) > SLIDE:
+            yield f"the car spins or slides sideways in {window.name}: its course and its yaw rate part"
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """Means over `SMOOTH` seconds of what physics relates, over all windows of a recording; NaN where not measured."""
+
+    speed: Array  # [m/s]
+    speed_rate: Array  # [m/s²]
+    rolling: Array  # [m/s], by the wheels
+    over_ground: Array  # [m/s], by GNSS
+    steering: Array  # [rad], of the road wheels
+    yaw_rate: Array  # [rad/s]
+    longitudinal: Array  # [m/s²], specific force in the axes of the car
+    lateral: Array  # [m/s²]
+    drive: Array  # [m/s²], wheel torques over radius and mass
+    wheelbase: float  # [m]
+
+    @classmethod
+    def of(cls, windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Drive:
+        chassis = vehicle.physics.chassis
+        parts: dict[str, list[Array]] = {name: [] for name in cls.__dataclass_fields__ if name != "wheelbase"}
+        for window in windows:
+            t = np.arange(window.begin, window.end, SMOOTH / 2)
+            by_kind = {sensors[name].kind: (readings, sensors[name]) for name, readings in window.readings.items()}
+            readings, imu = by_kind.get("imu", (Readings(np.zeros(0), np.zeros((0, 6))), Imu()))
+            value = in_axes_of_car(readings, imu).value
+            speed = _mean(t, window.speed.t, window.speed.value[:, 0])
+            parts["speed"].append(speed)
+            parts["speed_rate"].append(np.gradient(speed, SMOOTH / 2))
+            for name, column in (("yaw_rate", 2), ("longitudinal", 3), ("lateral", 4)):
+                parts[name].append(_mean(t, readings.t, value[:, column]))
+            absent = Readings(np.zeros(0), np.zeros((0, 4)))
+            steering, torques, wheels, velocity = (
+                by_kind[kind][0] if kind in by_kind else absent
+                for kind in ("steering", "wheel_torques", "wheel_speeds", "gnss_velocity")
+            )
+            parts["steering"].append(_mean(t, steering.t, steering.value[:, 0]))
+            radius = float(np.mean(rolling_radii(vehicle)))
+            parts["rolling"].append(_mean(t, wheels.t, radius * wheels.value.mean(axis=1)))
+            push = torques.value.sum(axis=1) / (radius * chassis.mass)
+            parts["drive"].append(_mean(t, torques.t, push))
+            parts["over_ground"].append(_mean(t, velocity.t, np.hypot(velocity.value[:, 0], velocity.value[:, 1])))
+        joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
+        return cls(**joined, wheelbase=chassis.cog_to_front_axle + chassis.cog_to_rear_axle)
+
+    @property
+    def turning(self) -> Array:
+        """Lateral acceleration that goes with speed and yaw rate [m/s²]."""
+        return self.speed * self.yaw_rate
+
+    @property
+    def strongest(self) -> tuple[float, float]:
+        """Lateral and longitudinal acceleration that are exceeded in a twentieth of the time [m/s²]."""
+        found = []
+        for acceleration in (self.turning, self.speed_rate):
+            present = np.abs(acceleration[np.isfinite(acceleration)])
+            found.append(float(np.percentile(present, 95)) if len(present) else 0.0)
+        return found[0], found[1]
+
+
+def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
+    """Signals that physics binds to one another, and that are too far apart for any effect: a unit, a sign, an axis or
+    a clock is wrong."""
+    gentle = np.where(np.abs(drive.turning) < GRIPPING, 1.0, np.nan)
+    bend = drive.wheelbase * drive.yaw_rate / drive.speed * gentle
+    for what, found, other, expected, least, low, high in (
+        ("lateral acceleration", drive.lateral, "speed times yaw rate", drive.turning, 0.5, 0.5, 2.0),
+        ("road-wheel angle", drive.steering, "wheelbase times yaw rate over speed", bend, 0.005, 0.3, 6.0),
+        ("longitudinal acceleration", drive.longitudinal, "change of the speed", drive.speed_rate, 0.5, 0.5, 2.0),
+        ("wheel torque over radius and mass", drive.drive, "change of the speed", drive.speed_rate, 0.5, 0.3, 3.0),
+    ):
+        both = np.isfinite(found) & np.isfinite(expected)
+        if both.sum() < LEAST / SMOOTH or np.std(expected[both]) < least:
+            continue
+        size = float(np.std(found[both]) / np.std(expected[both]))
+        alike = float(np.corrcoef(found[both], expected[both])[0, 1]) if size > 0 else 0.0
+        if alike < -0.5:
+            yield f"in {name} the {what} has the sign opposite to {other}"
+        elif not low < size < high:
+            yield f"in {name} the {what} is {size:.3g} times the {other}; is its unit wrong?"
+        elif alike < 0.3:
+            yield f"in {name} the {what} does not go along with {other}; is a clock or an axis wrong?"
+
+
+def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
+    """Recordings, by name, between which the car or its sensors have changed."""
+    radii: list[tuple[float, str]] = []
+    tilts: list[tuple[Array, str]] = []
+    for name, drive in drives:
+        steady = np.isfinite(drive.over_ground) & np.isfinite(drive.rolling) & (np.abs(drive.speed_rate) < 1.0)
+        if steady.sum() >= LEAST / SMOOTH:
+            radii.append((float(np.median(drive.over_ground[steady] / drive.rolling[steady])), name))
+        felt = np.array([drive.longitudinal - drive.speed_rate, drive.lateral - drive.turning])
+        present = np.isfinite(felt).all(axis=0)
+        if present.sum() >= LEAST / SMOOTH:
+            tilts.append((felt[:, present].mean(axis=1), name))
+    if radii:
+        (small, of_small), (large, of_large) = min(radii), max(radii)
+        if large > (1 + RADIUS_APART) * small:
+            yield (
+                f"the wheels of {of_large} are {100 * (large / small - 1):.0f} % larger than those of {of_small}; "
+                "are they recordings of one car?"
+            )
+    for axis, what in enumerate(("longitudinal", "lateral")):
+        at = [(float(tilt[axis]), name) for tilt, name in tilts]
+        if at and max(at)[0] - min(at)[0] > TILT_APART:
+            yield (
+                f"between {min(at)[1]} and {max(at)[1]} the {what} accelerometer has shifted by "
+                f"{max(at)[0] - min(at)[0]:.1f} m/s²; is it one car, and does the sensor sit where it sat?"
+            )
+
+
+def _present(readings: Readings, column: int) -> tuple[Array, Array]:
+    """Values of a component and their times, without those that are absent."""
+    value = readings.value[:, column]
+    present = np.isfinite(value)
+    return value[present], readings.t[present]
+
+
+def _runs(value: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First index and length of each stretch of equal values."""
+    changes = np.diff(value, axis=0) != 0.0
+    first = np.concatenate([[0], np.flatnonzero(changes if value.ndim == 1 else changes.any(axis=1)) + 1])
+    return first, np.diff(np.append(first, len(value)))
+
+
+def _averaged(t: Array, value: Array) -> Array:
+    """Means over 0.2 s: one wild sample is no motion."""
+    return _mean(t, t, value, 0.2)
+
+
+def _mean(at: Array, t: Array, value: Array, span: float = SMOOTH) -> Array:
+    """Mean over `span` seconds around the times `at`; NaN where there is nothing."""
+    present = np.isfinite(value)
+    if present.sum() < 2:
+        return np.full(len(at), np.nan)
+    t, value = t[present], value[present]
+    integral = cumulative_trapezoid(value, t, initial=0)
+    begin, end = np.clip(at - span / 2, t[0], t[-1]), np.clip(at + span / 2, t[0], t[-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (np.interp(end, t, integral) - np.interp(begin, t, integral)) / (end - begin)

@@ -1,0 +1,493 @@
+"""What a car would have measured in the windows of the evidence, as a function of everything that may be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
+from vsense_ros.mismatch.knobs import FOLLOWED, TORQUE_SHARES, size_of
+from vsense_ros.mismatch.road import POINT, place_of, profile
+from vsense_ros.mismatch.signals import noise, signals
+from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Evidence, Readings, Window, to_axes_of_car
+from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.car.car import Motion as Instant
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, YAW, X, Y
+from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
+from vsense_ros.model.effects.base import bounds
+from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
+from vsense_ros.model.simulation.open_loop import Inputs, Motion, OpenLoop, Run
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+STEP = 0.005  # [s] of the simulation
+KEEP = 2  # steps
+SIDE_BY_SIDE = 16  # runs that are given to the vectors at once: twice what the widest hold (AVX-512, eight lanes)
+REMEMBERED = 3  # motions of each window, besides those that are foreseen
+SPUN = 0.5  # [rad] of side slip from which cars do not come back
+SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
+CORNERING_STIFFNESS = 14.0  # [1/rad] the same of lateral force per slip angle, where a window begins
+BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
+SMOOTH = 0.3  # [s] of the mean that tells driving from braking
+SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
+LOST = "the simulated car spins, or locks a wheel, where the real one did not"
+_FIX = ("latitude", "longitude", "altitude")
+_SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
+_MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
+
+
+def with_all_effects(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with every effect of the library present, of size zero where the file does not have it."""
+    effects = vehicle.physics.effects
+    every = {id: getattr(effects, id) or effect() for id, effect in EVERY.items()}
+    return vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": Effects(**every)})})
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One car on one road: physical parameters by name, effects included, and by the names of `road.point` what a size
+    is beyond that at places along the road."""
+
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Setting:
+        """As the file has it, effects that it does not have with size zero."""
+        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
+
+    def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
+        """An effect with its present parameters, some of which may be `varying`."""
+        kind, known = EVERY[id], {**self.values, **(varying or {})}
+        names = {field: f"effects.{id}.{field}" for field in kind.model_fields}
+        return kind.model_construct(None, **{f: known[name] for f, name in names.items() if name in known})
+
+    def changed(self, changes: Mapping[str, float]) -> Setting:
+        return Setting({**self.values, **changes})
+
+    def varying(self, place: Array, surveyed: Mapping[str, Array]) -> dict[str, Array]:
+        """Sizes that are not constant along places with these abscissae [m], by name, on a road of which this is
+        already known."""
+        found = dict(surveyed)
+        for name, points in self._profiles.items():
+            found[name] = found.get(name, 0.0) + profile(points, place)
+        return {name: np.clip(self.values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
+
+    @cached_property
+    def _profiles(self) -> dict[str, dict[float, float]]:
+        """Values by abscissa, by the name of the size."""
+        found: dict[str, dict[float, float]] = {}
+        for name, value in self.values.items():
+            if (at := place_of(name)) is not None:
+                found.setdefault(at[0], {})[at[1]] = value
+        return found
+
+
+@dataclass(frozen=True)
+class _Driving:
+    """What the motion in a window depends on."""
+
+    key: int  # the same where all of it is
+    parameters: Array
+    shares: Sequence[float]  # as TORQUE_SHARES
+    delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
+    around: Array  # (n, 4) as model.car.SURROUNDINGS
+    tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
+    varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
+
+
+class Predictor:
+    """Simulates the evidence; keeps the last motions, so that what concerns sensors alone costs little."""
+
+    def __init__(self, vehicle: Vehicle, evidence: Evidence) -> None:
+        self.vehicle = with_all_effects(vehicle)
+        self.start = Setting.of(vehicle)
+        self.evidence = evidence
+        self.car = car_of(self.vehicle)
+        self.names = self.car.parameter_names
+        self.radius = float(np.mean(rolling_radii(vehicle)))
+        self._loop = OpenLoop(self.car, KEEP)
+        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in evidence.windows]
+        self.ahead = max(1, SIDE_BY_SIDE // max(len(evidence.windows), 1))  # settings that are driven at once
+        measuring = {name: sensor for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING}
+        functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
+        compiled = codegen.compiled("sensing", functions) if functions else []
+        self._sensing = {name: _Sensing(function) for name, function in zip(measuring, compiled, strict=True)}
+
+    @cached_property
+    def measured(self) -> list[dict[str, Array]]:
+        """Signals of each window."""
+        return [signals(*window) for window in self._measuring()]
+
+    @cached_property
+    def noise(self) -> list[dict[str, float]]:
+        """White noise of the measured signals of each window."""
+        return [noise(*window) for window in self._measuring()]
+
+    def _measuring(self) -> Iterator[tuple[Window, dict[str, Readings], Mapping[str, SensorBase], float]]:
+        for window in self.evidence.windows:
+            readings = {name: found for name, found in window.readings.items() if name in self._sensing}
+            yield window, readings, self.evidence.sensors, self.radius
+
+    def simulated(self, setting: Setting) -> list[dict[str, Array]]:
+        """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
+        sensors = self._sensors(setting)
+        result = []
+        for window, (motion, sensed, way) in zip(self.evidence.windows, self._all_moved(setting, sensors), strict=True):
+            reading = hash(tuple(sensors.items()))
+            if reading not in sensed:
+                if len(sensed) > 3:
+                    sensed.pop(next(iter(sensed)))
+                sensed[reading] = self._signals(window, motion, sensors, way)
+            result.append(sensed[reading])
+        return result
+
+    def lost(self, setting: Setting) -> list[bool]:
+        """Whether the simulated car gets lost in each window."""
+        return [bool(np.isfinite(instant)) for instant in self.lost_from(setting)]
+
+    def lost_from(self, setting: Setting) -> list[float]:
+        """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
+        infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
+        says no more than that."""
+        moved = self._all_moved(setting, self._sensors(setting))
+        return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
+
+    def _lost_from(self, index: int, motion: Motion) -> float:
+        """The same of one window."""
+        begin = self.evidence.windows[index].begin
+        if not _in_bounds(motion):
+            return begin
+        lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < SPUN)
+        if not self._slipped[index]:
+            rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
+            lost |= np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
+        return begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf
+
+    @cached_property
+    def _slipped(self) -> list[bool]:
+        """Whether wheels locked or spun in each window."""
+        found = []
+        for window in self.evidence.windows:
+            wheels = [r for name, r in window.readings.items() if self.evidence.sensors[name].kind == "wheel_speeds"]
+            slips = False
+            for readings in wheels:
+                speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
+                usual = np.median(speed, axis=1, keepdims=True)
+                slips |= bool(np.any(np.abs(speed - usual) > SLIPPING * np.maximum(usual, SLOWEST)))
+            found.append(slips)
+        return found
+
+    def foresee(self, settings: Sequence[Setting]) -> None:
+        """Drive the windows with up to `ahead` settings side by side; what then is asked of them is known."""
+        self._drive([self._ways(setting, self._sensors(setting)) for setting in settings])
+
+    def _ways(self, setting: Setting, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
+        """By window."""
+        return [self._driving(index, setting, sensors) for index in range(len(self.evidence.windows))]
+
+    def _drive(self, settings: Sequence[Sequence[_Driving]]) -> None:
+        """Side by side what was not driven before."""
+        new = {
+            (index, way.key): way
+            for ways in settings
+            for index, way in enumerate(ways)
+            if way.key not in self._motions[index]
+        }
+        motions = self._loop.runs([self._run(index, way, self._remembered[index]) for (index, _), way in new.items()])
+        for (index, key), motion in zip(new, motions, strict=True):
+            known = self._motions[index]
+            if len(known) >= REMEMBERED + self.ahead:
+                known.pop(next(iter(known)))
+            known[key] = motion, {}
+
+    def _all_moved(
+        self, setting: Setting, sensors: Mapping[str, SensorBase]
+    ) -> list[tuple[Motion, dict[int, dict[str, Array]], _Driving]]:
+        """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
+        ways = self._ways(setting, sensors)
+        self._drive([ways])
+        found = []
+        for way, known in zip(ways, self._motions, strict=True):
+            known[way.key] = known.pop(way.key)  # the last to be forgotten
+            found.append((*known[way.key], way))
+        return found
+
+    @cached_property
+    def _way(self) -> list[tuple[Array, Array]]:
+        """By how much the car has turned [rad], and abscissa [m], in the middle of each step, by window."""
+        return [
+            tuple(np.interp(_middle(w), known.t, known.value[:, 0]) for known in (w.turned, w.place))  # type: ignore[misc]
+            for w in self.evidence.windows
+        ]
+
+    def _surveyed(self, place: Array) -> dict[str, Array]:
+        """What the vehicle file says of sizes at these places, beyond what they are everywhere, by name."""
+        return {name: profile(points, place) for name, points in self._known.items()}
+
+    @cached_property
+    def _known(self) -> dict[str, dict[float, float]]:
+        """The profiles of the vehicle file on the road of the evidence: values by abscissa, by the name of the size."""
+        found: dict[str, dict[float, float]] = {}
+        for id in BY_ID:
+            rows = getattr(getattr(self.vehicle.physics.effects, id), "profile", ())
+            for row, abscissa in zip(rows, abscissae(rows, self.evidence), strict=True):
+                if abscissa is not None:
+                    found.setdefault(size_of(id), {})[abscissa] = row[-1]
+        return found
+
+    def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
+        sensors = self._sensors_of_car
+        for id in EVERY:
+            sensors = setting.effect(id).sensors(sensors)
+        return sensors
+
+    @cached_property
+    def _sensors_of_car(self) -> dict[str, SensorBase]:
+        """Those of the evidence as they are without the effects of the vehicle file, which a setting has."""
+        return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.evidence.sensors}
+
+    def _driving(self, index: int, setting: Setting, sensors: Mapping[str, SensorBase]) -> _Driving:
+        """What the motion in a window depends on."""
+        turned, place = self._way[index]
+        varying = setting.varying(place, self._surveyed(place))
+        around, tilting = np.zeros((len(place), len(SURROUNDINGS))), np.zeros((len(place), 2))
+        for id in _SLOPING:
+            along, across = setting.effect(id, varying).slope(turned)
+            around[:, 0] += along
+            around[:, 1] += across
+            if (size := size_of(id)) in varying:
+                on_one_road = np.abs(np.gradient(place)) < POINT
+                changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
+                tilting += np.column_stack(np.broadcast_arrays(*setting.effect(id, changing).slope(turned)))
+        late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
+        speed = 0.0 if self.evidence.windows[index].torques else late.get(self._speedometer[index], 0.0)
+        delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0), speed
+        parameters = np.array([setting.values[name] for name in self.names])
+        mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
+        tilting *= setting.values[FOLLOWED]
+        felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
+        road = (around.tobytes(), tilting.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
+        shares = [setting.values[name] for name in TORQUE_SHARES]
+        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, tilting, felt)
+
+    @cached_property
+    def _of_sensors(self) -> frozenset[str]:
+        """Names of parameters that the motion does not depend on."""
+        moving = ca.vertcat(self.car.dynamics, self.car.remember(ca.SX(STEP)))
+        used = {symbol.name() for symbol in ca.symvar(moving)}
+        return frozenset(
+            name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
+        )
+
+    @cached_property
+    def _remembered(self) -> list[Array]:
+        """What lasts of what the effects remember where each window begins, (m,), of those before it in its recording:
+        as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
+        of what this car does in a window in which it gets lost."""
+        windows = self.evidence.windows
+        found = [np.zeros(self.car.memory.numel()) for _ in windows]
+        in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.evidence.places_by_recording()]
+        ways = self._ways(self.start, self._sensors(self.start))
+        for place in range(max(map(len, in_order), default=0) - 1):
+            pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
+            runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
+            for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
+                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.memory).all()
+                memory = found[before] if lost else motion.memory
+                found[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
+        return found
+
+    def _until(self, end: float, index: int, way: _Driving, memory: Array) -> Run:
+        """The run of a window up to a time [s]."""
+        run = self._run(index, way, memory)
+        return replace(run, inputs=run.inputs.first(round((end - self.evidence.windows[index].begin) / STEP)))
+
+    def _rested(self, memory: Array, duration: float) -> Array:
+        """What lasts of the memory of all effects after a while [s] that no window tells of."""
+        found = memory.copy()
+        for id, part in self.car.remembering.items():
+            found[part] = self.start.effect(id).rested(memory[part], duration)
+        return found
+
+    def _run(self, index: int, way: _Driving, memory: Array) -> Run:
+        steering_late, torques_late, speed_late = way.delays
+        window = self.evidence.windows[index]
+        middle = _middle(window)
+        n = len(middle)
+        kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
+        inputs = np.zeros((n, 5))
+        steering = kinds["steering"]
+        told = np.isfinite(steering.value[:, 0])
+        inputs[:, 0] = np.interp(middle + steering_late, steering.t[told], steering.value[told, 0])
+        speed, acceleration = self._rolling(index, speed_late) if speed_late else self._usual_rolling[index]
+        mass = way.parameters[self.names.index("chassis.mass")]
+        # Of each wheel, if all of them move the whole car alike.
+        inertia = np.full((n, 4), mass * self.radius**2 / 4)
+        if window.torques:
+            torques = kinds["wheel_torques"]
+            known = np.isfinite(torques.value).all(axis=1)
+            for wheel in range(4):
+                inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t[known], torques.value[known, wheel])
+            inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
+        else:
+            inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
+            inputs[:, 1:] = inertia / self.radius * acceleration[:, None]
+        q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
+        q[YAW] += window.heading
+        target, gain = speed / self.radius, inertia / HOLDING_TIME
+        return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters, memory)
+
+    @cached_property
+    def _speedometer(self) -> list[str]:
+        """The kind of the sensor that gives the speed, by window."""
+        present = ({self.evidence.sensors[name].kind for name in window.readings} for window in self.evidence.windows)
+        return ["wheel_speeds" if "wheel_speeds" in kinds else "gnss_velocity" for kinds in present]
+
+    @cached_property
+    def _usual_rolling(self) -> list[tuple[Array, Array]]:
+        return [self._rolling(index, 0.0) for index in range(len(self.evidence.windows))]
+
+    def _rolling(self, index: int, late: float) -> tuple[Array, Array]:
+        """At what speed [m/s] the wheels roll in the middle of each step of a window, and with what acceleration [m/s²]
+        a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
+        window = self.evidence.windows[index]
+        speed = np.interp(_middle(window) + late, window.speed.t, window.speed.value[:, 0])
+        if self._speedometer[index] == "wheel_speeds":
+            return speed, _of_the_car(speed)
+        acceleration = np.gradient(speed, STEP)
+        return speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration
+
+    def _signals(
+        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], way: _Driving
+    ) -> dict[str, Array]:
+        if not _in_bounds(motion):
+            return {}
+        readings = {}
+        for name, sensing in self._sensing.items():
+            if name not in window.readings:
+                continue
+            stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
+            value = sensing(motion, way.around[::KEEP], now.mounting()) + _offset(now) - _offset(base)
+            if isinstance(now, Imu) and way.tilting.any():
+                value += _over_crests_and_dips(motion, way.tilting[::KEEP], now)
+            at = stamps - (now.latency - base.latency) - window.begin
+            readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
+            gaps = ~np.isfinite(window.readings[name].value)
+            readings[name].value[gaps] = np.nan
+        return signals(window, readings, self.evidence.sensors, self.radius)
+
+
+@cache
+def _physical(name: str) -> tuple[float, float]:
+    """Least and largest value of a parameter of an effect, by its dotted name."""
+    _, id, field = name.split(".")
+    return bounds(EVERY[id].model_fields[field])
+
+
+def abscissae(rows: Sequence[tuple[float, float, float, float]], evidence: Evidence) -> list[float | None]:
+    """Where on the road of the evidence the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
+    found = []
+    for latitude, longitude, heading, _ in rows:
+        fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
+        at = evidence.on_map.placed(fix)
+        found.append(evidence.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
+    return found
+
+
+def _middle(window: Window) -> Array:
+    """Times in the middle of each step [s]."""
+    return np.asarray(window.begin + (np.arange(np.ceil((window.end - window.begin) / STEP)) + 0.5) * STEP, dtype=float)
+
+
+def _of_the_car(rolling: Array) -> Array:
+    """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
+    speed, found = rolling[0], np.zeros(len(rolling))
+    for i, wheels in enumerate(rolling):
+        found[i] = (wheels - speed) / (STEP + max(speed, SLOWEST) / (SLIP_STIFFNESS * GRAVITY))
+        speed += found[i] * STEP
+    return found
+
+
+def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:
+    """Shares (n, 4) of the wheels of an axle in the torque that gives the car an acceleration (n,) [m/s²], from the
+    shares of the front wheels where it drives and where it brakes."""
+    smooth = uniform_filter1d(acceleration, round(SMOOTH / STEP))
+    front = driving + (braking - driving) * np.clip(-smooth / BRAKED, 0.0, 1.0)
+    return np.column_stack([front, front, 1 - front, 1 - front])
+
+
+def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Array]:
+    """Coordinates and velocities (14 each) of a car that goes along the map's x at a `speed` [m/s] and turns to the
+    left by a `yaw_rate` [rad/s]: the single-track car in a steady bend, on tyres of a usual cornering stiffness. From
+    there the simulation is sooner where the car is than from a car that goes straight, which enters a bend at its limit
+    as no driver does.
+    """
+    physics = vehicle.physics
+    q, u = rolling_straight(vehicle, speed)
+    u[YAW] = yaw_rate
+    u[Y] = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (CORNERING_STIFFNESS * GRAVITY))
+    q[YAW] = -np.arctan2(u[Y], speed)
+    track = np.array([physics.front.track, physics.front.track, physics.rear.track, physics.rear.track])
+    u[SPIN] *= 1 - yaw_rate / speed * track / 2 * np.array([1, -1, 1, -1])
+    return q, u
+
+
+def _over_crests_and_dips(motion: Motion, tilting: Array, sensor: Imu) -> Array:
+    """What an inertial sensor has in its readings, (n, 6), because the road tilts the car along and across itself
+    (n, 2) [rad/s]: rates, and what keeps the car on a path that is bent upwards."""
+    along, across = tilting.T
+    flat = np.zeros_like(along)
+    rates, force = np.column_stack([across, -along, flat]), np.column_stack([flat, flat, motion.u[:, X] * along])
+    to_car = to_axes_of_car(sensor)
+    return np.hstack([rates @ to_car, force @ to_car])
+
+
+def _in_bounds(motion: Motion) -> bool:
+    return bool(np.isfinite(motion.u[-1]).all())
+
+
+def _offset(sensor: SensorBase) -> Array | float:
+    """What a sensor adds to its values and what reading a message takes off."""
+    if sensor.kind != "imu":
+        return 0.0
+    return np.array([*sensor.rate_offset, *sensor.force_offset])  # type: ignore[attr-defined]
+
+
+def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
+    """(q, u, udot, surroundings, mounting) → measurement."""
+    udot = ca.SX.sym("udot", 14)
+    mounting = ca.SX.sym("mounting", len(sensor.mounting()))
+    biases = ca.SX.zeros(len(sensor.biases()))
+    motion = Instant(car.q, car.u, udot, car.surroundings, ca.SX.zeros(car.inputs.numel()))
+    arguments = [car.q, car.u, udot, car.surroundings, mounting]
+    return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
+
+
+class _Sensing:
+    """What a sensor would measure at all instants of a motion; arrays for motions of each length are made once."""
+
+    def __init__(self, equation: ca.Function) -> None:
+        self._equation = equation
+        self._kernels: dict[int, tuple[list[Array], Kernel]] = {}
+
+    def __call__(self, motion: Motion, around: Array, mounting: Array) -> Array:
+        """(rows, components)."""
+        rows = len(motion.t)
+        if rows not in self._kernels:
+            arguments = [np.zeros((rows, self._equation.nnz_in(i))) for i in range(self._equation.n_in())]
+            self._kernels[rows] = arguments, Kernel(self._equation.map(rows), [a.reshape(-1) for a in arguments])
+        arguments, kernel = self._kernels[rows]
+        for argument, value in zip(arguments, (motion.q, motion.u, motion.udot, around, mounting), strict=True):
+            argument[:] = value
+        kernel.call()
+        return kernel.results[0].T.copy()

@@ -1,0 +1,376 @@
+"""What recordings say, in the form in which a simulation can be held against it: windows, inputs, measured signals.
+
+A window is a stretch of a recording in which the car drives, short enough for a simulation from recorded inputs to stay
+beside it. Its first seconds let the simulation find its state and are not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.road import ALONG, Road, points
+from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.simulation.closed_loop import rolling_radii
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.reading import Map, Reader
+
+Array = NDArray[np.float64]
+
+SLOWEST = 4.0  # [m/s] below it slip angles say little and tyres creep
+LONGEST = 25.0  # [s] of a window
+SHORTEST = 6.0  # [s] of a window, run-in included
+BEGINNING = 0.1  # [s] to either side of the instant at which a window begins, of which a mean is taken
+RUN_IN = 2.5  # [s] at the beginning of a window that are not compared
+HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measured speed where torques are unknown
+SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
+CROSSOVER = 0.5  # [Hz] … above this
+LEFT_OUT = "the recording is left out"
+GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
+LARGEST_GAP = 0.5  # [s] without a message that a window may contain
+
+
+@dataclass(frozen=True)
+class Readings:
+    """All measurements of one sensor, in order of time: `t` (n,) [s] since the first stamp of its recording, latency
+    taken off; `value` (n, m), NaN where a component is absent."""
+
+    t: Array
+    value: Array
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of one recording."""
+
+    recording: int
+    name: str
+    begin: float  # [s] since the recording's first stamp
+    end: float
+    readings: Mapping[str, Readings]  # by sensor, those inside the window with some margin
+    speed: Readings  # (n, 1) over ground [m/s]
+    # At the beginning the course over ground [rad], as far as it is known: else as if each recording set out eastwards.
+    heading: float
+    torques: bool  # True: wheel torques are measured
+    # (n, 1) to the left of the way on which the first recording sets out that knows its course, else this one [rad].
+    turned: Readings
+    place: Readings  # (n, 1) abscissa along the road [m], the same for the same place on every lap
+    yaw_rate: float = 0.0  # at the beginning [rad/s], as far as it is known
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Windows of one or several recordings of one car, and what could not be used."""
+
+    windows: tuple[Window, ...]
+    sensors: Mapping[str, SensorBase]  # those that gave measurements
+    recordings: tuple[str, ...]
+    remarks: tuple[str, ...]
+    road: Road  # with all places where the car has been
+    on_map: Map
+    sets_out: float | None = None  # course of the first recording that knows its own, as it sets out [rad]
+    left_out: tuple[Window, ...] = ()  # of which nothing can be said
+
+    @property
+    def driven(self) -> float:
+        """Duration of all windows [s]; what two have in common, where one begins before the other ends, counts once."""
+        until: dict[int, float] = {}
+        whole = 0.0
+        for w in self.windows:
+            whole += w.end - max(w.begin, until.get(w.recording, w.begin))
+            until[w.recording] = w.end
+        return whole
+
+    @property
+    def points(self) -> list[float]:
+        """Abscissae of the points that a profile of the road needs [m]."""
+        places = (window.place for window in self.windows)
+        return points([np.interp(np.arange(p.t[0], p.t[-1], GRID), p.t, p.value[:, 0]) for p in places])
+
+    def by_recording(self) -> list[list[Window]]:
+        """Windows of each recording that has some."""
+        return [[self.windows[index] for index in of] for of in self.places_by_recording()]
+
+    def places_by_recording(self) -> list[list[int]]:
+        """Where among all windows those of each recording are that has some."""
+        found: dict[int, list[int]] = {}
+        for index, window in enumerate(self.windows):
+            found.setdefault(window.recording, []).append(index)
+        return [found[number] for number in sorted(found)]
+
+    def joined(self, other: Evidence) -> Evidence:
+        """The windows of both, whose recordings are different ones."""
+        windows = (replace(w, recording=w.recording + len(self.recordings)) for w in other.windows)
+        return replace(
+            self, windows=(*self.windows, *windows), sensors={**other.sensors, **self.sensors},
+            recordings=(*self.recordings, *other.recordings),
+        )  # fmt: skip
+
+    def without(self, left_out: Sequence[bool], reason: str) -> Evidence:
+        """The evidence without some windows, and remarks that say why."""
+        stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)
+        gone = [w for w, out in zip(self.windows, left_out, strict=True) if out]
+        remarks = tuple(f"{w.name}: left out from {w.begin:.0f} to {w.end:.0f} s: {reason}" for w in gone)
+        return replace(self, windows=stay, remarks=(*self.remarks, *remarks), left_out=(*self.left_out, *gone))
+
+
+def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:
+    """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
+    those of `seen` where the car comes there again, and what they turn is counted from the same way."""
+    road = Road() if seen is None else seen.road
+    origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
+    on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
+    sets_out = None if seen is None else seen.sets_out
+    windows: list[Window] = []
+    remarks: list[str] = []
+    used: dict[str, SensorBase] = {}
+    sensors = vehicle.sensing()
+    for index, recording in enumerate(recordings):
+        name = recording.name or f"recording {index + 1}"
+        readings: dict[str, Readings] = {}
+        for sensor, settings in sensors.items():
+            found = _read(recording, settings, on_map)
+            if isinstance(found, str):
+                remarks.append(f"{name}: nothing of {settings.topic} can be used: {found}")
+            elif found is not None:
+                readings[sensor] = found
+        used |= {sensor: sensors[sensor] for sensor in readings}
+        kinds: dict[str, str] = {sensors[sensor].kind: sensor for sensor in readings}
+        if "steering" not in kinds:
+            remarks.append(f"{name}: no steering angle, which drives the model; {LEFT_OUT}")
+            continue
+        of_car = readings | {name: in_axes_of_car(found, sensors[name]) for name, found in readings.items()}
+        speed = _speed(of_car, kinds, vehicle)
+        if speed is None:
+            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; {LEFT_OUT}")
+            continue
+        place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
+        headed, on_the_map = _headed(of_car, kinds, speed)
+        outset = float(np.median(headed.value[:5]))
+        if on_the_map:
+            outset = sets_out = outset if sets_out is None else sets_out
+        turned = Readings(headed.t, headed.value - outset)
+        imu = of_car.get(kinds.get("imu", ""))
+        stretches = [
+            replace(window, yaw_rate=_yaw_rate(imu, window.begin) if imu is not None else 0.0)
+            for window in _windows(index, name, readings, kinds, speed, headed, turned, place)
+        ]
+        if not stretches:
+            remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
+        windows += stretches
+    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
+
+
+def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | str | None:
+    """The measurements of a sensor; why there are none in its messages; nothing where there are no messages."""
+    if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
+        return None
+    channel = recording[sensor.topic]
+    reader = Reader(0, sensor, on_map)
+    read = [reader.read(channel.sample(row)) for row in range(len(channel))]
+    events = [event for event in read if not isinstance(event, str)]
+    if len(events) < 2:
+        return next(event for event in read if isinstance(event, str))
+    stamps = np.array([event.stamp for event in events], dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
+    return Readings((stamps[order] - recording.first_stamp) * 1e-9, np.array([events[i].value for i in order]))
+
+
+def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
+    """Inertial measurements, (n, 6) rates [rad/s] and specific forces [m/s²], in the axes of the car, from which the
+    vehicle file says that the sensor is turned; others as they are."""
+    if not isinstance(sensor, Imu) or not any(sensor.attitude):
+        return readings
+    rates, forces = (turned_to_car(readings.value[:, part], sensor) for part in (slice(0, 3), slice(3, 6)))
+    return Readings(readings.t, np.hstack([rates, forces]))
+
+
+def turned_to_car(vectors: Array, sensor: Imu) -> Array:
+    """Vectors (n, 3) in the axes of a sensor in those of the car. Of a component that is absent (NaN) the car's
+    component of which it is the largest part is absent as well; to the others it adds nothing, on both sides of a
+    comparison alike."""
+    turn = to_axes_of_car(sensor)
+    absent = np.isnan(vectors)
+    found = np.where(absent, 0.0, vectors) @ turn.T
+    found[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
+    return np.asarray(found)
+
+
+def to_axes_of_car(sensor: Imu) -> Array:
+    """What turns vectors (3) in the axes of a sensor into those of the car, (3, 3)."""
+    return np.asarray(Rotation.from_euler("xyz", sensor.attitude).as_matrix())
+
+
+def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: Vehicle) -> Readings | None:
+    """Speed from the wheels, else from GNSS."""
+    if "wheel_speeds" in kinds:
+        wheels = readings[kinds["wheel_speeds"]]
+        value = wheels.value * rolling_radii(vehicle)
+        present = np.isfinite(value).any(axis=1)
+        if present.sum() >= 2:
+            return Readings(wheels.t[present], np.nanmedian(value[present], axis=1)[:, None])
+    if "gnss_velocity" in kinds:
+        velocity = readings[kinds["gnss_velocity"]]
+        present = np.isfinite(velocity.value).all(axis=1)
+        if present.sum() >= 2:
+            speed = Readings(velocity.t[present], np.hypot(*velocity.value[present, :2].T)[:, None])
+            slow = float(np.median(np.diff(speed.t))) > SLOW
+            return _between(speed, readings[kinds["imu"]]) if slow and "imu" in kinds else speed
+    return None
+
+
+def _between(speed: Readings, imu: Readings) -> Readings:
+    """A speed that is measured now and then, (n, 1) [m/s], and between that as the accelerometer has it: what lasts is
+    from the one, what changes within a second from the other (a complementary filter without delay). Gaps stay gaps."""
+    present = np.isfinite(imu.value[:, 3])
+    if present.sum() < 2:
+        return speed
+    at, force = imu.t[present], imu.value[present, 3]
+    t = np.arange(max(speed.t[0], at[0]), min(speed.t[-1], at[-1]), GRID)
+    if len(t) < SHORTEST / GRID:
+        return speed
+    felt = cumulative_trapezoid(np.interp(t, at, force), t, initial=0)
+    lasting = butter(1, CROSSOVER, fs=1 / GRID, output="sos")
+    rest = sosfiltfilt(lasting, np.interp(t, speed.t, speed.value[:, 0]) - felt)
+    known = _told(t, speed.t) & _told(t, at)
+    return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
+
+
+def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> tuple[Readings, bool]:
+    """Course over ground (n, 1) [rad], and whether that is the one on the map: without GNSS it is the heading, as if
+    the recording set out eastwards."""
+    if "gnss_velocity" in kinds:
+        velocity = readings[kinds["gnss_velocity"]]
+        moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
+        if moving.sum() >= 2:
+            course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
+            return Readings(velocity.t[moving], course[:, None]), True
+    if "imu" in kinds:
+        imu = readings[kinds["imu"]]
+        present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
+        if present.sum() >= 2:
+            t, rate = imu.t[present], imu.value[present, 2]
+            angle = cumulative_trapezoid(rate, t, initial=0)
+            return Readings(t, angle[:, None]), False
+    return Readings(speed.t, np.zeros((len(speed.t), 1))), False
+
+
+def _yaw_rate(imu: Readings, at: float) -> float:
+    """Mean yaw rate [rad/s] about a time [s], of an inertial sensor in the axes of the car; zero if it is not known."""
+    near = imu.value[np.abs(imu.t - at) < BEGINNING, 2]
+    near = near[np.isfinite(near)]
+    return float(near.mean()) if len(near) else 0.0
+
+
+def _place(road: Road, speed: Readings, position: Readings | None) -> Readings:
+    """Abscissa of a whole recording, by time. Without positions it has a stretch of the road for itself."""
+    t, v = speed.t, speed.value[:, 0]
+    travelled = cumulative_trapezoid(v, t, initial=0)
+    if position is not None:
+        known = np.isfinite(position.value).all(axis=1) & (position.t >= t[0]) & (position.t <= t[-1])
+        at = np.interp(position.t[known], t, travelled)
+        apart = np.concatenate([[True], np.diff(at) > 0.0]) if len(at) else np.zeros(0, dtype=bool)
+        if apart.sum() >= 2:
+            east, north = position.value[known][apart].T
+            distance, abscissa = road.follow(at[apart], east, north)
+            if len(distance) >= 2:
+                distance, abscissa = _to_both_ends(distance, abscissa, travelled)
+                return _without_jumps(np.interp(distance, travelled, t), distance, abscissa)
+    return Readings(t, (road.begin() + travelled)[:, None])
+
+
+def _to_both_ends(distance: Array, abscissa: Array, travelled: Array) -> tuple[Array, Array]:
+    """The same from the begin of what was travelled to its end, whenever positions were told."""
+    before, after = travelled[travelled < distance[0]], travelled[travelled > distance[-1]]
+    on = abscissa[0] + before - distance[0], abscissa, abscissa[-1] + after - distance[-1]
+    return np.concatenate([before, distance, after]), np.concatenate(on)
+
+
+def _without_jumps(t: Array, distance: Array, abscissa: Array) -> Readings:
+    """Where the abscissa jumps it does so between two times that are as good as one, instead of on the way."""
+    jumps = np.flatnonzero(np.abs(np.diff(abscissa) - np.diff(distance)) > ALONG) + 1
+    before = t[jumps] - 1e-6
+    reached = abscissa[jumps - 1] + distance[jumps] - distance[jumps - 1]
+    return Readings(np.insert(t, jumps, before), np.insert(abscissa, jumps, reached)[:, None])
+
+
+def _windows(
+    index: int,
+    name: str,
+    readings: Mapping[str, Readings],
+    kinds: Mapping[str, str],
+    speed: Readings,
+    headed: Readings,
+    turned: Readings,
+    place: Readings,
+) -> Iterable[Window]:
+    steering = readings[kinds["steering"]]
+    torques = "wheel_torques" in kinds
+    needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
+    for begin, end in _driving(speed, needed):
+        parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
+        length = (end - begin - RUN_IN) / parts
+        for part in range(parts):
+            first, last = begin + part * length, begin + (part + 1) * length + RUN_IN
+            inside = {sensor: _cut(found, first - 1.0, last + 1.0) for sensor, found in readings.items()}
+            inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
+            yield Window(
+                index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
+                _course(inside, kinds, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
+                _spanning(place, first - 1.0, last + 1.0),
+            )  # fmt: skip
+
+
+def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[float, float]]:
+    """Stretches above the slowest speed, in which no needed signal has a gap."""
+    grid = np.arange(speed.t[0], speed.t[-1], 0.05)
+    good = np.interp(grid, speed.t, speed.value[:, 0]) > SLOWEST
+    for found in needed:
+        t = found.t[np.isfinite(found.value).all(axis=1)]
+        if len(t) < 2:
+            return
+        good &= (grid >= t[0]) & (grid <= t[-1]) & _told(grid, t)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin, end = float(grid[first]), float(grid[last - 1])
+        if end - begin >= SHORTEST:
+            yield begin, end
+
+
+def _told(t: Array, times: Array) -> NDArray[np.bool_]:
+    """Which of the times (n,) are not within a gap between messages at other `times` (m,) [s]."""
+    told = np.ones(len(t), dtype=bool)
+    for gap in np.flatnonzero(np.diff(times) > LARGEST_GAP):
+        told &= (t <= times[gap]) | (t >= times[gap + 1])
+    return told
+
+
+def _cut(readings: Readings, first: float, last: float) -> Readings:
+    rows = (readings.t >= first) & (readings.t <= last)
+    return Readings(readings.t[rows], readings.value[rows])
+
+
+def _spanning(readings: Readings, first: float, last: float) -> Readings:
+    """With the nearest before and after besides, so that there is always one, however long nothing was told."""
+    begin = max(int(np.searchsorted(readings.t, first, "right")) - 1, 0)
+    end = int(np.searchsorted(readings.t, last, "left")) + 1
+    return Readings(readings.t[begin:end], readings.value[begin:end])
+
+
+def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, headed: Readings) -> float:
+    sensor = kinds.get("gnss_velocity")
+    velocity = readings.get(sensor) if sensor is not None else None
+    present = np.isfinite(velocity.value).all(axis=1) if velocity is not None else np.zeros(0, dtype=bool)
+    if velocity is None or not present.any():
+        return float(np.interp(at, headed.t, headed.value[:, 0]))
+    nearest = np.flatnonzero(present)[np.argmin(np.abs(velocity.t[present] - at))]
+    east, north = velocity.value[nearest, :2]
+    return float(np.arctan2(north, east))

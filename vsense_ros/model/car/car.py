@@ -1,0 +1,542 @@
+"""The 14-degree-of-freedom car: a chassis, four wheels that travel on guided hubs, and their spins.
+
+Coordinates `q` (14): position of `cog` in the map [m], roll, pitch, yaw [rad], suspension compressions fl, fr, rl, rr
+[m], spin angles of the wheels [rad]. Velocities `u` (14): velocity of `cog` in body axes [m/s], body rates [rad/s],
+compression rates [m/s], spin speeds [rad/s]. `cog` is the centre of gravity in the design position, standing on level
+ground.
+
+Nine bodies: the sprung mass, four hubs on guided joints and four wheels on revolute joints, in relative coordinates
+(the simplified vehicle of Rodríguez 2020). Hubs move as the suspension tables of the vehicle file say, where it has
+them: their travel is then the height of the wheel centre over its design position, and tables take the place of roll
+centres and Ackermann. Without tables they travel on straight guides, inclined in the lateral plane such that each axle
+has the roll centre that the file gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.model import spatial
+from vsense_ros.model.car.contact import Contact, contact
+from vsense_ros.model.car.suspension import HubMotion, straight_guide, table_guide
+from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
+from vsense_ros.model.coordinates import (
+    COORDINATES,
+    INPUTS,
+    PITCH,
+    ROLL,
+    SPIN,
+    SURROUNDINGS,
+    TRAVEL,
+    WHEELS,
+    YAW,
+    Z,
+)
+from vsense_ros.model.multibody.tree import Body, Tree
+from vsense_ros.model.parameter import numbers, symbols
+from vsense_ros.model.tyres import CORNERING_STIFFNESSES, FORCES, STEEPEST_SLOPES
+from vsense_ros.model.tyres.slip import transport_speed
+from vsense_ros.model.vehicle import Vehicle
+
+STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
+REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
+STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
+LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Symbols of one instant: what the sensor equations may refer to."""
+
+    q: ca.SX  # (14,)
+    u: ca.SX  # (14,)
+    udot: ca.SX  # (14,) derivatives of u
+    surroundings: ca.SX  # (4,)
+    inputs: ca.SX  # (5,)
+
+    @property
+    def attitude(self) -> ca.SX:
+        """Body to map, 3×3."""
+        return spatial.rotation_rpy(self.q[ROLL], self.q[PITCH], self.q[YAW])
+
+    @property
+    def gravity(self) -> ca.SX:
+        """Acceleration of free fall in body axes, 3×1 [m/s²]."""
+        return gravity_in_body(self.q, self.surroundings)
+
+    @property
+    def roll(self) -> ca.SX:
+        """Of the body relative to the road [rad]."""
+        return self.q[ROLL]
+
+
+def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
+    """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
+    along, across = ca.sin(surroundings[0]), ca.sin(surroundings[1])
+    on_road = -GRAVITY * ca.vertcat(along, across, ca.sqrt(1 - along**2 - across**2))
+    return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """What does not move of a corner."""
+
+    index: int
+    axle: SimpleNamespace  # symbols of its `Axle`
+    tyre: str
+    side: int  # 1 on the left, -1 on the right
+    centre: ca.SX  # of the wheel in the design position (3×1) [m]
+    static_load: ca.SX  # [N]
+    loaded_radius: ca.SX  # under that load [m]
+
+    @property
+    def front(self) -> bool:
+        return self.index < 2
+
+    @property
+    def opposite(self) -> int:
+        """The other wheel of the axle."""
+        return self.index + self.side
+
+
+@dataclass(frozen=True, eq=False)
+class TyreContact:
+    """A tyre's contact and forces, as `tyres.forces` gives them."""
+
+    touch: Contact
+    force_x: ca.SX
+    force_y: ca.SX
+    moment: ca.SX
+    slip_x: ca.SX
+    slip_y: ca.SX
+    rolling_speed: ca.SX
+
+
+class Car:
+    """Symbolic equations of motion of a vehicle's *structure*; the values of its parameters stay symbols.
+
+    Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
+    its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
+    `remember` moves on between steps.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
+        self.p, self.parameters = symbols(vehicle.physics)
+        self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
+        self._tables = vehicle.suspension
+        self.q: ca.SX = ca.SX.sym("q", COORDINATES)
+        self.u: ca.SX = ca.SX.sym("u", COORDINATES)
+        self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
+        self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
+        self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
+        present = vehicle.physics.effects.present()
+        self._effects = tuple(
+            type(effect).model_construct(**vars(getattr(self.parameters.effects, effect.id))) for effect in present
+        )
+        self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
+        ends = np.cumsum([len(effect.memory) for effect in present]).tolist()
+        self._memories = tuple(
+            self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
+        )
+
+    @property
+    def remembering(self) -> dict[str, slice]:
+        """Where in `memory` that of each effect is that has one, by id."""
+        found, first = {}, 0
+        for effect in (effect for effect in self._effects if effect.memory):
+            found[effect.id] = slice(first, first := first + len(effect.memory))
+        return found
+
+    @cached_property
+    def _wheelbase(self) -> ca.SX:
+        return self.parameters.chassis.cog_to_front_axle + self.parameters.chassis.cog_to_rear_axle
+
+    @cached_property
+    def corners(self) -> tuple[Corner, ...]:
+        """fl, fr, rl, rr."""
+        chassis = self.parameters.chassis
+        weight = chassis.mass * GRAVITY
+        corners = []
+        for i in range(len(WHEELS)):
+            front, side = i < 2, 1 - 2 * (i % 2)
+            axle = self.parameters.front if front else self.parameters.rear
+            arm = chassis.cog_to_front_axle if front else -chassis.cog_to_rear_axle
+            other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
+            static_load = weight * other / self._wheelbase / 2
+            loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
+            centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
+            tyre = self._tyres[0 if front else 1]
+            for effect in self._effects:
+                axle = effect.wheel(i, axle)
+            corners.append(Corner(i, axle, tyre, side, centre, static_load, loaded_radius))
+        return tuple(corners)
+
+    @cached_property
+    def _road_wheel_angle(self) -> ca.SX:
+        """Mean of both front wheels [rad]."""
+        angle = self.inputs[0] - self.surroundings[2]
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            angle = effect.front_angle(angle, self, memory)
+        return angle
+
+    def _toed(self, corner: Corner, hub: HubMotion) -> HubMotion:
+        """A hub with its axle turned about the vertical by what the effects do to it."""
+        toe = ca.SX(0)
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            toe = effect.toe(toe, corner, self, memory)
+        return hub if toe.is_zero() else replace(hub, axle=spatial.rotation_z(toe) @ hub.axle)
+
+    def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
+        """Angle of a wheel on a straight guide for a mean `angle` of the front wheels [rad]: from parallel to full
+        Ackermann."""
+        if not corner.front:
+            return ca.SX(0)
+        share, tangent = self.parameters.steering.ackermann, ca.tan(angle)
+        turning = ca.atan2(self._wheelbase * tangent, self._wheelbase - corner.side * corner.axle.track / 2 * tangent)
+        return (1 - share) * angle + share * turning
+
+    def _guide(self, corner: Corner, travel: ca.SX, angle: ca.SX) -> HubMotion:
+        """How the hub moves at a `travel` [m] and a mean `angle` of the front wheels [rad]."""
+        if self._tables is not None:
+            axle = "front" if corner.front else "rear"
+            return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
+        # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
+        slope = 2 * corner.axle.roll_centre_height / corner.axle.track
+        direction = ca.vertcat(0, corner.side * slope, 1) / ca.sqrt(1 + slope**2)
+        return straight_guide(corner.centre, direction, travel, self._steered(corner, angle))
+
+    @cached_property
+    def _hubs(self) -> list[HubMotion]:
+        angle = self._road_wheel_angle
+        return [self._toed(c, self._guide(c, self.q[TRAVEL][c.index], angle)) for c in self.corners]
+
+    @cached_property
+    def _tree(self) -> Tree:
+        """Hubs are points, wheels bodies of revolution. Their frames have their origins in the wheel centres and, at
+        this instant, the axes of the chassis; nothing depends on the spin angle. Hub and wheel share that point, so the
+        hub carries the mass of both: the equations are the same, and shorter."""
+        chassis = self.parameters.chassis
+        # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
+        sprung = chassis.mass
+        first_moment = ca.SX.zeros(3)
+        inertia = ca.diag(ca.vertcat(chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia))
+        bodies: list[Body] = []
+        unturned, here = ca.SX.eye(3), ca.SX(3, 1)
+        for corner, hub in zip(self.corners, self._hubs, strict=True):
+            a = corner.axle
+            mass = a.hub_mass + a.wheel_mass
+            sprung = sprung - mass
+            first_moment = first_moment - mass * corner.centre
+            offset = spatial.skew(corner.centre)
+            across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
+            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(across, along, across))
+            point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
+            disc = ca.diagcat(across * unturned + (along - across) * hub.axle @ hub.axle.T, ca.SX(3, 3))
+            name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
+            axis_rate = hub.bend * self.u[TRAVEL][corner.index]
+            bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
+            bodies.append(Body(f"wheel_{name}", len(bodies) - 1, spin, unturned, here, disc))
+        for effect in self._effects:
+            sprung, first_moment, inertia = effect.chassis(sprung, first_moment, inertia)
+        centre = first_moment / sprung
+        offset = spatial.skew(centre)
+        inertia = inertia + sprung * (offset @ offset)  # from about cog to about the chassis's own centre
+        return Tree(spatial.rigid_inertia(sprung, centre, inertia), tuple(bodies))
+
+    @cached_property
+    def root_velocity(self) -> ca.SX:
+        """Spatial velocity of the chassis `[ω; v]`, 6×1."""
+        return ca.vertcat(self.u[3:6], self.u[0:3])
+
+    @cached_property
+    def _rates(self) -> ca.SX:
+        """Joint rates."""
+        return _by_corner(self.u[TRAVEL], self.u[SPIN])
+
+    @cached_property
+    def contacts(self) -> list[TyreContact]:
+        """Of the wheels fl, fr, rl, rr."""
+        return [self._contact(corner, hub) for corner, hub in zip(self.corners, self._hubs, strict=True)]
+
+    def _contact(self, corner: Corner, hub: HubMotion) -> TyreContact:
+        """Where a tyre touches the road, and the forces there."""
+        a = corner.axle
+        attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
+        normal = attitude.T @ ca.SX([0, 0, 1])
+        turning = self.u[3:6] + hub.subspace[:3] * self.u[TRAVEL][corner.index]
+        velocity = self.u[0:3] + ca.cross(self.u[3:6], hub.centre) + hub.subspace[3:] * self.u[TRAVEL][corner.index]
+        touch = contact(
+            a,
+            a.unloaded_radius * (1 + self.surroundings[3]),
+            hub.centre,
+            hub.axle,
+            normal,
+            self.q[Z],
+            lambda point: velocity + ca.cross(turning, point - hub.centre),
+        )
+        rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
+        motion = self._tyre_motion(corner, touch, rolling_speed)
+        return TyreContact(touch, *self._tyre(corner, motion), rolling_speed)
+
+    def _tyre_motion(self, corner: Corner, touch: Contact, rolling_speed: ca.SX, lagging: bool = True) -> ca.SX:
+        """A column of `tyre_motions`."""
+        speed_y = touch.speed_y * corner.axle.cornering_scale
+        if lagging:
+            for effect, memory in zip(self._effects, self._memories, strict=True):
+                speed_y = effect.lateral_speed(speed_y, corner, memory)
+        rolling = rolling_speed + (corner.axle.longitudinal_scale - 1) * (rolling_speed - touch.speed_x)
+        return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling, touch.inclination)
+
+    def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
+        load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
+        friction = self.parameters.road.friction * corner.axle.grip_scale
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            friction = effect.friction(friction, corner, load, memory)
+        thrust = self._slip_of_thrust(corner, load, inclination)
+        speed_y -= thrust * transport_speed(speed_x, corner.axle.tyre.standstill_speed)
+        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
+            corner.axle.tyre,
+            load,
+            speed_x,
+            speed_y,
+            rolling_speed,
+            friction,
+            camber=inclination,
+            side=corner.side,
+        )
+        return force_x, force_y, moment, slip_x, slip_y - thrust
+
+    def _slip_of_thrust(self, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
+        """Lateral slip that would make the force which a tyre makes without any [-]: as such it fades where slip uses
+        the grip (Pacejka 2012, chapter 4: ply steer and conicity shift the slip angle)."""
+        thrust = ca.SX(0)
+        for effect in self._effects:
+            thrust = effect.thrust(thrust, corner, load, inclination)
+        if thrust.is_zero():
+            return thrust
+        stiffness = CORNERING_STIFFNESSES[corner.tyre](corner.axle.tyre, load)
+        return thrust / ca.fmax(stiffness, LEAST_STIFFNESS)
+
+    def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
+        """Generalized force of spring, damper and anti-roll bar on the travel [N], positive in bump."""
+        a, i = corner.axle, corner.index
+        design = self._guide(corner, ca.SX(0), ca.SX(0))
+        upward = ca.cross(ca.SX([1, 0, 0]), design.axle)
+        lift = design.subspace[5] + ca.cross(design.subspace[:3], -corner.loaded_radius * upward)[2]
+        # In the design position the spring carries what the load on the contact point leaves of the weight of the hub.
+        preload = corner.static_load * lift - (a.hub_mass + a.wheel_mass) * GRAVITY * design.subspace[5]
+        spring = preload / design.spring_ratio + a.suspension_stiffness * hub.spring
+        damper = a.suspension_damping * hub.spring_ratio * self.u[TRAVEL][i]
+        bar = a.antiroll_stiffness * (self.q[TRAVEL][i] - self.q[TRAVEL][corner.opposite])
+        resistance = (spring + damper) * hub.spring_ratio + bar
+        for effect in self._effects:
+            resistance = effect.suspension_force(resistance, corner, self)
+        return -resistance
+
+    def _wheel_torque(self, corner: Corner) -> ca.SX:
+        """Torque about the axle besides that of the road [N m]."""
+        torque = self.inputs[1 + corner.index]
+        for effect in self._effects:
+            torque = effect.wheel_torque(torque, corner, self)
+        return torque
+
+    def _wheel_force(self, corner: Corner, hub: HubMotion, tyre: TyreContact) -> ca.SX:
+        """What the road does to a wheel: force vector about its centre (6×1)."""
+        touch = tyre.touch
+        force = tyre.force_x * touch.ahead + tyre.force_y * touch.sideways + touch.load * touch.normal
+        resistance = touch.rolling_resistance(corner.axle, tyre.rolling_speed)
+        moment = tyre.moment * touch.normal + resistance * hub.axle
+        return spatial.force_at(touch.point - hub.centre, force, moment)
+
+    def _chassis_force(self) -> ca.SX:
+        """What acts on the chassis besides its suspensions and its weight: force vector about `cog` (6×1)."""
+        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
+        force = ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
+        for effect, memory in zip(self._effects, self._memories, strict=True):
+            force = effect.chassis_force(force, self, memory)
+        return force
+
+    def _loads(self, contacts: Sequence[TyreContact]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+        """Joint efforts, force on the chassis, forces on hubs and wheels: what the tree is moved by."""
+        forces: list[ca.SX] = []
+        efforts: list[ca.SX] = []
+        for corner, hub, tyre in zip(self.corners, self._hubs, contacts, strict=True):
+            i = corner.index
+            forces += [ca.SX(6, 1), self._wheel_force(corner, hub, tyre)]
+            efforts += [
+                self._suspension_force(corner, hub) + self.force[TRAVEL][i],
+                self._wheel_torque(corner) + self.force[SPIN][i],
+            ]
+        chassis = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
+        return ca.vertcat(*efforts), chassis, forces
+
+    @cached_property
+    def dynamics(self) -> ca.SX:
+        """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
+        root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self.contacts))
+        # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
+        linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
+        return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
+
+    def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
+        """Generalized force (14) that the derivatives `acceleration` (14) of `u` need beyond what acts, if each tyre's
+        longitudinal, lateral and vertical force and its moment are the columns of `tyre_forces` (4×4)."""
+        given = [
+            replace(
+                contact,
+                touch=replace(contact.touch, load=tyre_forces[2, i]),
+                force_x=tyre_forces[0, i],
+                force_y=tyre_forces[1, i],
+                moment=tyre_forces[3, i],
+            )
+            for i, contact in enumerate(self.contacts)
+        ]
+        efforts, chassis, forces = self._loads(given)
+        linear = acceleration[0:3] - gravity_in_body(self.q, self.surroundings)
+        root, joints = self._tree.inverse_dynamics(
+            self.root_velocity,
+            self._rates,
+            ca.vertcat(acceleration[3:6], linear),
+            _by_corner(acceleration[TRAVEL], acceleration[SPIN]),
+            chassis,
+            forces,
+        )
+        joints = joints - efforts
+        return ca.vertcat(root[3:6], root[0:3], joints[0::2], joints[1::2])
+
+    @cached_property
+    def tyre_motions(self) -> ca.SX:
+        """What each tyre's forces depend on: load, speeds x and y, rolling speed, inclination; 5×4."""
+        return self._tyre_motions(lagging=True)
+
+    @cached_property
+    def steady_tyre_motions(self) -> ca.SX:
+        """`tyre_motions` without the lag of tyres behind their slip, which within one step would hide how the slip
+        acts on the car in many; 5×4."""
+        return self._tyre_motions(lagging=False)
+
+    def _tyre_motions(self, lagging: bool) -> ca.SX:
+        pairs = zip(self.corners, self.contacts, strict=True)
+        return ca.horzcat(*(self._tyre_motion(c, t.touch, t.rolling_speed, lagging) for c, t in pairs))
+
+    def tyre_forces(self, motions: ca.SX) -> ca.SX:
+        """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
+        columns = []
+        for corner in self.corners:
+            force_x, force_y, moment, *_ = self._tyre(corner, motions[:, corner.index])
+            columns.append(ca.vertcat(force_x, force_y, motions[0, corner.index], moment))
+        return ca.horzcat(*columns)
+
+    @cached_property
+    def stiffening(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """What a time step adds to the Jacobian of the dynamics by u, as a product of 14×4 and 4×14, and which part
+        of the latter it applies to the rates at the beginning of the step instead, 4×14.
+
+        Wheels are light and tyres steep: below 10 m/s slip changes faster than any affordable step. Where a tyre
+        slides, the tangent to its flat force curve says nothing of the steep slope at zero slip that the step will come
+        across, and the wheel would be thrown to and fro between the two for ever. With a slope steeper than the curve
+        has anywhere, sliding goes down with each step.
+
+        Of a wheel that sticks, or soon will, the additional force acts on wheel and car alike, here a rigid body in the
+        plane, so that it takes no momentum from nowhere. Of one that slides on it acts on the wheel alone: sliding
+        changes at the rate at which the car slows down, and a force that grew with this rate, which no tyre has, would
+        push a car forward that brakes on locked wheels. Of a wheel in between, slower than both, the rate that the car
+        has at the beginning of the step causes no such force, but what the step departs from it does.
+        """
+        chassis = self.parameters.chassis
+        responses, slopes, foreseen = [], [], []
+        for corner, tyre in zip(self.corners, self.contacts, strict=True):
+            touch, spin = tyre.touch, 10 + corner.index
+            transport = transport_speed(tyre.rolling_speed, corner.axle.tyre.standstill_speed)
+            steepest = STEEPEST_SLOPES[corner.tyre](corner.axle.tyre, touch.load) / transport
+            tangent = ca.jacobian(tyre.force_x, self.u[spin]) / touch.effective_radius
+            excess = ca.fmax(STIFFENING * steepest - tangent, 0)
+            sliding = ca.sqrt((tyre.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
+            sticks = _within(tangent, 0, steepest)
+            share = ca.fmax(sticks, _within(sliding, *REACTING))
+            response = ca.SX.zeros(COORDINATES)
+            response[0:2] = share * touch.ahead[0:2] / chassis.mass
+            response[5] = share * ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
+            response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
+            responses.append(response)
+            by_car = -excess * share * ca.jacobian(touch.speed_x, self.u)
+            slopes.append(excess * ca.jacobian(tyre.rolling_speed, self.u) + by_car)
+            foreseen.append((1 - sticks) * _within(sliding, *STEADY) * by_car)
+        return ca.horzcat(*responses), ca.vertcat(*slopes), ca.vertcat(*foreseen)
+
+    def remember(self, h: ca.SX) -> ca.SX:
+        """The memory for a step of `h` [s] that begins now, from that of the last step."""
+        parts = zip(self._effects, self._memories, strict=True)
+        return ca.vertcat(*(effect.remember(memory, self, h) for effect, memory in parts if effect.memory))
+
+    @cached_property
+    def wheel_outputs(self) -> ca.SX:
+        """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
+        slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
+        return ca.horzcat(
+            *(
+                ca.vertcat(
+                    t.force_x, t.force_y, t.touch.load, t.moment, t.slip_x, ca.atan(-t.slip_y), t.touch.inclination
+                )
+                for t in self.contacts
+            )
+        )
+
+    def inertia_times(self, acceleration: ca.SX) -> ca.SX:
+        """Generalized force (14) that belongs to the accelerations `acceleration` (14) at rest: M(q) · acceleration."""
+        root = ca.vertcat(acceleration[3:6], acceleration[0:3])
+        f = self._tree.inertia_times(root, _by_corner(acceleration[TRAVEL], acceleration[SPIN]))
+        return ca.vertcat(f[3:6], f[0:3], f[6::2], f[7::2])
+
+    @property
+    def kinematics(self) -> ca.SX:
+        """Derivatives of `q` (14) as a function of q and u."""
+        return kinematics(self.q, self.u)
+
+
+def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
+    """In the order of the tree: hub, wheel, hub, wheel …"""
+    return ca.vec(ca.horzcat(travel, spin).T)
+
+
+def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
+    """0 before `none`, 1 beyond `full`, linear in between."""
+    return ca.fmin(ca.fmax((value - none) / (full - none), 0), 1)
+
+
+def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:
+    """Derivatives of the coordinates (14): z-y-x angles for the attitude, singular at a pitch of 90°."""
+    roll, pitch, yaw = q[ROLL], q[PITCH], q[YAW]
+    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[0:3]
+    s, c, t = ca.sin(roll), ca.cos(roll), ca.tan(pitch)
+    angles = ca.vertcat(
+        u[3] + t * (s * u[4] + c * u[5]),
+        c * u[4] - s * u[5],
+        (s * u[4] + c * u[5]) / ca.cos(pitch),
+    )
+    return ca.vertcat(position, angles, u[6:])
+
+
+_CARS: dict[tuple[object, ...], Car] = {}
+
+
+def car_of(vehicle: Vehicle) -> Car:
+    """The `Car` for a vehicle's structure; built once per process, whatever the values of the parameters."""
+    physics = vehicle.physics
+    structure = (
+        physics.front.tyre.model,
+        physics.rear.tyre.model,
+        vehicle.suspension,
+        *(name for name, _ in numbers(physics)),
+    )
+    if structure not in _CARS:
+        _CARS[structure] = Car(vehicle)
+    return _CARS[structure]

@@ -1,0 +1,205 @@
+"""The car with all its bodies on its own: as `model.simulate`, with the same drivers and the same trajectories."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.codegen import Kernel, compiled
+from vsense_ros.errors import InputError
+from vsense_ros.model.car.full_car import OUTPUTS, FullCar
+from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, steering_rack
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.coordinates import COORDINATES, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+NEAR = 1e-6  # opening of the linkages [m] before the last iteration: after it there is none
+
+
+class FullCarPlant:
+    """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
+
+    `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
+    model's) and `surroundings` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
+    that it takes at design height.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, step: float, car: FullCar | None = None, rack: SteeringRack | None = None
+    ) -> None:
+        self.car = car or FullCar(vehicle)
+        self.step_length = step
+        self.rack = rack or steering_rack(vehicle)
+        self.integrator: Integrator = self.car.integrator(vehicle, step)
+        self._vehicle = vehicle
+        state = self.integrator.state
+        motion, placing = compiled("full_car_motion", [self.car.motion_function(), self.car.placing_function()])
+        self._guides = self.integrator.guides.reshape(-1, order="F")
+        self._motion = Kernel(motion, [state.z, state.dz, state.ddz, self._guides, self.integrator.parameters])
+        self.q, self.u, self.udot = (result.reshape(-1, order="F") for result in self._motion.results)
+        self._target_q, self._target_u = np.zeros(COORDINATES), np.zeros(COORDINATES)
+        self._place = Kernel(
+            placing, [state.z, self._guides, self.integrator.parameters, self._target_q, self._target_u]
+        )
+        self.force = np.zeros(COORDINATES)
+        self.surroundings = np.zeros(len(SURROUNDINGS))
+        self._angle = self._rate = 0.0
+        self._motion.call()
+
+    def place(self, q: Array, u: Array, inputs: Array) -> None:
+        """Puts the car into a state of the simplified one (14 each), with the wheels held at the angle of `inputs`."""
+        mechanism, state = self.car.mechanism, self.integrator.state
+        self._hold(inputs)
+        corners = self.car.corner_parameters(self.integrator.parameters)
+        for i, numbers in enumerate(corners):
+            wheel = WheelPosition(self.car.corners[i // 2], numbers)
+            here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
+            state.z[here] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
+        self._act(inputs)
+        self.correct(q, u)
+
+    def correct(self, q: Array, u: Array) -> None:
+        """Moves the car to a state nearby (14 each), as an observer does; accelerations follow from the equations.
+
+        Raises `InputError` for a travel that the linkages do not reach, and leaves the car where it was.
+        """
+        self._target_q[:], self._target_u[:] = q, u
+        self._place.call()
+        placed, rates, violation = self._place.results
+        if not violation.item() < NEAR:
+            raise InputError(
+                f"the full car cannot be put to travels {np.round(1e3 * q[TRAVEL], 1).tolist()} mm from where it is: "
+                f"its linkages stay open by {violation.item():.2g} m; give a state nearby, within the stops"
+            )
+        state = self.integrator.state
+        state.z[:], state.dz[:] = placed[:, 0], rates[:, 0]
+        self.settle()
+
+    def settle(self) -> None:
+        """Makes rates and accelerations fit what was written into the car, which stays where it is."""
+        self.integrator.settle()
+        self._motion.call()
+
+    def step(self, inputs: Array) -> None:
+        """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
+        angle = float(inputs[0] - self.surroundings[2])
+        rate = (angle - self._angle) / self.step_length
+        self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
+        self._angle, self._rate = angle, rate
+        self._act(inputs)
+        self.integrator.step()
+        self._motion.call()
+
+    def advance(self, inputs: Array, duration: float) -> None:
+        """`duration` [s] with constant inputs, in equal steps of at most the length that the car was made with."""
+        count = max(1, int(np.ceil(duration / self.step_length - 1e-9)))
+        usual, self.step_length = self.step_length, duration / count
+        self.integrator.h[0] = self.step_length
+        try:
+            for _ in range(count):
+                self.step(inputs)
+        finally:
+            self.step_length = self.integrator.h[0] = usual
+
+    def memory(self) -> Array:
+        """All that the car keeps from one step to the next, but for what is written into it and how it is steered."""
+        state = self.integrator.state
+        return np.concatenate([state.z, state.dz, state.ddz, state.multipliers])
+
+    def recall(self, memory: Array, inputs: Array) -> None:
+        """Puts the car where it was when it had this `memory`, but for its steering: forces are those of now and of
+        `inputs`, and the wheels are held at their angle, for which the linkages are closed by `correct`.
+
+        Wheels that were turned to another angle within a step would take the noise of a steering sensor for motion.
+        """
+        state = self.integrator.state
+        parts = (state.z, state.dz, state.ddz, state.multipliers)
+        kept = np.split(memory, np.cumsum([part.size for part in parts[:-1]]))
+        for part, value in zip(parts, kept, strict=True):
+            part[:] = value
+        self._hold(inputs)
+        self._act(inputs)
+
+    @property
+    def wheels(self) -> Array:
+        """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
+        return self.integrator.outputs().reshape(len(WHEELS), len(OUTPUTS)).T
+
+    def _hold(self, inputs: Array) -> None:
+        """The wheels at the mean angle of `inputs`, at rest."""
+        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
+        self._guides[:] = self.rack.motion(self._angle)
+
+    def _act(self, inputs: Array) -> None:
+        integrator, force = self.integrator, self.force
+        integrator.wrench[:3], integrator.wrench[3:] = force[3:6], force[:3]
+        along, across = np.sin(self.surroundings[:2])
+        yaw = integrator.state.z[YAW]
+        down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
+        integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
+        for i, wheel in enumerate(WHEELS):
+            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[1 + i] + force[SPIN][i]
+            integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
+
+
+def simulate_full_car(
+    vehicle: Vehicle,
+    driver: Driver,
+    duration: float,
+    *,
+    step: float = 0.002,
+    keep_every: int = 1,
+    q: Array | None = None,
+    u: Array | None = None,
+    force: Array | None = None,
+    surroundings: Array | None = None,
+) -> Trajectory:
+    """As `model.simulate.simulate`, for a vehicle with a `linkage` section.
+
+    The driver is asked for the inputs at the end of each step. Raises `InputError` where a step does not converge or
+    the rack cannot follow the driver.
+    """
+    plant = FullCarPlant(vehicle, step)
+    if force is not None:
+        plant.force[:] = force
+    if surroundings is not None:
+        if surroundings[3] != 0:
+            raise InputError(
+                f"the full car has no relative error of the tyre radius, found {surroundings[3]:g}: change "
+                "unloaded_radius instead"
+            )
+        plant.surroundings[:] = surroundings
+    start_q, start_u = rolling_straight(vehicle)
+    start_q = start_q if q is None else q
+    start_u = start_u if u is None else u
+    inputs = np.array(driver(0.0, start_q.copy(), start_u.copy()), dtype=float)
+    plant.place(start_q, start_u, inputs)
+    steps = round(duration / step)
+    kept = range(0, steps + 1, keep_every)
+    result = Trajectory.unfilled(np.array([i * step for i in kept]))
+    row = 0
+    for i in range(steps + 1):
+        if i:
+            inputs[:] = driver(i * step, plant.q.copy(), plant.u.copy())
+            plant.step(inputs)
+        if i % keep_every == 0:
+            result.q[row], result.u[row], result.udot[row] = plant.q, plant.u, plant.udot
+            result.wheels[row], result.inputs[row] = plant.wheels, inputs
+            row += 1
+    return result
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """Body to ground, 3×3."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

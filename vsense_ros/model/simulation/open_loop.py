@@ -1,0 +1,286 @@
+"""The car from recorded inputs, again and again: what identification and the search for missing physics run.
+
+Steps are those of `simulate` (ROS2), with the Jacobian renewed only where a state is kept: the method is of second
+order with any matrix. With a compiler several runs go side by side in one call of C, as many as the processor's vectors
+have lanes; without one the same loop runs in Python, one run after the other.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel, simd
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.steps import GAMMA, advance_function, linearize_function, remember_function
+from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What drives a run, one row for each of n steps."""
+
+    step: float  # [s]
+    inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
+    surroundings: Array  # (n, 4) as model.car.SURROUNDINGS
+    varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
+    target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
+    gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    def first(self, steps: int) -> Inputs:
+        """The same of the first so many steps."""
+        varying = {name: values[:steps] for name, values in self.varying.items()}
+        target, gain = (None if values is None else values[:steps] for values in (self.target, self.gain))
+        return Inputs(self.step, self.inputs[:steps], self.surroundings[:steps], varying, target, gain)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Every `keep`-th state of a run, (rows, 14) each; rows that the run did not reach are NaN."""
+
+    t: Array  # (rows,) from the beginning of the run [s]
+    q: Array
+    u: Array
+    udot: Array
+    memory: Array  # (m,) of the effects in the last step, as `Car.memory`; NaN if the run did not reach that
+
+
+@dataclass(frozen=True)
+class Run:
+    """From the state `q`, `u` (14 each) and the effects' memory (m,), empty if it is not given; parameters in the order
+    of the car."""
+
+    q: Array
+    u: Array
+    inputs: Inputs
+    parameters: Array
+    memory: Array | None = None
+
+
+class OpenLoop:
+    """Runs of one car; `keep` says that every so many steps a state is kept, and the car linearised."""
+
+    def __init__(self, car: Car, keep: int = 2) -> None:
+        self.car = car
+        self.keep = keep
+        self._compiled = _compiled(car)
+        self._place = {name: place for place, name in enumerate(car.parameter_names)}
+
+    def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> Motion:
+        """One run alone, which costs as much as several side by side."""
+        return self.runs([Run(q, u, inputs, parameters)])[0]
+
+    def runs(self, runs: Sequence[Run]) -> list[Motion]:
+        """Of each run its motion; all of them have steps of the same length, else `ValueError`."""
+        if len({run.inputs.step for run in runs}) > 1:
+            raise ValueError("runs side by side need steps of the same length")
+        found = [self._motion(run) for run in runs]
+        if self._compiled is None:
+            for run, motion in zip(runs, found, strict=True):
+                self._run_plain(run, motion)
+            return found
+        # Those that take about as long go together.
+        order = sorted(range(len(runs)), key=lambda i: len(runs[i].inputs))
+        count = self._compiled.lanes
+        for begin in range(0, len(order), count):
+            together = order[begin : begin + count]
+            self._compiled.run([runs[i] for i in together], [found[i] for i in together], self.keep, self._place)
+        return found
+
+    def _motion(self, run: Run) -> Motion:
+        rows = (len(run.inputs) + self.keep - 1) // self.keep
+        q, u, udot = (np.full((rows, COORDINATES), np.nan) for _ in range(3))
+        memory = np.full(self.car.memory.numel(), np.nan)
+        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, memory)
+
+    def _run_plain(self, run: Run, motion: Motion) -> None:
+        inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
+        now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
+        memory = np.zeros(len(motion.memory)) if run.memory is None else np.array(run.memory, dtype=float)
+        size = COORDINATES
+        functions = _functions(self.car)
+        driving, around = np.zeros(len(INPUTS)), np.zeros(len(SURROUNDINGS))
+        arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, memory]
+        h, inverse = np.array([inputs.step]), np.zeros(size**2)
+        linearize = Kernel(functions["linearize"], arguments)
+        udot, by_q, by_u, by_q_rates = linearize.results
+        # The memory belongs to the beginning of a step, inputs to its middle.
+        between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
+        beginning = [*arguments[:4], between, *arguments[5:], h]
+        remember = Kernel(functions["remember"], beginning) if memory.size else None
+        advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
+        unit, scale = np.eye(size), GAMMA * inputs.step
+        for i in range(len(inputs)):
+            driving[:], around[:] = inputs.inputs[i], inputs.surroundings[i]
+            for name, values in inputs.varying.items():
+                parameters[self._place[name]] = values[i]
+            if inputs.gain is not None and inputs.target is not None:
+                driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
+            if remember is not None:
+                between[:] = (before + driving) / 2 if i else driving
+                before[:] = driving
+                remember.call()
+                memory[:] = remember.results[0][:, 0]
+            if i % self.keep == 0:
+                linearize.call()
+                for column, value in zip(kept, (now_q, now_u, udot[:, 0]), strict=True):
+                    column[i // self.keep] = value
+                try:
+                    inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
+                except np.linalg.LinAlgError:
+                    return
+            advance.call()
+            if not np.isfinite(sum(result.sum() for result in advance.results)):
+                return
+            now_q[:], now_u[:] = (result[:, 0] for result in advance.results)
+        motion.memory[:] = memory
+
+
+_Doubles = ctypes.POINTER(ctypes.c_double)
+_Integers = ctypes.POINTER(ctypes.c_longlong)
+
+
+class _Run(ctypes.Structure):
+    """`struct run` of open_loop.c."""
+
+    _fields_ = (
+        ("keep", ctypes.c_longlong),
+        ("h", ctypes.c_double),
+        ("steps", _Integers),
+        *((name, _Doubles) for name in ("q", "u")),
+        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying", "parameters")),
+        ("varied", ctypes.c_longlong),
+        ("places", _Integers),
+        *((name, _Doubles) for name in ("memory", "remembered")),
+        *((name, _Doubles) for name in ("kept_q", "kept_u", "kept_udot")),
+        ("rows", ctypes.c_longlong),
+        ("kept", _Integers),
+    )
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """The loop in C for one car."""
+
+    function: ctypes._FuncPointer
+    lanes: int
+
+    def run(self, runs: Sequence[Run], motions: Sequence[Motion], keep: int, place: Mapping[str, int]) -> None:
+        """At most as many runs as there are lanes; fills their motions."""
+        steps = np.array([len(run.inputs) for run in runs] + [0] * (self.lanes - len(runs)), dtype=np.int64)
+        longest, h = int(steps.max()), runs[0].inputs.step
+        varied = sorted({name for run in runs for name in run.inputs.varying})
+        places = np.array([place[name] for name in varied], dtype=np.int64)
+
+        def beside(*columns: Array) -> Array:
+            """(rows, …, lanes): arrays (rows, …) of the runs, the last row of each again and again to the end."""
+            found = np.zeros((longest, *columns[0].shape[1:], self.lanes))
+            for lane, column in enumerate(columns):
+                found[: len(column), ..., lane] = column
+                found[len(column) :, ..., lane] = column[-1:]
+            return found
+
+        def at_once(*values: Array) -> Array:
+            """(…, lanes); lanes without a run have the values of the first."""
+            return np.stack([*values, *[values[0]] * (self.lanes - len(values))], axis=-1).astype(float)
+
+        def none(run: Run, *width: int) -> Array:
+            return np.zeros((len(run.inputs), *width))
+
+        drives = [run.inputs for run in runs]
+        columns = [
+            at_once(*(run.q for run in runs)),
+            at_once(*(run.u for run in runs)),
+            beside(*(drive.inputs for drive in drives)),
+            beside(*(drive.surroundings for drive in drives)),
+            beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
+            beside(*(none(run, 4) if run.inputs.gain is None else run.inputs.gain for run in runs)),
+            beside(*(_varying(run, varied, places) for run in runs)),
+            at_once(*(run.parameters for run in runs)),
+        ]
+        rows = max(len(motion.t) for motion in motions)
+        size = len(motions[0].memory)
+        memory = at_once(*(np.zeros(size) if run.memory is None else run.memory for run in runs))
+        remembered = np.full((self.lanes, size), np.nan)
+        kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
+        reached = np.zeros(self.lanes, dtype=np.int64)
+        arguments = _Run(
+            keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
+            *map(_pointer, (memory, remembered, *kept)), rows, _integers(reached),
+        )  # fmt: skip
+        self.function(ctypes.byref(arguments))
+        for lane, motion in enumerate(motions):
+            for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
+                state[: reached[lane]] = column[lane, : reached[lane]]
+            motion.memory[:] = remembered[lane]
+
+
+def _varying(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
+    """(n, names) of the parameters that vary in any of the runs."""
+    found = np.tile(run.parameters[places], (len(run.inputs), 1))
+    for column, name in enumerate(names):
+        if name in run.inputs.varying:
+            found[:, column] = run.inputs.varying[name]
+    return found
+
+
+def _pointer(array: Array) -> ctypes._Pointer[ctypes.c_double]:
+    return array.ctypes.data_as(_Doubles)
+
+
+def _integers(array: NDArray[np.int64]) -> ctypes._Pointer[ctypes.c_longlong]:
+    return array.ctypes.data_as(_Integers)
+
+
+@cache
+def _functions(car: Car) -> dict[str, ca.Function]:
+    """Straight code on scalars. Of the Jacobians only those that a step needs."""
+    every = linearize_function(car).expand()
+    state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
+    udot, by_q, by_u, _, by_q_rates = every(*state)
+    made = [ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]), advance_function(car).expand()]
+    if car.memory.numel():
+        made.append(remember_function(car).expand())
+    return {function.name(): function for function in made}
+
+
+@cache
+def _compiled(car: Car) -> _Compiled | None:
+    """The loop in C for this car; None without a compiler."""
+    if codegen.compiler() is None:
+        return None
+    functions = _functions(car)
+    constants = {"MEMORY": car.memory.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
+    written = [
+        simd.source(list(functions.values())),
+        *(f"#define {name} {value}" for name, value in constants.items()),
+    ]
+    if "remember" not in functions:
+        written.append("#define REMEMBER_WORK 0\n#define remember(in, out, work)")
+    written.append(resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8"))
+    built = codegen.library("open_loop", "\n".join(written), _flags())
+    if built is None:
+        return None
+    library = ctypes.CDLL(str(built))
+    library.open_loop.restype = None
+    return _Compiled(library.open_loop, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
+
+
+def _flags() -> tuple[str, ...]:
+    """glibc on x86 has sine and the like for vectors."""
+    vectors = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
+    return ("-DVECTOR_MATH", "-lmvec") if vectors else ()

@@ -1,0 +1,151 @@
+"""What a vehicle file knows of roads from place to place, as the observer comes by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import hypot, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import YAW, X, Y
+from vsense_ros.model.effects.base import SPACING, Effect, RoadEffect
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.reading import Map
+
+Array = NDArray[np.float64]
+Rows = tuple[tuple[float, float, float, float], ...]  # of `RoadEffect.profile`
+
+NEAR = 25.0  # [m] beside the chord of two rows: a lane, an error of GNSS, and what the road bends between them
+JOINED = 1.5 * SPACING  # [m] from one row to the next, up to which there is a road between them
+LOOK_EVERY = 5.0  # [m]
+PLACED = 10.0  # [m] standard deviation of the position, from where on nobody knows which road it is
+SAME_WAY = 0.5  # cosine between the car's direction and that of the road it drives on
+
+
+@dataclass(frozen=True)
+class Here:
+    """The road where the car is."""
+
+    slopes: Array  # (2,) along and across, positive uphill and with the left side higher [rad]
+    known: Array  # (2,) 1 for each of them that a profile tells, 0 where it is as everywhere, or on the way there
+    sizes: Mapping[str, float]  # of effects, by dotted name
+
+
+class Survey:
+    """The profiles of a vehicle file, on the map of an observer."""
+
+    def __init__(self, vehicle: Vehicle, on_map: Map) -> None:
+        self._effects = vehicle.physics.effects.present()
+        self._on_map = on_map
+        self._profiles: dict[str, Profile] = {}  # by id, once the map has an origin
+        names = car_of(vehicle).parameter_names
+        # What the observer estimates itself is no longer that of the file.
+        self._parameters = {n: i for i, n in enumerate(names) if n not in vehicle.observer.parameters}
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, on_map: Map) -> Survey | None:
+        """Of a vehicle file that has profiles, and a sensor that tells where the car is; None of others."""
+        placed = any(sensor.kind == "gnss_position" for sensor in vehicle.sensors.values())
+        return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
+
+    def follow(self, filter: ErrorEkf) -> None:
+        """Give a filter, which knows its heading, the road where its car has come to: as it is everywhere, if nobody
+        knows where that is."""
+        east, north, last_east = filter.state.item(X), filter.state.item(Y), filter.surveyed.item(0)
+        if hypot(east - last_east, north - filter.surveyed.item(1)) < LOOK_EVERY:
+            return
+        sure = filter.covariance.item(X, X) + filter.covariance.item(Y, Y) < PLACED**2
+        if not (sure or isfinite(last_east)):
+            return
+        here = self.at(east, north, filter.state.item(YAW)) if sure else self._here({})
+        if here is None:
+            return
+        filter.slope_usually(here.slopes, filter.surveyed[2:] * here.known)
+        for name, size in here.sizes.items():
+            if name in self._parameters:
+                filter.parameters[self._parameters[name]] = size
+        filter.surveyed[:2], filter.surveyed[2:] = (east, north) if sure else np.inf, here.known
+        filter.linearize()
+
+    def at(self, east: float, north: float, heading: float) -> Here | None:
+        """The road at a place on the map [m], for who drives in a direction [rad]; None before the first fix."""
+        if self._on_map.origin is None:
+            return None
+        if not self._profiles:
+            self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
+        return self._here({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
+
+    def _here(self, told: Mapping[str, tuple[float, bool]]) -> Here:
+        """The road where profiles have `told` these values and whether they are surveyed there, by id."""
+        slopes, known, sizes = np.zeros(2), np.zeros(2), {}
+        for effect in self._effects:
+            if isinstance(effect, RoadEffect) and effect.profile:
+                beyond, surveyed = told.get(effect.id, (0.0, False))
+                name = effect.size_name()
+                if surveyed:
+                    known += slope_by_size(effect) != 0.0
+                effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
+                sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
+            slopes += effect.usual_slope
+        return Here(slopes, np.minimum(known, 1.0), sizes)
+
+
+class Profile:
+    """What a size is along a road beyond what it is everywhere: linearly between places, which are rows of
+    `RoadEffect.profile` in the order in which the road comes to them."""
+
+    def __init__(self, rows: Rows, on_map: Map) -> None:
+        east, north, self._direction, self._value = places(rows, on_map).T
+        self._at = np.column_stack([east, north])
+        chord = np.diff(self._at, axis=0)
+        length = np.hypot(*chord.T)
+        joined = np.flatnonzero((length > 0) & (length < JOINED))
+        self._begin, self._length = joined, length[joined]
+        self._along = chord[joined] / self._length[:, None]
+
+    def at(self, east: float, north: float, heading: float) -> tuple[float, bool]:
+        """The value at a place [m] for who drives in a direction [rad], and whether it lies between two rows; beyond
+        the last one the value falls to zero, which it is off the road."""
+        place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
+        off = place - self._at[self._begin]
+        along = np.sum(off * self._along, axis=1)
+        across = np.abs(off[:, 0] * self._along[:, 1] - off[:, 1] * self._along[:, 0])
+        share = along / self._length
+        on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ way > SAME_WAY)
+        if on.any():
+            i = int(np.argmin(np.where(on, across, np.inf)))
+            first = self._begin[i]
+            return float(np.interp(share[i], [0.0, 1.0], self._value[first : first + 2])), True
+        east, north = (place - self._at).T
+        ahead, aside = np.cos(self._direction), np.sin(self._direction)
+        along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
+        near = (along < SPACING) & (across < NEAR) & (np.cos(heading - self._direction) > SAME_WAY)
+        if not near.any():
+            return 0.0, False
+        i = int(np.argmin(np.where(near, along, np.inf)))
+        ending, beginning = share[self._begin == i - 1], share[self._begin == i]
+        if np.any(ending > 1) and np.any(beginning < 0):  # outside of a bend, abreast of the row
+            return float(self._value[i]), True
+        return float(self._value[i] * (1 - along[i] / SPACING)), False
+
+
+def places(rows: Rows, on_map: Map) -> Array:
+    """Rows of a `RoadEffect.profile` on a map: east, north [m], direction [rad] and value (n, 4)."""
+    fixes = ({"latitude": [row[0]], "longitude": [row[1]], "altitude": [0.0]} for row in rows)
+    placed = [on_map.placed({name: np.array(value) for name, value in fix.items()}) for fix in fixes]
+    return np.array(
+        [[float(one["east"][0]), float(one["north"][0]), *row[2:]] for one, row in zip(placed, rows, strict=True)]
+    )
+
+
+def slope_by_size(effect: RoadEffect) -> Array:
+    """What its usual slopes (2,) are for a size of one [rad]."""
+    return np.array(effect.model_copy(update={effect.size_name(): 1.0}).usual_slope, dtype=float)
+
+
+def _rows(effect: Effect) -> Rows:
+    return effect.profile if isinstance(effect, RoadEffect) else ()
