@@ -48,7 +48,7 @@ def test_with_what_explain_found_the_observer_knows_the_side_slip_better_while_g
 def test_the_identified_car_differs_from_where_the_search_began_in_the_knobs_alone():
     files = ("genesis_identified", "genesis_start")
     found, start = (load_vehicle(vehicle_path(name)).model_dump(mode="json") for name in files)
-    searched = {path for knob in job.KNOBS for path in knob.powers} | {"reference.yaw", "source"}
+    searched = {path for parameter in job.KNOBS for path in parameter.powers} | {"reference.yaw", "source"}
     assert {path.rstrip(".012") for path in _differences(found, start)} <= {path.rstrip(".012") for path in searched}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vsense_ros.files.atomic import in_place_of, written_whole
+from vsense_ros.files.atomic import atomic_write, in_place_of
 
 
 def test_who_is_interrupted_keeps_the_earlier_file(tmp_path):
@@ -12,7 +12,7 @@ def test_who_is_interrupted_keeps_the_earlier_file(tmp_path):
     path.write_text("earlier", encoding="utf-8")
 
     def interrupted() -> None:
-        with written_whole(path) as file:
+        with atomic_write(path) as file:
             file.write("half of")
             file.flush()
             raise OSError("no room")
@@ -27,14 +27,14 @@ def test_what_is_written_takes_the_place_of_what_a_link_points_to(tmp_path):
     path, link = tmp_path / "car.yaml", tmp_path / "link.yaml"
     path.write_text("earlier", encoding="utf-8")
     link.symlink_to(path)
-    with written_whole(link) as file:
+    with atomic_write(link) as file:
         file.write("anew")
     assert link.is_symlink()
     assert path.read_text(encoding="utf-8") == "anew"
 
 
 def test_what_is_no_file_is_written_to(tmp_path):
-    with written_whole("/dev/null") as file:
+    with atomic_write("/dev/null") as file:
         file.write("gone")
 
 
@@ -57,6 +57,6 @@ def test_who_writes_by_the_path_and_is_interrupted_keeps_the_earlier_file_too(tm
 
 
 def test_lines_end_as_they_are_written(tmp_path):
-    with written_whole(tmp_path / "road.csv") as file:
+    with atomic_write(tmp_path / "road.csv") as file:
         file.write("a\r\nb\n")
     assert (tmp_path / "road.csv").read_bytes() == b"a\r\nb\n"

@@ -10,12 +10,12 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import side_slip
-from vsense_ros.identify.side_slip import Knob, fit, side_slip_error, turned
+from vsense_ros.identify.side_slip import FreeParameter, fit, side_slip_error, turned
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 
-GAIN = Knob("steering gain", {"sensors.steering.gain": 1}, 0.1)
-PLACE = Knob("place of the reference", {"reference.position.0": 1}, 0.3, adds=True)
+GAIN = FreeParameter("steering gain", {"sensors.steering.gain": 1}, 0.1)
+PLACE = FreeParameter("place of the reference", {"reference.position.0": 1}, 0.3, adds=True)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_a_recording_without_reference_cannot_be_fitted_to(car: Vehicle, drive: 
 
 
 def test_a_knob_turns_its_numbers_together_and_back(car: Vehicle):
-    both = Knob("both", {"sensors.imu.force_noise": 1, "physics.chassis.mass": -1}, 0.5)
+    both = FreeParameter("both", {"sensors.imu.force_noise": 1, "physics.chassis.mass": -1}, 0.5)
     there = turned(car, [both], [1.0])
     assert there.physics.chassis.mass == pytest.approx(car.physics.chassis.mass * np.exp(-0.5))
     noise = [v.sensors["imu"].force_noise for v in (there, car)]
@@ -81,7 +81,7 @@ def test_a_knob_turns_its_numbers_together_and_back(car: Vehicle):
 
 def test_a_knob_that_adds_moves_a_number_that_is_zero():
     car = load_vehicle(vehicle_path("genesis_start"))
-    place = Knob("place", {"reference.position.0": 1}, 0.3, adds=True)
+    place = FreeParameter("place", {"reference.position.0": 1}, 0.3, adds=True)
     assert turned(car, [place], [2.0]).reference.position == pytest.approx((0.6, 0.0, 0.0))
 
 

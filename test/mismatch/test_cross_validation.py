@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense_ros.mismatch.candidates import FreeParameter
 from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
 from vsense_ros.mismatch.fit import Fit
-from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import Setting
-from vsense_ros.mismatch.windows import Evidence, Readings
+from vsense_ros.mismatch.simulation import ParameterSet
+from vsense_ros.mismatch.windows import Dataset, Readings
 from vsense_ros.observer.reading import Map
 
-KNOBS = tuple(Knob(name, "-", 0.1, -1.0, 1.0, lambda values, amount: {}) for name in ("mass", "drag", "slope"))
+KNOBS = tuple(FreeParameter(name, "-", 0.1, -1.0, 1.0, lambda values, offset: {}) for name in ("mass", "drag", "slope"))
 SIGNALS = ["longitudinal_acceleration", "speed"]
 
 
@@ -31,23 +31,25 @@ def window(recording: int, begin: float, end: float, speed: float, at: float) ->
 
 
 def residuals_of(windows: list[SimpleNamespace]) -> SimpleNamespace:
-    evidence = Evidence(tuple(windows), {}, (), (), Road(), Map(None))
-    return SimpleNamespace(predictor=SimpleNamespace(evidence=evidence), layout=[SIGNALS] * len(windows))
+    dataset = Dataset(tuple(windows), {}, (), (), Road(), Map(None))
+    return SimpleNamespace(predictor=SimpleNamespace(dataset=dataset), layout=[SIGNALS] * len(windows))
 
 
-def fit_of(windows: list[SimpleNamespace], seed: int, knobs: int = 3) -> Fit:
+def fit_of(windows: list[SimpleNamespace], seed: int, free_parameters: int = 3) -> Fit:
     rng = np.random.default_rng(seed)
     rows = [len(SIGNALS) * len(grid(w)) for w in windows]
-    slopes = [rng.normal(size=(n, knobs)) for n in rows]
-    amounts = 0.05 * np.ones(knobs)
-    return Fit(Setting({}), KNOBS[:knobs], amounts, [rng.normal(size=n) for n in rows], slopes, weight=2.0)
+    slopes = [rng.normal(size=(n, free_parameters)) for n in rows]
+    offsets = 0.05 * np.ones(free_parameters)
+    return Fit(
+        ParameterSet({}), KNOBS[:free_parameters], offsets, [rng.normal(size=n) for n in rows], slopes, weight=2.0
+    )
 
 
 @given(st.integers(0, 1000), st.floats(6.0, 40.0), st.floats(10.0, 25.0), st.integers(0, 3))
-def test_all_that_is_known_is_in_the_parts_and_nothing_twice(seed, speed, duration, knobs):
+def test_all_that_is_known_is_in_the_parts_and_nothing_twice(seed, speed, duration, free_parameters):
     windows = [window(0, 0.0, duration, speed, 3e5), window(0, duration, 2 * duration, speed, 3e5 + duration * speed)]
     for parts_of, some in ((by_pieces, windows), (by_stretches, windows[:1]), (by_windows, windows)):
-        whole = fit_of(some, seed, knobs)
+        whole = fit_of(some, seed, free_parameters)
         left_out = parts_of(residuals_of(some), whole)
         parts, known = left_out.apart(whole).equations, whole.equations
         assert sorted(i for group in left_out.groups for i in group) == list(range(len(parts.rows)))
@@ -63,7 +65,7 @@ def test_of_two_neighbouring_pieces_of_a_road_one_is_left_out():
     (driven,) = windows = [window(0, 0.0, 25.0, 20.0, 0.5 * STRETCH)]
     whole = fit_of(windows, 0)
     place = np.interp(grid(driven), driven.place.t, driven.place.value[:, 0]) - 0.5 * STRETCH
-    told = Fit(whole.setting, KNOBS, whole.amounts, [np.tile(place, 2)], whole.slopes, whole.weight)
+    told = Fit(whole.parameter_set, KNOBS, whole.offsets, [np.tile(place, 2)], whole.slopes, whole.weight)
     first, second = by_pieces(residuals_of(windows), told).apart(told).residuals
     assert {int(at // 50) for at in first} == {1, 3, 5, 7, 9}
     assert {int(at // 50) for at in second} == {2, 4, 6, 8}  # the first 2.5 s find the state of the car

@@ -12,12 +12,12 @@ import pytest
 from hidden import driven, prototype
 from vsense_ros.bag.inspect import doubts
 from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.knobs import BASE
-from vsense_ros.mismatch.simulation import Setting
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.simulation import ParameterSet
+from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -27,7 +27,7 @@ RATES, FORCES = "angular_velocity", "linear_acceleration"
 def reason(*recordings: Recording, held_out: tuple[Recording, ...] = (), vehicle: Vehicle | None = None) -> str:
     vehicle = vehicle or prototype()
     every = [*recordings, *held_out]
-    return hindrance(every, gather(recordings, vehicle), gather(held_out, vehicle), vehicle)
+    return hindrance(every, build_dataset(recordings, vehicle), build_dataset(held_out, vehicle), vehicle)
 
 
 def without(*topics: str) -> Callable[[Recording], Recording]:
@@ -258,7 +258,7 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
 
 
 def test_a_fit_that_is_still_changing_is_none_to_start_from():
-    restless = Fit(Setting({}), (), np.zeros(0), [np.full(10, 1.5)], [np.zeros((10, 0))], 0.0, converged=False)
+    restless = Fit(ParameterSet({}), (), np.zeros(0), [np.full(10, 1.5)], [np.zeros((10, 0))], 0.0, converged=False)
     assert "the base parameters do not settle: after 8 steps" in misfit(
         restless, SimpleNamespace(level=Residuals.level)
     )
@@ -275,7 +275,7 @@ def test_a_file_of_another_car_that_leaves_the_road_with_the_recorded_inputs_is_
 
 
 def test_a_fit_of_no_parameters_is_none_of_another_car():
-    base = Fit(Setting({}), (), np.zeros(0), [np.full(10, 9.0)], [np.zeros((10, 0))], 0.0)
+    base = Fit(ParameterSet({}), (), np.zeros(0), [np.full(10, 9.0)], [np.zeros((10, 0))], 0.0)
     assert not misfit(base, SimpleNamespace(level=Residuals.level))
 
 
@@ -302,8 +302,8 @@ def test_small_wheels_that_the_file_knows_of_are_not_taken_for_kilometres_per_ho
 def test_a_mass_or_several_parameters_out_of_bounds_are_of_another_car_and_one_stiffness_may_be_physics(
     outside, refused
 ):
-    amounts = np.array([outside.get(knob.name, 0.0) for knob in BASE])
-    base = Fit(Setting({}), BASE, amounts, [np.full(10, 0.5)], [], 0.0)
+    offsets = np.array([outside.get(parameter.name, 0.0) for parameter in BASE])
+    base = Fit(ParameterSet({}), BASE, offsets, [np.full(10, 0.5)], [], 0.0)
     found = misfit(base, SimpleNamespace(level=Residuals.level))
     assert bool(found) == refused
     assert all(name in found for name in outside) or not refused

@@ -17,8 +17,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.mismatch import design
+from vsense_ros.mismatch.candidates import base_parameters, out_of_reach
 from vsense_ros.mismatch.design import Option, Rival, Separation, left_open, separations
-from vsense_ros.mismatch.knobs import base_knobs, out_of_reach
 from vsense_ros.mismatch.page import NEXT_TEST, write_report
 from vsense_ros.model.vehicle import Vehicle
 
@@ -145,8 +145,8 @@ def test_the_best_test_is_said_and_stands_in_the_answer(tmp_path):
 def test_the_car_of_the_next_test_is_as_it_was_fitted_with_what_was_found():
     base = {"mass": {"unit": "-", "value": -0.05, "explained": 0.01}, "grip": {"unit": "-", "value": 0.2}}
     base["yaw inertia"] = {"unit": "-", "value": 0.3, "explained": None}
-    _, amounts = left_open(ambiguous(prototype()) | {"base": base}, prototype())
-    assert amounts == {"mass": 0.01, "grip": 0.2, "yaw inertia": 0.3}
+    _, offsets = left_open(ambiguous(prototype()) | {"base": base}, prototype())
+    assert offsets == {"mass": 0.01, "grip": 0.2, "yaw inertia": 0.3}
 
 
 @pytest.mark.parametrize(
@@ -155,10 +155,10 @@ def test_the_car_of_the_next_test_is_as_it_was_fitted_with_what_was_found():
 def test_the_next_test_has_the_sensors_and_the_base_parameters_of_the_recordings(lacking):
     had = without(prototype(), *lacking)
     kinds = {sensor.kind for sensor in had.sensors.values()}
-    fitted = [knob.name for knob in base_knobs(had, out_of_reach(kinds), kinds)]
-    vehicle, knobs = design._as_recorded(prototype(), dict.fromkeys(fitted, 0.0))
+    fitted = [parameter.name for parameter in base_parameters(had, out_of_reach(kinds), kinds)]
+    vehicle, free_parameters = design._as_recorded(prototype(), dict.fromkeys(fitted, 0.0))
     assert vehicle.sensors == had.sensors
-    assert [knob.name for knob in knobs] == fitted
+    assert [parameter.name for parameter in free_parameters] == fitted
 
 
 def test_the_page_says_the_test_that_was_designed_and_nothing_else_on_it_changes(tmp_path):

@@ -15,12 +15,12 @@ from hidden import driven, having, prototype, without, wrong
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.mismatch.answer import NO_COURSE
+from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
 from vsense_ros.mismatch.fit import Residuals
-from vsense_ros.mismatch.knobs import candidates
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.effects import BY_ID
 
 
@@ -161,8 +161,8 @@ def test_a_new_answer_takes_away_what_an_earlier_one_has_left(tmp_path):
 
 def test_a_size_that_the_vehicle_file_has_may_shrink_to_nothing_and_grow_to_its_bound():
     values = having(prototype(), brake_drag={"rl": 100.0}).values()
-    (drag,) = next(c for c in candidates((), values) if c.name == "brake_drag rl").knobs
-    (fresh,) = next(c for c in candidates() if c.name == "brake_drag rl").knobs
+    (drag,) = next(c for c in candidates((), values) if c.name == "brake_drag rl").free_parameters
+    (fresh,) = next(c for c in candidates() if c.name == "brake_drag rl").free_parameters
     assert (drag.low, drag.high) == (-100.0, fresh.high - 100.0)
     assert drag.turn(values, drag.low) == {drag.name: 0.0}
 
@@ -176,7 +176,7 @@ def test_what_a_vehicle_file_knows_of_its_sensors_counts_once():
     recording = driven(car, "slalom")
     levels = []
     for vehicle in (car, prototype()):
-        residuals = Residuals(Predictor(vehicle, gather([recording], vehicle)))
+        residuals = Residuals(Predictor(vehicle, build_dataset([recording], vehicle)))
         levels.append(residuals.level(residuals(residuals.predictor.start)))
     assert levels[0] < 0.5 < 2.0 < levels[1]
 

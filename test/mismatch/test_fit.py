@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
+from vsense_ros.mismatch.candidates import FreeParameter
 from vsense_ros.mismatch.fit import Fit, fit, slopes_at
-from vsense_ros.mismatch.knobs import Knob
-from vsense_ros.mismatch.simulation import Setting
+from vsense_ros.mismatch.simulation import ParameterSet
 
 DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
-WEIGHT = 3.0  # of a knob that is one deviation off
+WEIGHT = 3.0  # of a free parameter that is one deviation off
 TIME = np.linspace(0.0, 60.0, 600)
 FORCE = 1500.0 + 1200.0 * np.sign(np.sin(0.25 * TIME))  # [N] of drive that is known
 
@@ -33,17 +33,19 @@ def speed(mass: float, drag: float, rolling: float) -> np.ndarray:
 class Speeds:
     """Residuals of the speed in standard deviations of 0.2 m/s."""
 
-    predictor = SimpleNamespace(lost=lambda setting: [False], ahead=1, foresee=lambda settings: None)
+    predictor = SimpleNamespace(lost=lambda parameter_set: [False], ahead=1, foresee=lambda settings: None)
 
     def __init__(self, **true: float) -> None:
         self.measured = speed(**true) + 0.2 * np.random.default_rng(1).standard_normal(len(TIME))
 
-    def __call__(self, setting: Setting, instead=None) -> list[np.ndarray]:
-        return [(speed(**setting.values) - self.measured) / 0.2]
+    def __call__(self, parameter_set: ParameterSet, instead=None) -> list[np.ndarray]:
+        return [(speed(**parameter_set.values) - self.measured) / 0.2]
 
 
-def knob(name: str, deviation: float) -> Knob:
-    return Knob(name, "-", deviation, -5 * deviation, 5 * deviation, lambda values, a: {name: values[name] + a})
+def parameter(name: str, deviation: float) -> FreeParameter:
+    return FreeParameter(
+        name, "-", deviation, -5 * deviation, 5 * deviation, lambda values, a: {name: values[name] + a}
+    )
 
 
 AMOUNTS = st.tuples(*[st.integers(-20, 20).map(lambda tenths: tenths / 10)] * len(DEVIATIONS))
@@ -54,35 +56,35 @@ AMOUNTS = st.tuples(*[st.integers(-20, 20).map(lambda tenths: tenths / 10)] * le
 def test_a_fit_follows_a_valley_in_which_mass_and_resistances_stand_in_for_one_another(hidden, from_where):
     deviations = np.array(list(DEVIATIONS.values()))
     true, begin = np.array(hidden) * deviations, np.array(from_where) * deviations
-    residuals, start = Speeds(**dict(zip(DEVIATIONS, true, strict=True))), Setting(dict.fromkeys(DEVIATIONS, 0.0))
-    knobs = tuple(knob(name, deviation) for name, deviation in DEVIATIONS.items())
-    setting = Setting(dict(zip(DEVIATIONS, begin, strict=True)))
-    first = Fit(setting, knobs, begin, residuals(setting), [], WEIGHT)
+    residuals, start = Speeds(**dict(zip(DEVIATIONS, true, strict=True))), ParameterSet(dict.fromkeys(DEVIATIONS, 0.0))
+    free_parameters = tuple(parameter(name, deviation) for name, deviation in DEVIATIONS.items())
+    parameter_set = ParameterSet(dict(zip(DEVIATIONS, begin, strict=True)))
+    first = Fit(parameter_set, free_parameters, begin, residuals(parameter_set), [], WEIGHT)
     first = replace(first, slopes=slopes_at(residuals, start, first, lambda: None))
-    found = fit(residuals, start, knobs, first=first)
+    found = fit(residuals, start, free_parameters, first=first)
 
     def all_residuals(prior: np.ndarray) -> np.ndarray:
-        (off,) = residuals(Setting(dict(zip(DEVIATIONS, prior * deviations, strict=True))))
+        (off,) = residuals(ParameterSet(dict(zip(DEVIATIONS, prior * deviations, strict=True))))
         return np.append(off, np.sqrt(WEIGHT) * prior)
 
     best = 2 * least_squares(all_residuals, begin / deviations, bounds=(-5, 5)).cost
     assert found.value == pytest.approx(best, rel=0.01)
 
 
-def drawn(seed: int, knobs: int = 4, windows: int = 5) -> Fit:
+def drawn(seed: int, free_parameters: int = 4, windows: int = 5) -> Fit:
     """A fit with slopes and residuals at random, windows of different lengths."""
     rng = np.random.default_rng(seed)
     rows = rng.integers(10, 40, windows)
-    every = tuple(knob(f"knob {i}", float(rng.uniform(0.5, 2))) for i in range(knobs))
+    every = tuple(parameter(f"knob {i}", float(rng.uniform(0.5, 2))) for i in range(free_parameters))
     return Fit(
-        Setting({}), every, rng.normal(size=knobs), [rng.normal(size=n) for n in rows],
-        [rng.normal(size=(n, knobs)) for n in rows], WEIGHT,
+        ParameterSet({}), every, rng.normal(size=free_parameters), [rng.normal(size=n) for n in rows],
+        [rng.normal(size=(n, free_parameters)) for n in rows], WEIGHT,
     )  # fmt: skip
 
 
 def stacked(at: Fit, windows: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """A matrix and a right side whose least squares are the change that fits some windows."""
-    unit = np.sqrt(at.weight) * np.eye(len(at.knobs))
+    unit = np.sqrt(at.weight) * np.eye(len(at.free_parameters))
     matrix = np.vstack([*(at.slopes[i] for i in windows), unit])
     return matrix, -np.concatenate([*(at.residuals[i] for i in windows), unit @ at.prior])
 
@@ -113,7 +115,7 @@ def test_what_is_left_out_is_judged_by_what_fits_the_rest(seed, group):
 @given(st.integers(0, 10_000))
 def test_a_signature_keeps_what_the_other_knobs_cannot_stand_in_for(seed):
     at = drawn(seed)
-    *others, new = at.knobs
+    *others, new = at.free_parameters
     rows = np.vstack(at.slopes)
     matrix = np.vstack([rows[:, :-1], np.sqrt(at.weight) * np.eye(len(others))])
     signature = np.append(rows[:, -1], np.zeros(len(others)))

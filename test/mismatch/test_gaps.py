@@ -13,7 +13,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.data_quality import hindrance
 from vsense_ros.mismatch.road import Road
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.windows import build_dataset
 
 LONG = 60.0  # [s] more than one window
 
@@ -25,11 +25,11 @@ def long_drive() -> Recording:
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 40.0), (15.0, 50.0), (25.0, LONG)], ids=["late", "tunnel", "early"])
 def test_windows_without_gnss_are_simulated_like_others_and_their_car_drives_on(long_drive, begin, end):
-    evidence = gather([silent(long_drive, begin, end, "gps/fix", "gps/velocity")], prototype())
-    assert len(evidence.windows) > 1
-    predictor = Predictor(prototype(), evidence)
+    dataset = build_dataset([silent(long_drive, begin, end, "gps/fix", "gps/velocity")], prototype())
+    assert len(dataset.windows) > 1
+    predictor = Predictor(prototype(), dataset)
     assert all(predictor.simulated(predictor.start))
-    for window, (_, place) in zip(evidence.windows, predictor._way, strict=True):
+    for window, (_, place) in zip(dataset.windows, predictor._way, strict=True):
         t = np.linspace(window.begin, window.end, 500)
         driven_on = trapezoid(np.interp(t, window.speed.t, window.speed.value[:, 0]), t)
         assert place[-1] - place[0] == pytest.approx(driven_on, rel=0.05)
@@ -43,8 +43,8 @@ def test_a_window_without_gnss_heads_where_the_rest_of_its_recording_says(long_d
     northwards = replace(
         long_drive, channels={**long_drive.channels, velocity.topic: replace(velocity, columns=columns)}
     )
-    evidence = gather([silent(northwards, 15.0, 50.0, "gps/fix", "gps/velocity")], prototype())
-    assert [w.heading for w in evidence.windows] == pytest.approx([np.pi / 2] * len(evidence.windows), abs=0.2)
+    dataset = build_dataset([silent(northwards, 15.0, 50.0, "gps/fix", "gps/velocity")], prototype())
+    assert [w.heading for w in dataset.windows] == pytest.approx([np.pi / 2] * len(dataset.windows), abs=0.2)
 
 
 def test_a_torque_that_one_message_lacks_is_what_its_neighbours_say():
@@ -53,15 +53,15 @@ def test_a_torque_that_one_message_lacks_is_what_its_neighbours_say():
     columns = {name: value.copy() for name, value in torques.columns.items()}
     columns["effort"][len(torques) // 2, -1] = np.nan
     spoilt = replace(recording, channels={**recording.channels, torques.topic: replace(torques, columns=columns)})
-    whole, lacking = (Predictor(prototype(), gather([r], prototype())) for r in (recording, spoilt))
+    whole, lacking = (Predictor(prototype(), build_dataset([r], prototype())) for r in (recording, spoilt))
     (expected,), (found,) = whole.simulated(whole.start), lacking.simulated(lacking.start)
     assert found["yaw_rate"] == pytest.approx(expected["yaw_rate"], abs=1e-4)
 
 
 def test_a_car_that_turns_after_its_gyro_has_fallen_silent_does_not_spin():
     quiet = silent(driven(prototype(), "bend", 20.0), 12.0, 20.0, "imu/data")
-    evidence = gather([quiet], prototype())
-    assert "spins" not in hindrance([quiet], evidence, gather([], prototype()), prototype())
+    dataset = build_dataset([quiet], prototype())
+    assert "spins" not in hindrance([quiet], dataset, build_dataset([], prototype()), prototype())
 
 
 def test_a_gnss_so_slow_that_all_between_is_a_gap_leaves_the_recording_out_with_the_reason():
@@ -72,9 +72,9 @@ def test_a_gnss_so_slow_that_all_between_is_a_gap_leaves_the_recording_out_with_
     columns = {name: value[rows] for name, value in velocity.columns.items()}
     slow = replace(velocity, stamp=velocity.stamp[rows] + 5_000_000, received=velocity.received[rows], columns=columns)
     seldom = replace(recording, channels={**recording.channels, velocity.topic: slow})
-    evidence = gather([silent(seldom, 0.0, 0.53, "imu/data")], car)
-    assert not evidence.windows
-    assert "without a gap" in evidence.remarks[-1]
+    dataset = build_dataset([silent(seldom, 0.0, 0.53, "imu/data")], car)
+    assert not dataset.windows
+    assert "without a gap" in dataset.remarks[-1]
 
 
 @pytest.mark.parametrize("length", [0.0, 3.0, 5.0])

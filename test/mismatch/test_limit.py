@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
+from vsense_ros.mismatch.candidates import FreeParameter, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, turned, untempered
-from vsense_ros.mismatch.knobs import Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.verdict import ASTRAY, Proof
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import SPIN, X
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
@@ -42,13 +42,13 @@ def test_an_instant_that_is_far_off_counts_for_less_and_one_that_is_near_for_wha
 
 @pytest.fixture(scope="module")
 def slalom() -> Predictor:
-    return Predictor(prototype(), gather([driven(prototype(), "slalom")], prototype()))
+    return Predictor(prototype(), build_dataset([driven(prototype(), "slalom")], prototype()))
 
 
 @pytest.mark.parametrize(("grip_front", "grip_rear", "lost"), [(1.0, 1.0, False), (0.8, 0.8, False), (1.0, 0.1, True)])
 def test_a_car_that_spins_where_the_real_one_did_not_is_lost(slalom, grip_front, grip_rear, lost):
-    setting = slalom.start.changed({"front.grip_scale": grip_front, "rear.grip_scale": grip_rear})
-    assert slalom.lost(setting) == [lost]
+    parameter_set = slalom.start.changed({"front.grip_scale": grip_front, "rear.grip_scale": grip_rear})
+    assert slalom.lost(parameter_set) == [lost]
 
 
 def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
@@ -57,14 +57,14 @@ def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
     spinning = slalom.start.changed({"rear.grip_scale": 0.1})
     assert residuals.level(residuals(spinning)) > 3 * residuals.level(known)
     (counted,) = residuals(spinning, known)
-    (window,), (lost,) = slalom.evidence.windows, slalom.lost_from(spinning)
+    (window,), (lost,) = slalom.dataset.windows, slalom.lost_from(spinning)
     after = np.tile(grid(window) > lost - ASTRAY_BEFORE, len(residuals.layout[0]))
     assert np.array_equal(counted[after], known[0][after])
 
 
 def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slalom):
     residuals = Residuals(slalom)
-    less_grip = Knob("less grip", "-", 1.0, 0.0, 0.95, lambda values, amount: {"rear.grip_scale": 1 - amount})
+    less_grip = FreeParameter("less grip", "-", 1.0, 0.0, 0.95, lambda values, offset: {"rear.grip_scale": 1 - offset})
     at = Fit(slalom.start, (), np.zeros(0), residuals(slalom.start), [], 0.0)
     assert slalom.lost(turned(slalom.start, [less_grip], np.array([0.8]))) == [True]
     (found,), (expected,) = (slope(residuals, slalom.start, at, less_grip, step) for step in (0.8, 0.2))
@@ -73,19 +73,19 @@ def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slal
 
 
 def test_what_a_car_measures_before_it_gets_lost_is_compared():
-    predictor = Predictor(prototype(), gather([driven(prototype(), "brake")], prototype()))
+    predictor = Predictor(prototype(), build_dataset([driven(prototype(), "brake")], prototype()))
     residuals = Residuals(predictor)
     spinning = predictor.start.changed({"rear.grip_scale": 0.65, "effects.gyro_bias.x": 0.05})
     (lost,) = predictor.lost_from(spinning)
     (found,) = residuals.compared(spinning, [lost])
     signals = residuals.layout[0]
-    assert len(found) == len(signals) * np.sum(grid(predictor.evidence.windows[0]) < lost - ASTRAY_BEFORE)
+    assert len(found) == len(signals) * np.sum(grid(predictor.dataset.windows[0]) < lost - ASTRAY_BEFORE)
     off = found.reshape(len(signals), -1)[signals.index("roll_rate")]
     assert np.median(off) == pytest.approx(-0.05 / residuals.deviation["roll_rate"], rel=0.3)
 
 
 def test_a_wheel_that_locks_where_the_real_one_rolled_is_lost_as_well():
-    predictor = Predictor(prototype(), gather([driven(prototype(), "brake")], prototype()))
+    predictor = Predictor(prototype(), build_dataset([driven(prototype(), "brake")], prototype()))
     assert predictor.lost(predictor.start) == [False]
     slippery = {"front.grip_scale": 0.05, "rear.grip_scale": 0.05}
     assert predictor.lost(predictor.start.changed(slippery)) == [True]
@@ -110,14 +110,14 @@ def test_tyres_of_more_longitudinal_stiffness_slip_less_in_proportion():
 
 @pytest.mark.slow
 def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
-    evidence = gather([driven(prototype(), m) for m in ("sweep", "slalom")], wrong(prototype()))
-    predictor = Predictor(wrong(prototype()), evidence)
+    dataset = build_dataset([driven(prototype(), m) for m in ("sweep", "slalom")], wrong(prototype()))
+    predictor = Predictor(wrong(prototype()), dataset)
     residuals = Residuals(predictor)
-    beyond = out_of_reach({sensor.kind for sensor in evidence.sensors.values()})
-    knobs = base_knobs(predictor.vehicle, beyond)
-    short = fit(residuals, predictor.start, knobs, begin=np.zeros(len(knobs)), iterations=0)
-    short = fit(residuals, predictor.start, knobs, first=short, iterations=0)
-    whole = fit(residuals, predictor.start, knobs)
+    beyond = out_of_reach({sensor.kind for sensor in dataset.sensors.values()})
+    free_parameters = base_parameters(predictor.vehicle, beyond)
+    short = fit(residuals, predictor.start, free_parameters, begin=np.zeros(len(free_parameters)), iterations=0)
+    short = fit(residuals, predictor.start, free_parameters, first=short, iterations=0)
+    whole = fit(residuals, predictor.start, free_parameters)
     offered = [c for c in candidates() if c.effect == "brake_drag"]
     search = Search(residuals, predictor.start, short, offered)
     better = search.better_base(search.singles())
@@ -130,9 +130,9 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
 def searched(offered: Sequence[str], *manoeuvres: str, **hidden: dict[str, float]) -> Search:
     """Among candidates of these names, for what is hidden in the manoeuvres, with wrong mass and tyres."""
     car, vehicle = having(prototype(), **hidden), wrong(prototype())
-    evidence = gather([driven(car, name, seed=seed) for seed, name in enumerate(manoeuvres)], vehicle)
-    residuals = Residuals(Predictor(vehicle, evidence))
-    base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
+    dataset = build_dataset([driven(car, name, seed=seed) for seed, name in enumerate(manoeuvres)], vehicle)
+    residuals = Residuals(Predictor(vehicle, dataset))
+    base = fit(residuals, residuals.predictor.start, base_parameters(vehicle))
     return Search(residuals, residuals.predictor.start, base, [c for c in candidates() if c.name in offered])
 
 
@@ -168,12 +168,14 @@ def test_an_explanation_whose_car_gets_lost_is_found_on_the_road_again():
     search = biased("sweep", "slalom")
     (alone,) = search.singles()
     at = alone.fit
-    bent = np.where([knob.name == "grip, rear" for knob in at.knobs], -0.58, at.amounts)
-    setting = turned(search.start, at.knobs, bent)
-    assert all(search.residuals.predictor.lost(setting))
-    there = replace(at, setting=setting, amounts=bent, residuals=search.residuals(setting, search.base.residuals))
+    bent = np.where([parameter.name == "grip, rear" for parameter in at.free_parameters], -0.58, at.offsets)
+    parameter_set = turned(search.start, at.free_parameters, bent)
+    assert all(search.residuals.predictor.lost(parameter_set))
+    there = replace(
+        at, parameter_set=parameter_set, offsets=bent, residuals=search.residuals(parameter_set, search.base.residuals)
+    )
     found = search.polished(replace(alone, fit=there))
-    assert not any(search.residuals.predictor.lost(found.fit.setting))
+    assert not any(search.residuals.predictor.lost(found.fit.parameter_set))
     assert found.sizes == pytest.approx(alone.sizes, rel=0.02)
     assert found.fit.value == pytest.approx(at.value, rel=0.05)
 
@@ -190,10 +192,10 @@ def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
 @pytest.mark.parametrize(("hidden", "astray"), [({}, False), ({"gyro_scale": {"z": 0.4}}, True)])
 def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest(hidden, astray):
     car, vehicle = having(prototype(), **hidden), wrong(prototype())
-    evidence = gather([driven(car, "straight")], vehicle)  # says nothing of the cornering stiffness
-    unseen = gather([driven(car, "slalom", seed=1)], vehicle, evidence)
-    residuals = Residuals(Predictor(vehicle, evidence))
-    base = fit(residuals, residuals.predictor.start, base_knobs(vehicle))
+    dataset = build_dataset([driven(car, "straight")], vehicle)  # says nothing of the cornering stiffness
+    unseen = build_dataset([driven(car, "slalom", seed=1)], vehicle, dataset)
+    residuals = Residuals(Predictor(vehicle, dataset))
+    base = fit(residuals, residuals.predictor.start, base_parameters(vehicle))
     proof = Proof(unseen, vehicle, residuals, base)
     assert residuals.worst(base.residuals) < ASTRAY < proof.residuals.worst(proof.before)
     assert proof.astray() == astray

@@ -8,14 +8,14 @@ import pytest
 from hidden import driven, having, prototype
 from vsense_ros.mismatch.fit import Residuals
 from vsense_ros.mismatch.simulation import Predictor, turning
-from vsense_ros.mismatch.windows import RUN_IN, gather
+from vsense_ros.mismatch.windows import RUN_IN, build_dataset
 
 HEATING = {"front": 0.01, "rear": 0.01}
 
 
 def levels(recording, vehicle) -> list[float]:
     """How far a car is off in each window of a recording [deviations]."""
-    residuals = Residuals(Predictor(vehicle, gather([recording], vehicle)))
+    residuals = Residuals(Predictor(vehicle, build_dataset([recording], vehicle)))
     return [residuals.level([window]) for window in residuals(residuals.predictor.start)]
 
 

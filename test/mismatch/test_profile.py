@@ -15,15 +15,15 @@ from hidden import driven, having, prototype, unheard, wrong
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import extension
+from vsense_ros.mismatch.candidates import FOLLOWED, candidates
 from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.knobs import FOLLOWED, candidates
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.mismatch.road_prediction import survey
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import Predictor, Setting
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.simulation import ParameterSet, Predictor
+from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.vehicle import Vehicle
 
 
@@ -40,18 +40,18 @@ def told(effect: dict) -> list[tuple[float, float]]:
 @pytest.fixture(scope="module")
 def slalom():
     vehicle = prototype()
-    return vehicle, gather([driven(vehicle, "slalom", bank=waves)], vehicle)
+    return vehicle, build_dataset([driven(vehicle, "slalom", bank=waves)], vehicle)
 
 
 @pytest.mark.slow
 def test_the_true_profile_brings_the_simulation_to_the_recording(slalom):
-    vehicle, evidence = slalom
-    predictor = Predictor(vehicle, evidence)
+    vehicle, dataset = slalom
+    predictor = Predictor(vehicle, dataset)
     table = {point("effects.road_bank.bank", STRETCH / 2 + s): float(waves(s)) for s in np.arange(0.0, 300.0, SPACING)}
-    flat = Predictor(vehicle, gather([driven(vehicle, "slalom")], vehicle))
+    flat = Predictor(vehicle, build_dataset([driven(vehicle, "slalom")], vehicle))
 
-    def error(of: Predictor, setting: Setting) -> float:
-        (measured,), (simulated,) = of.measured, of.simulated(setting)
+    def error(of: Predictor, parameter_set: ParameterSet) -> float:
+        (measured,), (simulated,) = of.measured, of.simulated(parameter_set)
         return float(np.std(simulated["lateral_acceleration"] - measured["lateral_acceleration"]))
 
     noise = error(flat, flat.start)
@@ -61,8 +61,8 @@ def test_the_true_profile_brings_the_simulation_to_the_recording(slalom):
 
 @pytest.mark.slow
 def test_grip_that_varies_is_that_of_the_place(slalom):
-    vehicle, evidence = slalom
-    predictor = Predictor(vehicle, evidence)
+    vehicle, dataset = slalom
+    predictor = Predictor(vehicle, dataset)
     size = "effects.friction_change.relative"
     everywhere = {point(size, STRETCH / 2 + s): -0.3 for s in np.arange(-200.0, 500.0, SPACING)}
     slippery, alike = (
@@ -76,7 +76,7 @@ def test_grip_that_varies_is_that_of_the_place(slalom):
 
 
 def test_a_plane_slopes_the_other_way_for_who_has_turned_round():
-    effect = Setting(
+    effect = ParameterSet(
         {"effects.road_bank.bank": 0.03, "effects.road_bank.follows": 0.0, "effects.road_grade.follows": 1.0}
     ).effect("road_bank")
     assert effect.slope(0.0) == pytest.approx((0.0, 0.03))
@@ -138,31 +138,31 @@ def test_where_one_bank_is_enough_no_profile_is_told():
 
 
 def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(slalom):
-    vehicle, evidence = slalom
+    vehicle, dataset = slalom
     size, origin = "effects.road_bank.bank", STRETCH / 2
 
     def row(way: float, bank: float) -> tuple[float, float, float, float]:
-        at = evidence.road.place(origin + way)
+        at = dataset.road.place(origin + way)
         assert at is not None
-        return (*evidence.on_map.latitude_longitude(*at[:2]), at[2], bank)
+        return (*dataset.on_map.latitude_longitude(*at[:2]), at[2], bank)
 
     surveyed = (row(0.0, 0.02), row(SPACING, 0.02), row(2 * SPACING, 0.02))
     known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
-    fitted = Setting.of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
-    extended = extension.extended(known, evidence, fitted)
-    predictor = Predictor(extended, evidence)
+    fitted = ParameterSet.of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
+    extended = extension.extended(known, dataset, fitted)
+    predictor = Predictor(extended, dataset)
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
     assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
-    assert extension.extended(known, evidence, Setting.of(known)).physics.effects.road_bank.profile == surveyed
+    assert extension.extended(known, dataset, ParameterSet.of(known)).physics.effects.road_bank.profile == surveyed
 
 
 def test_a_body_that_follows_its_road_turns_with_the_slope_and_is_heavier_on_its_way_into_a_climb(slalom):
     """The slope grows by 2·10⁻⁴ rad on every metre: at a speed v the nose rises at 2·10⁻⁴ v, and the path of the car
     has a radius of 5 km, which takes v²/5 km. On a bank that grows alike the left side rises, and nothing is heavier.
     """
-    vehicle, evidence = slalom
-    predictor = Predictor(vehicle, evidence)
-    (window,) = evidence.windows
+    vehicle, dataset = slalom
+    predictor = Predictor(vehicle, dataset)
+    (window,) = dataset.windows
     t = grid(window)
     passing = np.gradient(np.interp(t, window.place.t, window.place.value[:, 0]), t)  # m of the road per second
 
@@ -255,12 +255,12 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
 def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_foretold_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
     vehicle = prototype()
-    evidence = gather([without_place(vehicle, hills)], vehicle)
-    told = Residuals(Predictor(vehicle, evidence))
+    dataset = build_dataset([without_place(vehicle, hills)], vehicle)
+    told = Residuals(Predictor(vehicle, dataset))
     (bank,) = (c for c in candidates([0.0], told.predictor.start.values) if c.name == "road_bank along the road")
-    elsewhere = Fit(told.predictor.start, bank.knobs, np.zeros(2), [], [], 0.0)
-    spoilt = Residuals(Predictor(vehicle, evidence))
-    for window, measured in zip(evidence.windows, spoilt.predictor.measured, strict=True):
+    elsewhere = Fit(told.predictor.start, bank.free_parameters, np.zeros(2), [], [], 0.0)
+    spoilt = Residuals(Predictor(vehicle, dataset))
+    for window, measured in zip(dataset.windows, spoilt.predictor.measured, strict=True):
         measured["lateral_acceleration"] = measured["lateral_acceleration"] + np.where(odd(window), 0.0, 1.0)
     size = "effects.road_bank.bank"
     of = {}
@@ -274,6 +274,6 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_fo
 @given(everywhere=st.floats(-0.95, 1.0), here=st.floats(-1.95, 1.95))
 def test_grip_everywhere_and_at_a_place_together_is_never_below_nothing(everywhere, here):
     size = "effects.friction_change.relative"
-    setting = Setting({size: everywhere, point(size, 0.0): here})
-    sums = setting.varying(np.array([0.0]), {}).get(size, np.array([everywhere]))
+    parameter_set = ParameterSet({size: everywhere, point(size, 0.0): here})
+    sums = parameter_set.varying(np.array([0.0]), {}).get(size, np.array([everywhere]))
     assert sums == pytest.approx(min(max(everywhere + here, -0.95), 1.0))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype, silent, without
+from vsense_ros.mismatch.candidates import TORQUE_SHARES, UNKNOWN_TORQUES, base_parameters
 from vsense_ros.mismatch.fit import Residuals, fit
-from vsense_ros.mismatch.knobs import TORQUE_SHARES, UNKNOWN_TORQUES, base_knobs
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.windows import Readings, gather
+from vsense_ros.mismatch.windows import Readings, build_dataset
 
 VELOCITY = "gnss_velocity"
 DELAY = "effects.sensor_delay.wheel_speeds"
@@ -21,15 +21,15 @@ def untold(front: float, manoeuvre: str = "brake", *, wheels: bool = True) -> Re
     """Of a car without a word of its torques, of which the front wheels have this share."""
     car = prototype()
     vehicle = without(car, "wheel_torques") if wheels else without(car, "wheel_torques", "wheel_speeds")
-    return Residuals(Predictor(vehicle, gather([driven(car, manoeuvre, front=front)], vehicle)))
+    return Residuals(Predictor(vehicle, build_dataset([driven(car, manoeuvre, front=front)], vehicle)))
 
 
 @pytest.mark.parametrize("front", [0.0, 0.5, 1.0])
 def test_which_wheels_drive_is_found_and_leaves_nothing_over(front):
     residuals = untold(front)
     found = fit(residuals, residuals.predictor.start, UNKNOWN_TORQUES)
-    assert found.setting.values["torque.driving_front"] == pytest.approx(front, abs=0.1)
-    assert found.setting.values["torque.braking_front"] == pytest.approx(front, abs=0.1)
+    assert found.parameter_set.values["torque.driving_front"] == pytest.approx(front, abs=0.1)
+    assert found.parameter_set.values["torque.braking_front"] == pytest.approx(front, abs=0.1)
     assert residuals.worst(found.residuals) < 1.0
 
 
@@ -42,8 +42,8 @@ def test_a_car_accelerates_as_its_wheels_do_less_their_slip():
 
 def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes():
     residuals = untold(0.5, "brake again", wheels=False)
-    (window,) = residuals.predictor.evidence.windows
-    gnss = next(r for name, r in window.readings.items() if residuals.predictor.evidence.sensors[name].kind == VELOCITY)
+    (window,) = residuals.predictor.dataset.windows
+    gnss = next(r for name, r in window.readings.items() if residuals.predictor.dataset.sensors[name].kind == VELOCITY)
     assert np.median(np.diff(gnss.t)) > 0.05
     off = residuals.deviations(residuals(residuals.predictor.start.changed(dict.fromkeys(TORQUE_SHARES, 0.5))))
     assert off["longitudinal_acceleration"] < 1.0
@@ -53,7 +53,7 @@ def test_a_gnss_velocity_now_and_then_and_an_accelerometer_tell_how_a_car_brakes
 def test_wheel_speeds_older_than_their_stamps_say_are_followed_as_the_wheels_turned():
     car = without(prototype(), "wheel_torques")
     late = driven(having(prototype(), sensor_delay={"wheel_speeds": 0.2}), "brake again", front=0.5)
-    residuals = Residuals(Predictor(car, gather([late], car)))
+    residuals = Residuals(Predictor(car, build_dataset([late], car)))
     even = dict.fromkeys(TORQUE_SHARES, 0.5)
     right, wrong = (
         residuals.deviations(residuals(residuals.predictor.start.changed(even | {DELAY: age}))) for age in (0.2, 0.0)
@@ -62,18 +62,18 @@ def test_wheel_speeds_older_than_their_stamps_say_are_followed_as_the_wheels_tur
 
 
 def test_a_road_needs_as_many_points_however_seldom_the_speed_is_told():
-    evidence = gather([driven(prototype(), "slalom")], prototype())
-    ends = [Readings(w.place.t[[0, -1]], w.place.value[[0, -1]]) for w in evidence.windows]
-    seldom = tuple(replace(w, place=end) for w, end in zip(evidence.windows, ends, strict=True))
-    assert replace(evidence, windows=seldom).points == evidence.points
-    assert len(evidence.points) > 3
+    dataset = build_dataset([driven(prototype(), "slalom")], prototype())
+    ends = [Readings(w.place.t[[0, -1]], w.place.value[[0, -1]]) for w in dataset.windows]
+    seldom = tuple(replace(w, place=end) for w, end in zip(dataset.windows, ends, strict=True))
+    assert replace(dataset, windows=seldom).points == dataset.points
+    assert len(dataset.points) > 3
 
 
 def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
     car = prototype()
     gap = silent(driven(car, "brake", 20.0), 9.0, 11.0, "gps/velocity")
-    evidence = gather([gap], without(car, "wheel_torques", "wheel_speeds"))
-    assert [(w.end < 9.6 or w.begin > 10.4) for w in evidence.windows] == [True, True]
+    dataset = build_dataset([gap], without(car, "wheel_torques", "wheel_speeds"))
+    assert [(w.end < 9.6 or w.begin > 10.4) for w in dataset.windows] == [True, True]
 
 
 @pytest.mark.parametrize(
@@ -81,5 +81,5 @@ def test_an_accelerometer_does_not_bridge_a_gap_of_gnss():
     [({"wheel_speeds"}, True), ({"wheel_speeds", "wheel_torques"}, False), ({"gnss_velocity"}, False)],
 )
 def test_which_wheels_drive_is_fitted_where_their_speeds_tell_it_and_nothing_else_does(kinds, fitted):
-    names = {knob.name for knob in base_knobs(prototype(), kinds=kinds)}
-    assert {knob.name in names for knob in UNKNOWN_TORQUES} == {fitted}
+    names = {parameter.name for parameter in base_parameters(prototype(), kinds=kinds)}
+    assert {parameter.name in names for parameter in UNKNOWN_TORQUES} == {fitted}

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense_ros.mismatch.candidates import Candidate, FreeParameter
 from vsense_ros.mismatch.fit import Fit, Residuals
-from vsense_ros.mismatch.knobs import Candidate, Knob
-from vsense_ros.mismatch.search import Explanation
-from vsense_ros.mismatch.simulation import Setting
+from vsense_ros.mismatch.search import Hypothesis
+from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.verdict import (
     ASTRAY,
     OUTDONE,
@@ -63,17 +63,17 @@ class Made:
     def fitted(self) -> Made:
         return self
 
-    def gain(self, explanation: Explanation) -> float:
-        return -0.1 if explanation.name.strip() in GROWN else explanation.left_out
+    def gain(self, hypothesis: Hypothesis) -> float:
+        return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.left_out
 
-    def gain_of_most(self, explanation: Explanation) -> float:
-        return explanation.left_out
+    def gain_of_most(self, hypothesis: Hypothesis) -> float:
+        return hypothesis.left_out
 
-    def unmended(self, explanation: Explanation) -> str:
-        return "roll_rate" if explanation.name.strip() in UNMENDED else ""
+    def unmended(self, hypothesis: Hypothesis) -> str:
+        return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
 
-    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
-        return 1.5 if explanation.name.strip() in ODD else 0.1
+    def at_odds(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
+        return 1.5 if hypothesis.name.strip() in ODD else 0.1
 
     def level(self, residuals: object) -> float:
         return self.left
@@ -85,19 +85,19 @@ class Made:
         return False
 
 
-FITTED = Fit(Setting({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
+FITTED = Fit(ParameterSet({}), (), np.zeros(0), [np.full(100, 2.0)], [np.zeros((100, 0))], 0.0)
 ODD = ("effect of another size in each recording", "drag + effect of another size in each recording")
 UNMENDED = ("effect that mends another signal",)
 GROWN = ("effect with which one drive goes far wrong",)
 
 
-def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Explanation:
+def explaining(effect: str, gain: float, elsewhere: float, keep: float = 0.5) -> Hypothesis:
     candidates = tuple(Candidate(one, "", (), one) for one in effect.split(" + "))
-    return Explanation(candidates, FITTED, keep, gain, elsewhere, elsewhere, 0.0, {})
+    return Hypothesis(candidates, FITTED, keep, gain, elsewhere, elsewhere, 0.0, {})
 
 
-def said(*explanations: Explanation, **proof: float) -> tuple[str, tuple[str, ...]]:
-    judged = judge(explanations, (), Made(**proof))
+def said(*hypotheses: Hypothesis, **proof: float) -> tuple[str, tuple[str, ...]]:
+    judged = judge(hypotheses, (), Made(**proof))
     return judged.verdict, tuple(e.name.strip() for e in judged.rivals)
 
 
@@ -110,14 +110,14 @@ def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what
     class Suited(Made):
         on_another_road = False
 
-        def gain(self, explanation: Explanation) -> float:
+        def gain(self, hypothesis: Hypothesis) -> float:
             return 0.5
 
         gain_of_most = gain
 
     everywhere = explaining("slope", 0.5, 0.1)
-    place = Knob("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, amount: {}, place=("slope", 0.0))
-    fitted = replace(FITTED, knobs=(place,), amounts=np.array([0.2]), slopes=[np.zeros((100, 1))])
+    place = FreeParameter("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, offset: {}, place=("slope", 0.0))
+    fitted = replace(FITTED, free_parameters=(place,), offsets=np.array([0.2]), slopes=[np.zeros((100, 1))])
     profile = Candidate("slope", "along the road", (place,), "slope")
     along = replace(everywhere, candidates=(profile,), fit=fitted, deviations={place.name: 0.01})
     assert judge([everywhere], (), Suited()).verdict == "named"
@@ -140,7 +140,7 @@ def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no
 
 
 @pytest.mark.parametrize(
-    ("explanation", "words"),
+    ("hypothesis", "words"),
     [
         (explaining("drag", 0.01, 0.01), "no more than chance"),
         (explaining("drag", 0.5, 0.1), "lasts where it was not fitted"),
@@ -151,8 +151,8 @@ def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no
         (explaining("drag", 0.5, 0.45), ""),
     ],
 )
-def test_what_is_refused_is_told_why(explanation, words):
-    (reason,) = judge([explanation], (), Made()).refused.values()
+def test_what_is_refused_is_told_why(hypothesis, words):
+    (reason,) = judge([hypothesis], (), Made()).refused.values()
     assert words in reason
     assert bool(words) == bool(reason)
 
@@ -209,14 +209,14 @@ def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
     """The same drives, and a base parameter that was turned by three deviations at a cost of ten each squared, and no
     longer is: 90 beside what the change itself gains."""
     change = np.random.default_rng(1).normal(size=200)
-    mass = Knob("mass", "-", 0.1, -1.0, 1.0, lambda values, amount: {})
-    turned = replace(FITTED, knobs=(mass,), amounts=np.array([0.3]), weight=10.0)
+    mass = FreeParameter("mass", "-", 0.1, -1.0, 1.0, lambda values, offset: {})
+    turned = replace(FITTED, free_parameters=(mass,), offsets=np.array([0.3]), weight=10.0)
     before = replace(turned, residuals=[-change, 0 * change])
-    after = replace(turned, amounts=np.zeros(1), residuals=[-0.5 * change, 0.5 * change])
-    explanation = replace(explaining("drag", 0.5, 0.5), fit=after)
+    after = replace(turned, offsets=np.zeros(1), residuals=[-0.5 * change, 0.5 * change])
+    hypothesis = replace(explaining("drag", 0.5, 0.5), fit=after)
     proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * 2), residuals=None)
     gained = 0.5 * float(change @ change)
-    assert Proof.at_odds(proof, explanation) == pytest.approx(gained / (gained + 90))
+    assert Proof.at_odds(proof, hypothesis) == pytest.approx(gained / (gained + 90))
 
 
 def test_of_many_windows_one_may_disagree():
@@ -271,7 +271,7 @@ def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_cou
     windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=9.0) for i in range(len(left))]
     proof = Proof.__new__(Proof)
     proof.base = FITTED
-    proof.residuals = SimpleNamespace(predictor=SimpleNamespace(evidence=SimpleNamespace(windows=windows)))
+    proof.residuals = SimpleNamespace(predictor=SimpleNamespace(dataset=SimpleNamespace(windows=windows)))
     proof.compared = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
     found = explaining("wind", 0.5, 0.5)
     assert proof.gain(found) == pytest.approx(whole)
@@ -406,10 +406,12 @@ def test_an_effect_that_a_term_explains_clearly_better_is_refused_with_that_reas
 
 
 def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
-    drag = {wheel: Knob(wheel, "N m", 10.0, 0.0, 500.0, lambda values, amount: {}) for wheel in ("fl", "fr", "rl")}
+    drag = {
+        wheel: FreeParameter(wheel, "N m", 10.0, 0.0, 500.0, lambda values, offset: {}) for wheel in ("fl", "fr", "rl")
+    }
     found = [
-        replace(explaining("drag", gain, gain), candidates=(Candidate("drag", where, knobs, "drag"),))
-        for gain, where, knobs in (
+        replace(explaining("drag", gain, gain), candidates=(Candidate("drag", where, free_parameters, "drag"),))
+        for gain, where, free_parameters in (
             (0.5, "fl", (drag["fl"],)), (0.5, "fl and fr", (drag["fl"], drag["fr"])), (0.49, "fr", (drag["fr"],)),
             (0.2, "rl", (drag["rl"],)),
         )
@@ -431,11 +433,11 @@ def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_
     ("torque", "deviation", "verdict"), [(1.0, 0.1, "no_mismatch"), (5.0, 1.0, "named"), (5.0, 4.0, "no_mismatch")]
 )
 def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torque, deviation, verdict):
-    knob = Knob("torque", "N m", 10.0, -100.0, 100.0, lambda values, amount: {"torque": amount})
+    parameter = FreeParameter("torque", "N m", 10.0, -100.0, 100.0, lambda values, offset: {"torque": offset})
     found = replace(
         explaining("brake_drag", 0.2, 0.2),
-        candidates=(Candidate("brake_drag", "", (knob,), "a brake that drags"),),
-        fit=replace(FITTED, knobs=(knob,), amounts=np.array([torque])),
+        candidates=(Candidate("brake_drag", "", (parameter,), "a brake that drags"),),
+        fit=replace(FITTED, free_parameters=(parameter,), offsets=np.array([torque])),
         deviations={"torque": deviation},
     )
     assert judge((found,), (), Made()).verdict == verdict
@@ -443,8 +445,8 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
 
 @pytest.mark.parametrize(("worst", "left_over"), [(1.48, False), (1.8, True)])  # the first with nothing hidden
 def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
-    evidence = SimpleNamespace(left_out=())
-    fitted = SimpleNamespace(predictor=SimpleNamespace(evidence=evidence))
+    dataset = SimpleNamespace(left_out=())
+    fitted = SimpleNamespace(predictor=SimpleNamespace(dataset=dataset))
     assert Proof.astray(SimpleNamespace(worst=worst, fitted=fitted)) == left_over
 
 
@@ -452,7 +454,7 @@ def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_so
 def test_a_signal_that_one_size_for_all_of_the_road_leaves_off_may_be_how_the_road_changes(mended, verdict):
     level = explaining("effect that mends another signal", 0.2, 0.2)
     changing = explaining("bank of another size at every place" if mended else level.name, 0.5, -0.1)
-    judged = judge((level,), (), Made(), lambda explanation: changing)
+    judged = judge((level,), (), Made(), lambda hypothesis: changing)
     assert (judged.verdict, judged.leader) == (verdict, level if mended else None)  # what is told is what lasts
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from hidden import driven, prototype, unheard
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.windows import gather
+from vsense_ros.mismatch.windows import build_dataset
 
 
 def turned_about(recording: Recording) -> Recording:
@@ -26,17 +26,17 @@ def test_speed_and_heading_do_not_depend_on_how_the_inertial_sensor_is_mounted(s
     sensors = prototype().sensors
     backwards = sensors["imu"].model_copy(update={"attitude": (0.0, 0.0, np.pi)})
     vehicle = prototype().model_copy(update={"sensors": {**sensors, "imu": backwards}})
-    (as_usual,) = gather([recording], prototype()).windows
-    (found,) = gather([turned_about(recording)], vehicle).windows
+    (as_usual,) = build_dataset([recording], prototype()).windows
+    (found,) = build_dataset([turned_about(recording)], vehicle).windows
     for name in ("speed", "turned"):
         assert getattr(found, name).value == pytest.approx(getattr(as_usual, name).value, abs=1e-9)
 
 
 def test_what_two_windows_of_a_recording_have_in_common_is_driven_once():
     (recording,) = (driven(prototype(), "slalom", duration=40.0),)
-    evidence = gather([recording, recording], prototype())
-    assert len(evidence.windows) == 4
-    assert evidence.driven == pytest.approx(2 * 40.0, abs=1.0)
+    dataset = build_dataset([recording, recording], prototype())
+    assert len(dataset.windows) == 4
+    assert dataset.driven == pytest.approx(2 * 40.0, abs=1.0)
 
 
 def the_other_way(recording: Recording) -> Recording:
@@ -48,7 +48,7 @@ def the_other_way(recording: Recording) -> Recording:
 
 def test_what_recordings_turn_is_counted_from_one_way_on_the_map_so_that_they_may_be_of_one_plane():
     recording = driven(prototype(), "slalom")
-    there, back = (w.turned.value for w in gather([recording, the_other_way(recording)], prototype()).windows)
+    there, back = (w.turned.value for w in build_dataset([recording, the_other_way(recording)], prototype()).windows)
     assert there[0] == pytest.approx(0.0, abs=0.02)
     assert np.cos(back) == pytest.approx(-np.cos(there), abs=1e-9)
     assert np.sin(back) == pytest.approx(-np.sin(there), abs=1e-9)
@@ -56,22 +56,22 @@ def test_what_recordings_turn_is_counted_from_one_way_on_the_map_so_that_they_ma
 
 def test_what_is_held_out_turns_from_the_way_that_what_was_fitted_set_out_on():
     recording = driven(prototype(), "slalom")
-    fitted = gather([recording], prototype())
-    (back,) = gather([the_other_way(recording)], prototype(), fitted).windows
+    fitted = build_dataset([recording], prototype())
+    (back,) = build_dataset([the_other_way(recording)], prototype(), fitted).windows
     assert np.cos(back.turned.value[0]) == pytest.approx(-1.0, abs=1e-3)
 
 
 def test_without_a_course_on_the_map_each_recording_counts_from_its_own_way():
     recording = driven(prototype(), "slalom")
     blind = unheard(the_other_way(recording), "gps/velocity")
-    evidence = gather([blind, recording, the_other_way(recording)], prototype())
-    begins = [float(np.cos(w.turned.value[0, 0])) for w in evidence.windows]
+    dataset = build_dataset([blind, recording, the_other_way(recording)], prototype())
+    begins = [float(np.cos(w.turned.value[0, 0])) for w in dataset.windows]
     assert begins == pytest.approx([1.0, 1.0, -1.0], abs=1e-3)
 
 
 def test_recordings_of_two_evidences_are_told_apart_where_they_are_joined():
     recording = driven(prototype(), "slalom")
-    fitted, unseen = gather([recording], prototype()), gather([recording, recording], prototype())
+    fitted, unseen = build_dataset([recording], prototype()), build_dataset([recording, recording], prototype())
     whole = fitted.joined(unseen)
     assert [w.recording for w in whole.windows] == [0, 1, 2]
     assert len(whole.by_recording()) == len(whole.recordings) == 3

@@ -19,7 +19,7 @@ from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.side_slip import Fit, Knob, Progress, fit, part
+from vsense_ros.identify.side_slip import Fit, FreeParameter, Progress, fit, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
@@ -48,24 +48,26 @@ def _cornering(axle: str) -> dict[str, float]:
 
 
 KNOBS = (
-    Knob("steering gain", {"sensors.steering.gain": 1}, 0.1),
-    Knob("front cornering stiffness", _cornering("front"), 0.2),
-    Knob("rear cornering stiffness", _cornering("rear"), 0.2),
-    Knob(
+    FreeParameter("steering gain", {"sensors.steering.gain": 1}, 0.1),
+    FreeParameter("front cornering stiffness", _cornering("front"), 0.2),
+    FreeParameter("rear cornering stiffness", _cornering("rear"), 0.2),
+    FreeParameter(
         "place of antenna and reference",
         {"reference.position.0": 1, "sensors.position.position.0": 1, "sensors.velocity.position.0": 1},
         0.3,
         adds=True,
     ),
-    Knob("latency of the car's bus", {"sensors.imu.latency": 1, "sensors.steering.latency": 1}, 0.02, adds=True),
-    Knob("lateral force error", {"observer.force_errors.lateral": 1}, 0.7),
-    Knob("yaw force error", {"observer.force_errors.yaw": 1}, 0.7),
-    Knob("force error time constant", {"observer.force_errors.time_constant": 1}, 0.7),
-    Knob("bank", {"observer.surroundings.bank": 1}, 0.7),
-    Knob("steering offset", {"observer.surroundings.steering_offset": 1}, 0.7),
-    Knob("gyro noise", {"sensors.imu.rate_noise": 1}, 0.5),
-    Knob("accelerometer noise", {"sensors.imu.force_noise": 1}, 0.7),
-    Knob("GNSS velocity noise", {"sensors.velocity.noise": 1}, 0.5),
+    FreeParameter(
+        "latency of the car's bus", {"sensors.imu.latency": 1, "sensors.steering.latency": 1}, 0.02, adds=True
+    ),
+    FreeParameter("lateral force error", {"observer.force_errors.lateral": 1}, 0.7),
+    FreeParameter("yaw force error", {"observer.force_errors.yaw": 1}, 0.7),
+    FreeParameter("force error time constant", {"observer.force_errors.time_constant": 1}, 0.7),
+    FreeParameter("bank", {"observer.surroundings.bank": 1}, 0.7),
+    FreeParameter("steering offset", {"observer.surroundings.steering_offset": 1}, 0.7),
+    FreeParameter("gyro noise", {"sensors.imu.rate_noise": 1}, 0.5),
+    FreeParameter("accelerometer noise", {"sensors.imu.force_noise": 1}, 0.7),
+    FreeParameter("GNSS velocity noise", {"sensors.velocity.noise": 1}, 0.5),
 )
 
 
@@ -91,7 +93,7 @@ def _with_changing_gnss(lap: Recording) -> Recording:
 def identify(start: Vehicle, laps: Sequence[Recording], progress: Progress | None = None) -> Fit:
     """The vehicle whose side slip on the laps comes closest to the reference, searched from `start`."""
     found = fit(start, KNOBS, laps, progress=progress)
-    source = SOURCE.format(knobs=", ".join(knob.name for knob in KNOBS))
+    source = SOURCE.format(free_parameters=", ".join(parameter.name for parameter in KNOBS))
     return replace(found, vehicle=found.vehicle.model_copy(update={"source": source}))
 
 

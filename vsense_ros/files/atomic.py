@@ -9,7 +9,7 @@ from typing import TextIO
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[TextIO]:
+def atomic_write(path: str | Path) -> Iterator[TextIO]:
     """A file to write to, which takes the place of `path` when all is written: who is interrupted, or has no room left,
     keeps the earlier one. Lines end as they are written. What is no file, such as /dev/stdout, is written to as it
     is."""

@@ -14,7 +14,7 @@ from ruamel.yaml.comments import Comment, CommentedMap, CommentedSeq, Format
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from vsense_ros.errors import InputError
-from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.schema import allowed, models_of, tag_of, unit_of
 from vsense_ros.files.tir import read_tir
 from vsense_ros.model.car.suspension import SuspensionTables
@@ -57,7 +57,7 @@ def save_vehicle(path: str | Path, vehicle: Vehicle) -> None:
     yaml = YAML()
     yaml.width = 120
     yaml.default_flow_style = None
-    with written_whole(path) as file:
+    with atomic_write(path) as file:
         yaml.dump(vehicle.model_dump(mode="json"), file)
 
 
@@ -76,7 +76,7 @@ def save_tables(source: str | Path, target: str | Path, tables: SuspensionTables
         keys = list(tree)
         before = max(keys.index(key) for key in ("physics", "linkage") if key in tree)
         tree.insert(before + 1, "suspension", content)
-    with written_whole(target) as file:
+    with atomic_write(target) as file:
         yaml.dump(tree, file)
 
 
@@ -99,7 +99,7 @@ def save_changes(source: str | Path, target: str | Path, vehicle: Vehicle, paths
             node = node[key]
         at = int(last) if isinstance(value, list) else last
         node[at] = value[at]
-    with written_whole(target) as file:
+    with atomic_write(target) as file:
         yaml.dump(tree, file)
 
 

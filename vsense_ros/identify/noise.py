@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.consistency import Consistency, Error, consistency, errors_of
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.side_slip import Knob, Progress, part, turned
+from vsense_ros.identify.side_slip import FreeParameter, Progress, part, turned
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
@@ -159,7 +159,7 @@ def tune(
     """
     known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
     start = with_own_noise(known) if own_noise else known
-    knobs = [Knob(path, {path: 1.0}, 1.0) for path in noise_numbers(vehicle)]
+    knobs = [FreeParameter(path, {path: 1.0}, 1.0) for path in noise_numbers(vehicle)]
     every = [*recordings, *held_out]
     jobs = len(recordings) * (len(knobs) + 1)
     with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(every,)) as pool:

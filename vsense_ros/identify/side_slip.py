@@ -30,20 +30,20 @@ Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 RATE = 10.0  # at which the errors are taken [Hz]: side slip changes slower than that
-DIFFERENCE = 0.1  # of a knob, for the Jacobian [steps]
+DIFFERENCE = 0.1  # of a free parameter, for the Jacobian [steps]
 LEAST_GAIN = 0.002  # of an iteration, as a share of the sum of squares: a thousandth of the error
 LEAST_STEP = 1e-3  # of an iteration, as a share of the way from the start
 ITERATIONS = 20  # at most
-PRIOR = 0.001  # share of the mean square error at the start that a knob one step from its start value costs
+PRIOR = 0.001  # share of the mean square error at the start that a free parameter one step from its start value costs
 DIGITS = 4  # that are kept of a fitted number
 
 
 @dataclass(frozen=True)
-class Knob:
+class FreeParameter:
     """Numbers of a vehicle file that change together by one unknown.
 
     `powers` names them by dotted path (lists by index, or whole). A step multiplies each by exp(`step` · power), or
-    adds `step` · power where the knob `adds`. A step is how far the truth may well be from a typical value.
+    adds `step` · power where the free parameter `adds`. A step is how far the truth may well be from a typical value.
     """
 
     name: str
@@ -71,59 +71,63 @@ class Knob:
 
 @dataclass(frozen=True)
 class Fit:
-    """A vehicle whose knobs were turned, and the RMSE of its side slip on each recording, before and after [rad]."""
+    """A vehicle whose free parameters were turned, and the RMSE of its side slip on each recording, before and after
+    [rad]."""
 
     vehicle: Vehicle
     before: tuple[float, ...]
     after: tuple[float, ...]
 
 
-def turned(vehicle: Vehicle, knobs: Sequence[Knob], steps: Sequence[float] | Array, digits: int = 17) -> Vehicle:
-    """The vehicle with its knobs turned; raises `ValueError` if that is no valid vehicle."""
+def turned(
+    vehicle: Vehicle, free_parameters: Sequence[FreeParameter], steps: Sequence[float] | Array, digits: int = 17
+) -> Vehicle:
+    """The vehicle with its free parameters turned; raises `ValueError` if that is no valid vehicle."""
     data = vehicle.model_dump(mode="json")
-    for knob, turns in zip(knobs, steps, strict=True):
-        knob.turn(data, float(turns), digits)
+    for parameter, turns in zip(free_parameters, steps, strict=True):
+        parameter.turn(data, float(turns), digits)
     return Vehicle.model_validate(data)
 
 
 def fit(
     vehicle: Vehicle,
-    knobs: Sequence[Knob],
+    free_parameters: Sequence[FreeParameter],
     recordings: Sequence[Recording],
     iterations: int = ITERATIONS,
     prior: float = PRIOR,
     progress: Progress | None = None,
 ) -> Fit:
-    """Turn the knobs so that the mean square error of the side slip is least, each recording with equal weight.
+    """Turn the free parameters so that the mean square error of the side slip is least, each recording with equal
+    weight.
 
     Gauss-Newton within a region of trust, at first of one step, ended when an iteration that went as foreseen gains
     less than `LEAST_GAIN`. The mean error is the mounting angle of the reference, so it is taken out and
-    `reference.yaw` changed by it. A knob that the recordings do not tell anything about stays where it is: a departure
-    by n steps costs n² `prior`. Runs are shared out to all processors; the result does not depend on how many there
-    are. `progress` takes the share done, of `iterations`.
+    `reference.yaw` changed by it. A free parameter that the recordings do not tell anything about stays where it is: a
+    departure by n steps costs n² `prior`. Runs are shared out to all processors; the result does not depend on how many
+    there are. `progress` takes the share done, of `iterations`.
     """
     weight = prior**0.5
-    with ProcessPoolExecutor(min(os.cpu_count() or 1, len(recordings) * len(knobs))) as pool:
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, len(recordings) * len(free_parameters))) as pool:
         before = _errors(pool, [vehicle], recordings)[0]
         scale = float(np.sqrt(np.mean(np.square(rmse(before)))))
         rounds = count()
 
         def residuals(steps: Array, errors: Sequence[Array] | None = None) -> Array:
             if errors is None:
-                errors = _errors(pool, [turned(vehicle, knobs, steps)], recordings)[0]
+                errors = _errors(pool, [turned(vehicle, free_parameters, steps)], recordings)[0]
             return np.concatenate([_stacked(errors) / scale, weight * steps])
 
         def jacobian(steps: Array) -> Array:
-            nearby = [steps, *(steps + DIFFERENCE * unit for unit in np.eye(len(knobs)))]
+            nearby = [steps, *(steps + DIFFERENCE * unit for unit in np.eye(len(free_parameters)))]
             share = part(progress, next(rounds), iterations)
-            errors = _errors(pool, [turned(vehicle, knobs, at) for at in nearby], recordings, share)
+            errors = _errors(pool, [turned(vehicle, free_parameters, at) for at in nearby], recordings, share)
             here, *ahead = (residuals(at, error) for at, error in zip(nearby, errors, strict=True))
             return np.column_stack([(there - here) / DIFFERENCE for there in ahead])
 
         search = least_squares(
-            residuals, np.zeros(len(knobs)), jacobian, ftol=LEAST_GAIN, xtol=LEAST_STEP, max_nfev=iterations
+            residuals, np.zeros(len(free_parameters)), jacobian, ftol=LEAST_GAIN, xtol=LEAST_STEP, max_nfev=iterations
         )
-        fitted = turned(vehicle, knobs, search.x, DIGITS)
+        fitted = turned(vehicle, free_parameters, search.x, DIGITS)
         found = _errors(pool, [fitted], recordings)[0]
     yaw = _rounded(vehicle.reference.yaw + _mean(found), DIGITS)
     fitted = fitted.model_copy(update={"reference": fitted.reference.model_copy(update={"yaw": yaw})})

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.fit import Fit, Residuals, cost
-from vsense_ros.mismatch.knobs import Candidate
 from vsense_ros.mismatch.page import PLACES, in_words
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.road import STRETCH
-from vsense_ros.mismatch.search import Explanation
+from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
-from vsense_ros.mismatch.windows import Evidence
+from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES, WHEELS
 
@@ -85,17 +85,17 @@ def remarks(
     return said
 
 
-def _in_words(explanation: Explanation, candidate: Candidate) -> str:
+def _in_words(hypothesis: Hypothesis, candidate: Candidate) -> str:
     """The physics of a candidate; of a force with a moment that follows the same, where it acts."""
-    arm = _lever_arm(explanation)
+    arm = _lever_arm(hypothesis)
     if arm is None:
         return candidate.sentence
     return f"{candidate.sentence}, {abs(arm):.1f} m {'ahead of' if arm > 0 else 'behind'} the centre of gravity"
 
 
-def _lever_arm(explanation: Explanation) -> float | None:
+def _lever_arm(hypothesis: Hypothesis) -> float | None:
     """How far ahead of the centre of gravity a lateral force acts that has a moment [m]."""
-    sizes = {name.rsplit(".", 1)[-1]: size for name, size in explanation.sizes.items()}
+    sizes = {name.rsplit(".", 1)[-1]: size for name, size in hypothesis.sizes.items()}
     for name, force in sizes.items():
         moment = name.replace("lateral_force", "yaw_moment")
         if moment != name and moment in sizes and force:
@@ -103,16 +103,16 @@ def _lever_arm(explanation: Explanation) -> float | None:
     return None
 
 
-def effect_entries(judged: Judged, evidence: Evidence, proof: Proof) -> list[dict[str, Any]]:
+def effect_entries(judged: Judged, dataset: Dataset, proof: Proof) -> list[dict[str, Any]]:
     """Entries of all effects that were fitted, those of the leader first."""
     entries: list[dict[str, Any]] = []
     told: set[str] = set()
-    for explanation in (*filter(None, [judged.leader]), *judged.rivals, *judged.ranked):
-        for candidate in explanation.candidates:
+    for hypothesis in (*filter(None, [judged.leader]), *judged.rivals, *judged.ranked):
+        for candidate in hypothesis.candidates:
             if candidate.effect not in told:
                 told.add(candidate.effect)
-                accepted = explanation is judged.leader and judged.verdict == "named"
-                entry = _entry(judged, explanation, candidate, evidence, proof)
+                accepted = hypothesis is judged.leader and judged.verdict == "named"
+                entry = _entry(judged, hypothesis, candidate, dataset, proof)
                 entries.append(entry | {"accepted": accepted})
     return entries
 
@@ -127,40 +127,40 @@ def parts(effects: Sequence[Mapping[str, Any]], answer_set: Sequence[str]) -> li
 
 
 def _entry(
-    judged: Judged, explanation: Explanation, candidate: Candidate, evidence: Evidence, proof: Proof
+    judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, proof: Proof
 ) -> dict[str, Any]:
     parameters, along = [], []
-    for knob in candidate.knobs:
-        value = explanation.sizes[knob.name]
-        size = {"value": value, "interval_90": list(interval(value, explanation.deviations[knob.name]))}
-        if knob.place:
-            along.append(_place(evidence, knob.place[1]) | size)
+    for parameter in candidate.free_parameters:
+        value = hypothesis.sizes[parameter.name]
+        size = {"value": value, "interval_90": list(interval(value, hypothesis.deviations[parameter.name]))}
+        if parameter.place:
+            along.append(_place(dataset, parameter.place[1]) | size)
         else:
-            parameters.append({"name": knob.name.rsplit(".", 1)[-1], "unit": knob.unit} | size)
-    entry: dict[str, Any] = {"id": candidate.effect, "sentence": _in_words(explanation, candidate)}
+            parameters.append({"name": parameter.name.rsplit(".", 1)[-1], "unit": parameter.unit} | size)
+    entry: dict[str, Any] = {"id": candidate.effect, "sentence": _in_words(hypothesis, candidate)}
     place = candidate.where
     kinds = {**dict.fromkeys(WHEELS, "wheel"), **dict.fromkeys(AXLES, "axle")}
     if place in kinds:
         entry[kinds[place]] = place
-    elif candidate.knobs[0].form:
-        entry["form"] = candidate.knobs[0].form
+    elif candidate.free_parameters[0].form:
+        entry["form"] = candidate.free_parameters[0].form
     elif place in EVERY[candidate.effect].model_fields:
         entry[EVERY[candidate.effect].each] = place
     if along:
         entry["profile"] = along
     return entry | {
-        "parameters": parameters, "gain_training": explanation.gain, "gain_left_out": explanation.left_out_share,
-        "gain_held_out": proof.gain(explanation), "adds_to_best": judged.adds(explanation), "keep": explanation.keep,
-        "confidence": judged.confidence(explanation, candidate.effect),
-        "objection": judged.refused.get(id(explanation), ""),
+        "parameters": parameters, "gain_training": hypothesis.gain, "gain_left_out": hypothesis.left_out_share,
+        "gain_held_out": proof.gain(hypothesis), "adds_to_best": judged.adds(hypothesis), "keep": hypothesis.keep,
+        "confidence": judged.confidence(hypothesis, candidate.effect),
+        "objection": judged.refused.get(id(hypothesis), ""),
     }  # fmt: skip
 
 
-def _place(evidence: Evidence, abscissa: float) -> dict[str, Any]:
+def _place(dataset: Dataset, abscissa: float) -> dict[str, Any]:
     """Distance along a stretch of road [m], and where that is, if it is known."""
     where = [abscissa // STRETCH, abscissa % STRETCH - STRETCH / 2]
-    if (at := evidence.road.place(abscissa)) is not None:
-        where += [*evidence.on_map.latitude_longitude(*at[:2]), at[2]]
+    if (at := dataset.road.place(abscissa)) is not None:
+        where += [*dataset.on_map.latitude_longitude(*at[:2]), at[2]]
     return dict(zip(PLACE, where, strict=False))
 
 
@@ -175,7 +175,7 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     ranking = there.by_signal(off)
     worst = sorted(by_signal, key=lambda name: ranking.get(name, 0.0) / good[name], reverse=True)
     whole = max(cost(base.residuals), 1e-12)
-    windows = residuals.predictor.evidence.windows
+    windows = residuals.predictor.dataset.windows
     segments = [
         {"recording": w.name, "begin": w.begin, "end": w.end, "share": float(r @ r) / whole}
         for w, r in zip(windows, base.residuals, strict=True)
@@ -183,7 +183,7 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     return {
         "signals": [{"name": n, "unit": units[n], "before": by_signal[n], "null": good[n]} for n in worst],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
-        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.evidence.left_out],
+        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.dataset.left_out],
         "region": _region(*where),
     }
 
@@ -194,8 +194,12 @@ def force(judged: Judged, proof: Proof) -> dict[str, Any] | None:
         return None
     (term,) = judged.leader.candidates
     sizes = [
-        {"name": knob.name.rsplit(".", 1)[-1], "unit": knob.unit, "value": judged.leader.sizes[knob.name]}
-        for knob in term.knobs
+        {
+            "name": parameter.name.rsplit(".", 1)[-1],
+            "unit": parameter.unit,
+            "value": judged.leader.sizes[parameter.name],
+        }
+        for parameter in term.free_parameters
     ]
     return {
         "description": _in_words(judged.leader, term), "sizes": sizes, "lever_arm": _lever_arm(judged.leader),
@@ -244,11 +248,11 @@ def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] |
 
 def base_parameters(base: Fit, explained: Fit | None) -> dict[str, Any]:
     """Amounts of the base parameters, in the fit without what was found and in that with it."""
-    pairs = zip(explained.knobs, explained.amounts, strict=True) if explained is not None else ()
-    after = {knob.name: float(amount) for knob, amount in pairs}
+    pairs = zip(explained.free_parameters, explained.offsets, strict=True) if explained is not None else ()
+    after = {parameter.name: float(offset) for parameter, offset in pairs}
     return {
-        knob.name: {"unit": knob.unit, "value": float(amount), "explained": after.get(knob.name)}
-        for knob, amount in zip(base.knobs, base.amounts, strict=True)
+        parameter.name: {"unit": parameter.unit, "value": float(offset), "explained": after.get(parameter.name)}
+        for parameter, offset in zip(base.free_parameters, base.offsets, strict=True)
     }
 
 
@@ -315,7 +319,7 @@ def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Arr
     predictor = residuals.predictor
     units = {signal.name: signal.unit for signal in SIGNALS}
     pairs = zip(
-        predictor.evidence.windows, predictor.measured, predictor.simulated(base.setting), simulated, strict=True
+        predictor.dataset.windows, predictor.measured, predictor.simulated(base.parameter_set), simulated, strict=True
     )
     return [
         Trace(window.name, i, held_out, name, units[name], grid(window), measured[name], before[name], after[name])

@@ -13,7 +13,7 @@ from vsense_ros.mismatch.equations import Equations
 from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.road import POINT
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.windows import Evidence, Window
+from vsense_ros.mismatch.windows import Dataset, Window
 from vsense_ros.model.effects.base import SPACING
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def as_it_is(fitted: Fit) -> Fit:
 
 def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
     """Recordings, or windows where there is one recording."""
-    groups = residuals.predictor.evidence.places_by_recording()
+    groups = residuals.predictor.dataset.places_by_recording()
     return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
 
 
@@ -84,7 +84,7 @@ def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
 
 def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
     """Takes a fit apart into what is on odd pieces of the road, by window, and then what is on even ones."""
-    windows = residuals.predictor.evidence.windows
+    windows = residuals.predictor.dataset.windows
     on_odd = [np.tile(odd(window), len(names)) for window, names in zip(windows, residuals.layout, strict=True)]
     halves = [*on_odd, *(~rows for rows in on_odd)]
 
@@ -102,16 +102,16 @@ def odd(window: Window) -> NDArray[np.bool_]:
     return np.asarray(places(window) // SPACING % 2 == 1)
 
 
-def tells_its_pieces(evidence: Evidence) -> bool:
+def tells_its_pieces(dataset: Dataset) -> bool:
     """Whether a road is so long that what one manoeuvre leaves over is a part of it: that lasts as long as a few of its
     pieces."""
-    return len(evidence.points) >= PIECES * len(evidence.by_recording())
+    return len(dataset.points) >= PIECES * len(dataset.by_recording())
 
 
-def pieces_alone_tell(evidence: Evidence) -> bool:
+def pieces_alone_tell(dataset: Dataset) -> bool:
     """Whether nothing but its pieces can prove the road: no place is met twice, in one recording or in several long
     ones. Of several short ones, recordings are left out."""
-    return passed_once(evidence.windows) and (len(evidence.by_recording()) == 1 or tells_its_pieces(evidence))
+    return passed_once(dataset.windows) and (len(dataset.by_recording()) == 1 or tells_its_pieces(dataset))
 
 
 def passed_once(windows: Sequence[Window]) -> bool:

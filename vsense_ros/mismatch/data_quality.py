@@ -16,9 +16,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from vsense_ros.bag.inspect import doubts
 from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
-from vsense_ros.mismatch.knobs import BASE
-from vsense_ros.mismatch.windows import SLOWEST, Evidence, Readings, Window, in_axes_of_car, turned_to_car
+from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window, in_axes_of_car, turned_to_car
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -59,13 +59,13 @@ _COMPONENTS = {
 _ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
 
 
-def hindrance(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidence, vehicle: Vehicle) -> str:
-    """Why nothing can be said of the evidence; empty where something can. `recordings` are all, `unseen` the evidence
+def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> str:
+    """Why nothing can be said of the data set; empty where something can. `recordings` are all, `unseen` the data set
     of those that are held out of the fit."""
     return next(_hindrances(recordings, fitted, unseen, vehicle), "")
 
 
-def _hindrances(recordings: Sequence[Recording], fitted: Evidence, unseen: Evidence, vehicle: Vehicle) -> Iterator[str]:
+def _hindrances(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> Iterator[str]:
     sensors = {**fitted.sensors, **unseen.sensors}
     yield from _given_twice(recordings)
     yield from _of_several_cars(recordings, sensors)
@@ -93,50 +93,50 @@ def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     level = residuals.level(base.residuals)
     if level > 1 and not base.converged:
         yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
-    amounts = dict(zip((knob.name for knob in base.knobs), base.amounts, strict=True))
-    outside = [k for k in BASE if k.name in amounts and not k.low < amounts[k.name] < k.high]
+    offsets = dict(zip((parameter.name for parameter in base.free_parameters), base.offsets, strict=True))
+    outside = [k for k in BASE if k.name in offsets and not k.low < offsets[k.name] < k.high]
     # One stiffness may stand in for the physics that is missing.
-    if len(outside) > 1 or any(knob.name in LASTING for knob in outside):
+    if len(outside) > 1 or any(parameter.name in LASTING for parameter in outside):
         names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
         yield f"{names} of the vehicle file's fits; is it the file of this car?"
-    if level > STRANGE and amounts.keys() >= set(LASTING):
+    if level > STRANGE and offsets.keys() >= set(LASTING):
         yield from _of_several_fits(base, residuals)
 
 
 def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     """Recordings that each want another mass or other wheels, linearly."""
-    drives = residuals.predictor.evidence.by_recording()
+    drives = residuals.predictor.dataset.by_recording()
     own = []
-    for rows in residuals.predictor.evidence.places_by_recording():
+    for rows in residuals.predictor.dataset.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
         own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
     for name in LASTING:
-        at = [knob.name for knob in base.knobs].index(name)
+        at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]
         if np.std(found) > LASTING_APART:
             low, high = int(np.argmin(found)), int(np.argmax(found))
-            apart = 100 * (found[high] - found[low]) * base.knobs[at].deviation
+            apart = 100 * (found[high] - found[low]) * base.free_parameters[at].deviation
             yield (
                 f"the {name} of the car in {drives[high][0].name} is {apart:.0f} % more than in {drives[low][0].name}, "
                 "and no parameters fit both; are they recordings of one car?"
             )
 
 
-def _too_little(evidence: Evidence, drives: Sequence[_Drive]) -> Iterator[str]:
-    if not evidence.windows:
-        yield "; ".join(evidence.remarks) or "there is no recording"
+def _too_little(dataset: Dataset, drives: Sequence[_Drive]) -> Iterator[str]:
+    if not dataset.windows:
+        yield "; ".join(dataset.remarks) or "there is no recording"
         return
-    if evidence.driven < LEAST:
-        yield f"only {evidence.driven:.1f} s of driving can be used, {LEAST:g} s are needed"
+    if dataset.driven < LEAST:
+        yield f"only {dataset.driven:.1f} s of driving can be used, {LEAST:g} s are needed"
     lateral, longitudinal = (max(found) for found in zip(*(drive.strongest for drive in drives), strict=True))
     if lateral < GENTLE and longitudinal < GENTLE:
         yield (
             f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
             f"{longitudinal:.2f} m/s² longitudinal)"
         )
-    if not any(evidence.sensors[name].kind == "imu" for w in evidence.windows for name in w.readings):
+    if not any(dataset.sensors[name].kind == "imu" for w in dataset.windows for name in w.readings):
         yield "; ".join(
-            ["there are no inertial measurements, with which a simulation could be compared", *evidence.remarks]
+            ["there are no inertial measurements, with which a simulation could be compared", *dataset.remarks]
         )
 
 

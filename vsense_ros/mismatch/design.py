@@ -25,16 +25,22 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.errors import InputError
-from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.atomic import atomic_write
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.mismatch.candidates import (
+    UNKNOWN_TORQUES,
+    FreeParameter,
+    base_parameters,
+    candidates,
+    out_of_reach,
+)
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
-from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
 from vsense_ros.mismatch.picture import label
-from vsense_ros.mismatch.simulation import Predictor, Setting
+from vsense_ros.mismatch.simulation import ParameterSet, Predictor
 from vsense_ros.mismatch.verdict import NORMAL_90
-from vsense_ros.mismatch.windows import RUN_IN, Evidence, gather
+from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -164,37 +170,41 @@ def separations(
 ) -> list[Separation]:
     """What each test would tell, the most telling first; those that the car cannot drive are left out.
 
-    `base` are the fitted amounts of the base parameters by name; their names tell as well what the recordings had.
+    `base` are the fitted offsets of the base parameters by name; their names tell as well what the recordings had.
     Raises `InputError` for a size that no effect has.
     """
     vehicle, fitted = _as_recorded(vehicle, base)
-    library = candidates((), Setting.of(vehicle).values)
-    knobs = {(knob.name, knob.form): knob for candidate in library for knob in candidate.knobs}
-    if unknown := [name for rival in rivals for name in rival.sizes if (name, "") not in knobs]:
+    library = candidates((), ParameterSet.of(vehicle).values)
+    free_parameters = {
+        (parameter.name, parameter.form): parameter for candidate in library for parameter in candidate.free_parameters
+    }
+    if unknown := [name for rival in rivals for name in rival.sizes if (name, "") not in free_parameters]:
         raise InputError(f"no effect of the library has {', '.join(unknown)}")
     own = {name for rival in rivals for name in rival.sizes}
-    common = tuple(knob for knob in fitted if knob.name not in own)
-    amounts = np.array([base.get(knob.name, 0.0) for knob in common])
+    common = tuple(parameter for parameter in fitted if parameter.name not in own)
+    offsets = np.array([base.get(parameter.name, 0.0) for parameter in common])
     found = []
     for i, test in enumerate(choice):
         with suppress(DivergedError, FloatingPointError):
-            found.append(_separation(vehicle, rivals, common, amounts, knobs, test))
+            found.append(_separation(vehicle, rivals, common, offsets, free_parameters, test))
         progress((i + 1) / len(choice))
     return sorted((one for one in found if one is not None), key=lambda one: one.distance, reverse=True)
 
 
-def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[Knob, ...]]:
+def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[FreeParameter, ...]]:
     """The car without sensors that its recordings lacked, as far as the names of the fitted `base` parameters tell, and
     these parameters; all that a fit would have, where there are none."""
     kinds = {sensor.kind for sensor in vehicle.sensors.values()}
     by_torque = tuple(f"effects.{id}." for id, effect in BY_ID.items() if "wheel_torques" in effect.needs)
     if base and not any(name.startswith(by_torque) for name in base):
         kinds -= {"wheel_torques"}
-        if not {knob.name for knob in UNKNOWN_TORQUES} & base.keys():
+        if not {parameter.name for parameter in UNKNOWN_TORQUES} & base.keys():
             kinds -= {"wheel_speeds"}
     sensors = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind in kinds}
-    knobs = base_knobs(vehicle, out_of_reach(kinds), kinds)
-    return vehicle.model_copy(update={"sensors": sensors}), tuple(k for k in knobs if not base or k.name in base)
+    free_parameters = base_parameters(vehicle, out_of_reach(kinds), kinds)
+    return vehicle.model_copy(update={"sensors": sensors}), tuple(
+        k for k in free_parameters if not base or k.name in base
+    )
 
 
 def designed(
@@ -216,14 +226,14 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
         "telling": TELLING,
         "tests": [one.as_json() for one in found],
     }
-    with written_whole(report / NEXT) as file:
+    with atomic_write(report / NEXT) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
     best = found[0].as_json() if found and found[0].distance >= TELLING else None
     answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
     for effect in answer["effects"]:
         if effect.get("answer_set"):
             effect["would_separate"] = best
-    with written_whole(report / ANSWER) as file:
+    with atomic_write(report / ANSWER) as file:
         file.write(json.dumps(answer, indent=1, allow_nan=False) + "\n")
     write_next_test(answer, report / PAGE)
 
@@ -251,34 +261,34 @@ def printed(found: Sequence[Separation], console: Console) -> None:
 def _separation(
     vehicle: Vehicle,
     rivals: Sequence[Rival],
-    common: tuple[Knob, ...],
-    amounts: Array,
-    knobs: Mapping[tuple[str, str], Knob],
+    common: tuple[FreeParameter, ...],
+    offsets: Array,
+    free_parameters: Mapping[tuple[str, str], FreeParameter],
     test: Option,
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    start = Setting.of(vehicle)
-    fitted = turned(start, common, amounts)
+    start = ParameterSet.of(vehicle)
+    fitted = turned(start, common, offsets)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
-    evidence = gather([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
-    if not evidence.windows:
+    dataset = build_dataset([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
+    if not dataset.windows:
         return None
-    evidence = _steered_truly(evidence, motion)
-    residuals = Residuals(Predictor(vehicle, evidence))
-    base = Fit(fitted, common, amounts, residuals(fitted), [], 0.0)
+    dataset = _steered_truly(dataset, motion)
+    residuals = Residuals(Predictor(vehicle, dataset))
+    base = Fit(fitted, common, offsets, residuals(fitted), [], 0.0)
     for name, error in residuals.by_signal(base.residuals).items():  # of the true model: what the sensors leave
         residuals.deviation[name] = max(residuals.deviation[name], error)
     base = replace(base, residuals=residuals(fitted))
     absorbing = list(slopes_by(residuals, start, base, common))
-    fits = [_rival(residuals, fitted, rival, knobs, test) for rival in rivals]
+    fits = [_rival(residuals, fitted, rival, free_parameters, test) for rival in rivals]
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
         off = [x - y for x, y in zip(wrong.residuals, true.residuals, strict=True)]
         weight = strength(off)
         # In units in which the interval of a size weighs as much as a deviation of a base parameter.
-        certain = [rivals[b].deviations[k.name] / k.deviation * np.sqrt(weight) for k in wrong.knobs]
+        certain = [rivals[b].deviations[k.name] / k.deviation * np.sqrt(weight) for k in wrong.free_parameters]
         slopes = [
             np.column_stack([*columns, own * certain]) for *columns, own in zip(*absorbing, wrong.slopes, strict=True)
         ]
@@ -293,13 +303,17 @@ def _separation(
 
 
 def _rival(
-    residuals: Residuals, fitted: Setting, rival: Rival, knobs: Mapping[tuple[str, str], Knob], test: Option
+    residuals: Residuals,
+    fitted: ParameterSet,
+    rival: Rival,
+    free_parameters: Mapping[tuple[str, str], FreeParameter],
+    test: Option,
 ) -> Fit:
     """The car with a rival, and what its sizes do."""
-    turning = tuple(knobs[name, rival.forms.get(name, "")] for name in rival.sizes)
+    turning = tuple(free_parameters[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
-    setting = turned(fitted, turning, sizes)
-    fit = Fit(setting, turning, sizes, residuals(setting), [], 0.0)
+    parameter_set = turned(fitted, turning, sizes)
+    fit = Fit(parameter_set, turning, sizes, residuals(parameter_set), [], 0.0)
     columns = slopes_by(residuals, fitted, fit, turning)
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])
 
@@ -311,18 +325,18 @@ def _seen(name: str, size: float, test: Option) -> float:
     return -size if test.opposite and road else size
 
 
-def _steered_truly(evidence: Evidence, motion: Trajectory) -> Evidence:
+def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
     """Without the noise of the steering angle, to which models would respond that the car did not hear of."""
-    steering = {name for name, sensor in evidence.sensors.items() if sensor.kind == "steering"}
+    steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
     windows = []
-    for window in evidence.windows:
+    for window in dataset.windows:
         true = {
             name: replace(found, value=np.interp(found.t, motion.t, motion.inputs[:, 0])[:, None])
             for name, found in window.readings.items()
             if name in steering
         }
         windows.append(replace(window, readings={**window.readings, **true}))
-    return replace(evidence, windows=tuple(windows))
+    return replace(dataset, windows=tuple(windows))
 
 
 def _with_run_up(car: Vehicle, test: Option) -> Trajectory:

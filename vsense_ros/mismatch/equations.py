@@ -1,6 +1,6 @@
-"""The normal equations of a fit: what small changes of its knobs would do.
+"""The normal equations of a fit: what small changes of its free parameters would do.
 
-Each window's share is kept apart, so that any part of the evidence can be left out without simulating anything again.
+Each window's share is kept apart, so that any part of the data set can be left out without simulating anything again.
 """
 
 from __future__ import annotations
@@ -11,32 +11,34 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.knobs import Knob
+from vsense_ros.mismatch.candidates import FreeParameter
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Equations:
-    """The normal equations of a fit: all that it takes to judge small changes of its knobs, on any of its windows."""
+    """The normal equations of a fit: all that it takes to judge small changes of its free parameters, on any of its
+    windows."""
 
-    knobs: tuple[Knob, ...]
-    prior: Array  # (k,) where the knobs are [deviations]
-    weight: float  # what a knob that is one deviation off costs
+    free_parameters: tuple[FreeParameter, ...]
+    prior: Array  # (k,) where the free parameters are [deviations]
+    weight: float  # what a free parameter that is one deviation off costs
     normal: Array  # (windows, k, k) products of the slopes
     right: Array  # (windows, k) of the slopes and the residuals
     costs: Array  # (windows,) sums of squared residuals
     rows: NDArray[np.int64]  # (windows,) numbers of residuals
 
     def change(self, windows: Sequence[int] | None = None) -> Array:
-        """(k,) by which the knobs have to turn [deviations] for the least value of all or some of the windows."""
+        """(k,) by which the free parameters have to turn [deviations] for the least value of all or some of the
+        windows."""
         chosen = slice(None) if windows is None else list(windows)
         normal, right = self.normal[chosen].sum(axis=0), self.right[chosen].sum(axis=0)
         return least(normal, right, self.prior, self.weight)
 
     def values(self, change: Array | None = None) -> Array:
-        """(windows,) what is minimised, after a change of the knobs [deviations], by window. Where the knobs are costs
-        each as much as its share of all residuals says."""
+        """(windows,) what is minimised, after a change of the free parameters [deviations], by window. Where the free
+        parameters are costs each as much as its share of all residuals says."""
         moved, prior = self.costs, self.prior
         if change is not None:
             moved = moved + 2 * self.right @ change + (self.normal @ change) @ change
@@ -44,8 +46,8 @@ class Equations:
         return np.asarray(moved + self.weight * float(prior @ prior) * self.rows / self.rows.sum())
 
     def spread(self) -> Array:
-        """(k,) standard deviations of the knobs [deviations], if what is likely of them and what they are found to cost
-        is all that is known."""
+        """(k,) standard deviations of the free parameters [deviations], if what is likely of them and what they are
+        found to cost is all that is known."""
         normal = self.normal.sum(axis=0)
         inverse = np.linalg.inv(normal + self.weight * np.eye(len(normal)))
         return np.asarray(np.sqrt(self.weight * np.diag(inverse)))
@@ -56,25 +58,25 @@ class Equations:
         return float(self.values(self.change(rest) if rest else None)[list(group)].sum())
 
     def only(self, stay: Sequence[int]) -> Equations:
-        """With those knobs alone that have these places."""
+        """With those free parameters alone that have these places."""
         stay = list(stay)
         return replace(
             self,
-            knobs=tuple(self.knobs[i] for i in stay),
+            free_parameters=tuple(self.free_parameters[i] for i in stay),
             prior=self.prior[stay],
             normal=self.normal[:, stay][:, :, stay],
             right=self.right[:, stay],
         )
 
-    def keeps(self, knobs: Sequence[Knob]) -> float:
-        """Share of what some of the knobs do that is left when all others are fitted to it, in the norm of the
-        residuals."""
-        names = {knob.name for knob in knobs}
-        rest = [i for i, knob in enumerate(self.knobs) if knob.name not in names]
+    def keeps(self, free_parameters: Sequence[FreeParameter]) -> float:
+        """Share of what some of the free parameters do that is left when all others are fitted to it, in the norm of
+        the residuals."""
+        names = {parameter.name for parameter in free_parameters}
+        rest = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
         whole = self.normal.sum(axis=0)
         others = whole[np.ix_(rest, rest)]
         total, left = 0.0, 0.0
-        for i in (i for i, knob in enumerate(self.knobs) if knob.name in names):
+        for i in (i for i, parameter in enumerate(self.free_parameters) if parameter.name in names):
             along = whole[rest, i]
             change = least(others, along, np.zeros(len(rest)), self.weight)
             total += whole[i, i]
@@ -83,7 +85,7 @@ class Equations:
 
 
 def least(normal: Array, right: Array, prior: Array, weight: float) -> Array:
-    """The change (k,) of the knobs, in deviations, that is least in squared residuals and `weight` times the squared
-    distance of the knobs from zero: from the products `normal` (k, k) of the slopes, `right` (k,) of the slopes and the
-    residuals, and `prior` (k,), where the knobs are."""
+    """The change (k,) of the free parameters, in deviations, that is least in squared residuals and `weight` times the
+    squared distance of the free parameters from zero: from the products `normal` (k, k) of the slopes, `right` (k,) of
+    the slopes and the residuals, and `prior` (k,), where the free parameters are."""
     return np.asarray(np.linalg.solve(normal + weight * np.eye(len(prior)), -right - weight * prior), dtype=float)

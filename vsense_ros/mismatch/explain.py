@@ -19,22 +19,29 @@ import numpy as np
 from scipy.stats import chi2
 
 from vsense_ros.errors import InputError
-from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.candidates import (
+    BASE,
+    Candidate,
+    FreeParameter,
+    base_parameters,
+    candidates,
+    out_of_reach,
+)
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import ANSWER, NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
-from vsense_ros.mismatch.knobs import BASE, Candidate, Knob, base_knobs, candidates, out_of_reach
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.search import Explanation, Search
+from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.verdict import THRESHOLD, Judged, Proof, judge, least_gain
-from vsense_ros.mismatch.windows import Evidence, gather
+from vsense_ros.mismatch.windows import Dataset, build_dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
@@ -64,7 +71,7 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
-        with written_whole(folder / ANSWER) as file:
+        with atomic_write(folder / ANSWER) as file:
             file.write(json.dumps(self.found, indent=1, allow_nan=False) + "\n")
         write_report(self.found, self.traces, folder / PAGE)
         if self.extended is not None:
@@ -80,7 +87,7 @@ class Answer:
             for place in effect.get("profile", ())
         ]  # fmt: skip
         if rows:
-            with written_whole(path) as file:
+            with atomic_write(path) as file:
                 csv.writer(file).writerows([["effect", "unit", *entries.PLACE, "value"], *rows])
 
 
@@ -107,22 +114,22 @@ def answer(
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
-    evidence = gather(recordings, vehicle)
-    unseen = gather(held_out, vehicle, evidence)
+    dataset = build_dataset(recordings, vehicle)
+    unseen = build_dataset(held_out, vehicle, dataset)
     found: dict[str, Any] = {
         "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
         "recordings": _names(recordings), "held_out": _names(held_out), "held_out_unused": [], "by_pieces": False,
-        "remarks": list(evidence.remarks),
+        "remarks": list(dataset.remarks),
         "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
         "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
-        "base": {}, "threshold": THRESHOLD, "driven_s": evidence.driven + unseen.driven,
+        "base": {}, "threshold": THRESHOLD, "driven_s": dataset.driven + unseen.driven,
         "assumed": list(assume), "ablation": ablation,
     }  # fmt: skip
     try:
-        if reason := hindrance([*recordings, *held_out], evidence, unseen, vehicle):
+        if reason := hindrance([*recordings, *held_out], dataset, unseen, vehicle):
             raise NotAssessableError(reason)
-        evidence, unseen = most_telling(evidence, LOOKED_AT), most_telling(unseen, LOOKED_AT)
-        answered = _explained(found, vehicle, evidence, unseen, tuple(dict.fromkeys(assume)), ablation, progress)
+        dataset, unseen = most_telling(dataset, LOOKED_AT), most_telling(unseen, LOOKED_AT)
+        answered = _explained(found, vehicle, dataset, unseen, tuple(dict.fromkeys(assume)), ablation, progress)
     except NotAssessableError as error:
         found["sentence"] = f"Nothing can be said: {error}."
         answered = Answer(found)
@@ -136,15 +143,15 @@ def _names(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _explained(
-    found: dict[str, Any], vehicle: Vehicle, evidence: Evidence, unseen: Evidence, assume: Sequence[str], ablation: str,
+    found: dict[str, Any], vehicle: Vehicle, dataset: Dataset, unseen: Dataset, assume: Sequence[str], ablation: str,
     progress: Callable[[], None],
 ) -> Answer:  # fmt: skip
-    """The answer about evidence that can be assessed, if it can; what is known of it by then is written to `found`."""
-    kinds = {evidence.sensors[name].kind for w in evidence.windows for name in w.readings}
+    """The answer about data set that can be assessed, if it can; what is known of it by then is written to `found`."""
+    kinds = {dataset.sensors[name].kind for w in dataset.windows for name in w.readings}
     beyond = out_of_reach(kinds)
     if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
         raise NotAssessableError("; ".join(lacking))
-    search, explanations = _searched(vehicle, evidence, assume, ablation, beyond, kinds, progress)
+    search, hypotheses = _searched(vehicle, dataset, assume, ablation, beyond, kinds, progress)
     residuals, base = search.residuals, search.base
     strange = misfit(base, residuals)  # unless what the model leaves out is the reason
     traceless = {c.effect for c in search.offered} - search.visible
@@ -155,30 +162,30 @@ def _explained(
     if not search.visible:
         raise NotAssessableError("no effect of the library would leave a trace in these recordings")
     proof = Proof(unseen, vehicle, residuals, base, progress)
-    found["remarks"] = [*residuals.predictor.evidence.remarks, *proof.remarks]
+    found["remarks"] = [*residuals.predictor.dataset.remarks, *proof.remarks]
     if proof.residuals is None and len(residuals.layout) == 1:
         found["remarks"].append(entries.ALONE)
     found["held_out_unused"] = [name for name in found["held_out"] if name not in proof.recordings]
     found["held_out"] = proof.recordings
-    proving = proof.residuals.predictor.evidence.driven if proof.residuals is not None else 0.0
-    threshold = least_gain(residuals.predictor.evidence.driven + proving)
+    proving = proof.residuals.predictor.dataset.driven if proof.residuals is not None else 0.0
+    threshold = least_gain(residuals.predictor.dataset.driven + proving)
     if ablation == "chi2_thresholds":
         threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
     found["threshold"] = threshold
     if assume:
-        judged = judge(explanations, (), proof, search.along_the_road, threshold)
-        if explanations:
-            judged = replace(judged, verdict="named", leader=explanations[0], rivals=(explanations[0],))
+        judged = judge(hypotheses, (), proof, search.along_the_road, threshold)
+        if hypotheses:
+            judged = replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
     else:
-        judged = _judged(search, explanations, proof, threshold)
+        judged = _judged(search, hypotheses, proof, threshold)
     judged, varying = _settled(search, judged, proof)
     leader, verdict = judged.leader, judged.verdict
     if strange and (leader is None or misfit(leader.fit, residuals)):
         raise NotAssessableError(strange)
     shown = leader.fit if leader is not None else base
     found["remarks"] += entries.remarks(judged, proof, shown, kinds, beyond, varying)
-    evidence = residuals.predictor.evidence
-    effects = entries.effect_entries(judged, evidence, proof)
+    dataset = residuals.predictor.dataset
+    effects = entries.effect_entries(judged, dataset, proof)
     answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
     for effect in effects:
         effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
@@ -195,57 +202,59 @@ def _explained(
         "misfit": residuals.level(base.residuals),
     }
     found["sentence"] = entries.sentence(found, [e.effects for e in judged.rivals])
-    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.setting), False)
+    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
     if proof.residuals is not None:
         traces += entries.traces(proof.residuals, base, proof.simulated(shown), True)
     sure = leader is not None and verdict != "ambiguous"
-    return Answer(found, traces, extended(vehicle, evidence, shown.setting) if sure else None)
+    return Answer(found, traces, extended(vehicle, dataset, shown.parameter_set) if sure else None)
 
 
 def _searched(
-    vehicle: Vehicle, evidence: Evidence, assume: Sequence[str], ablation: str, beyond: Collection[str],
+    vehicle: Vehicle, dataset: Dataset, assume: Sequence[str], ablation: str, beyond: Collection[str],
     kinds: Collection[str], progress: Callable[[], None],
-) -> tuple[Search, list[Explanation]]:  # fmt: skip
+) -> tuple[Search, list[Hypothesis]]:  # fmt: skip
     """The base parameters fitted, and single effects, or those to `assume` together, fitted besides; once more from
     other base parameters if an effect has shown that their fit had stopped short."""
     try:
-        knobs = () if ablation == "no_refit" else base_knobs(vehicle, beyond, kinds)
-        evidence, residuals, base = _refitted(vehicle, evidence, knobs, progress)
+        free_parameters = () if ablation == "no_refit" else base_parameters(vehicle, beyond, kinds)
+        dataset, residuals, base = _refitted(vehicle, dataset, free_parameters, progress)
     except DivergedError:
         raise NotAssessableError(
             "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
             "of this car?"
         ) from None
     start = residuals.predictor.start
-    library = candidates(evidence.points, start.values)
+    library = candidates(dataset.points, start.values)
     offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
     if ablation == "no_projection":
-        base = replace(base, knobs=(), amounts=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals])
-        start = base.setting
+        base = replace(
+            base, free_parameters=(), offsets=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals]
+        )
+        start = base.parameter_set
 
-    def fitted(search: Search) -> list[Explanation]:
+    def fitted(search: Search) -> list[Hypothesis]:
         if assume:
             return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
         return search.singles()
 
     search = Search(residuals, start, base, offered, progress)
-    explanations = fitted(search)
-    if (better := search.better_base(explanations)) is not None:
+    hypotheses = fitted(search)
+    if (better := search.better_base(hypotheses)) is not None:
         search = Search(residuals, start, better, offered, progress)
-        explanations = fitted(search)
-    return search, explanations
+        hypotheses = fitted(search)
+    return search, hypotheses
 
 
-def _judged(search: Search, explanations: list[Explanation], proof: Proof, threshold: float) -> Judged:
+def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshold: float) -> Judged:
     """Single effects, and what explains more with further ones, judged beside terms without known physics."""
-    found_last = explanations
+    found_last = hypotheses
     while found_last := search.further(found_last, max(threshold, THRESHOLD), proof.proven, bool(proof.recordings)):
-        explanations = [*explanations, *found_last]
+        hypotheses = [*hypotheses, *found_last]
     described = search.described()
-    judged = judge(explanations, described, proof, search.along_the_road, threshold)
+    judged = judge(hypotheses, described, proof, search.along_the_road, threshold)
     if judged.in_doubt:
         united = search.united(judged.in_doubt)
-        judged = judge([*explanations, *united], described, proof, search.along_the_road, threshold)
+        judged = judge([*hypotheses, *united], described, proof, search.along_the_road, threshold)
     return judged
 
 
@@ -267,29 +276,31 @@ def _settled(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]
 
 
 def _refitted(
-    vehicle: Vehicle, evidence: Evidence, knobs: Sequence[Knob], progress: Callable[[], None]
-) -> tuple[Evidence, Residuals, Fit]:
-    """The base parameters fitted to the evidence; to the rest of it where the simulated car is lost in some windows
+    vehicle: Vehicle, dataset: Dataset, free_parameters: Sequence[FreeParameter], progress: Callable[[], None]
+) -> tuple[Dataset, Residuals, Fit]:
+    """The base parameters fitted to the data set; to the rest of it where the simulated car is lost in some windows
     even when it is fitted to the others. Where it is lost in most of them, to all."""
-    residuals = Residuals(Predictor(vehicle, evidence))
+    residuals = Residuals(Predictor(vehicle, dataset))
     if not any(residuals.layout):
         raise NotAssessableError(NOTHING_TO_COMPARE)
-    base = fit(residuals, residuals.predictor.start, knobs, progress=progress)
-    lost = residuals.predictor.lost(base.setting)
+    base = fit(residuals, residuals.predictor.start, free_parameters, progress=progress)
+    lost = residuals.predictor.lost(base.parameter_set)
     if not any(lost) or 2 * sum(lost) > len(lost):
-        return evidence, residuals, base
-    rest = evidence.without(lost, LOST)
+        return dataset, residuals, base
+    rest = dataset.without(lost, LOST)
     residuals_of_rest = Residuals(Predictor(vehicle, rest))
-    fitted = fit(residuals_of_rest, residuals.predictor.start, knobs, begin=base.amounts, progress=progress)
-    if not any(residuals.predictor.lost(fitted.setting)):
-        base = fit(residuals, residuals.predictor.start, knobs, begin=fitted.amounts, progress=progress)
-        if not any(residuals.predictor.lost(base.setting)):
-            return evidence, residuals, base
+    fitted = fit(residuals_of_rest, residuals.predictor.start, free_parameters, begin=base.offsets, progress=progress)
+    if not any(residuals.predictor.lost(fitted.parameter_set)):
+        base = fit(residuals, residuals.predictor.start, free_parameters, begin=fitted.offsets, progress=progress)
+        if not any(residuals.predictor.lost(base.parameter_set)):
+            return dataset, residuals, base
     return rest, residuals_of_rest, fitted
 
 
 def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:
     """An effect with all its sizes free."""
     single = (c for c in library if c.effect == id and not c.along_road)
-    knobs = {knob.name: knob for c in single for knob in c.knobs if not knob.form}
-    return Candidate(id, "", tuple(knobs.values()), BY_ID[id].sentence)
+    free_parameters = {
+        parameter.name: parameter for c in single for parameter in c.free_parameters if not parameter.form
+    }
+    return Candidate(id, "", tuple(free_parameters.values()), BY_ID[id].sentence)

@@ -1,4 +1,4 @@
-"""Fitting what may be wrong to the evidence: weighted residuals, their derivatives, and damped Gauss-Newton steps."""
+"""Fitting what may be wrong to the data set: weighted residuals, their derivatives, and damped Gauss-Newton steps."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.candidates import FreeParameter
 from vsense_ros.mismatch.equations import Equations, least
-from vsense_ros.mismatch.knobs import Knob
 from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference, grid
-from vsense_ros.mismatch.simulation import Predictor, Setting
+from vsense_ros.mismatch.simulation import ParameterSet, Predictor
 
 Array = NDArray[np.float64]
 
-PRIOR = 3e-3  # of the evidence: as much as a misfit of that share costs a knob that is one deviation off
+PRIOR = 3e-3  # of the data set: as much as a misfit of that share costs a free parameter that is one deviation off
 SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
 OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
 # Standard deviations of all signals together from where on an instant counts for less and less (as Cauchy's loss has
@@ -25,7 +25,7 @@ OUTLIER = 40.0  # standard deviations beyond which a residual counts as that man
 FAR = 5.0
 ASTRAY_BEFORE = 1.0  # [s] that a car which gets lost is astray already
 LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
-STEP = 0.25  # of a knob's likely amount, for derivatives
+STEP = 0.25  # of a free parameter's likely amount, for derivatives
 STEPS = (1.0, -1.0, 0.25)  # times that, tried in this order until the simulated car is lost nowhere
 ITERATIONS = 8
 # Steps that are tried in this order until the value falls by a `SUFFICIENT` share of what the slopes promise: caution,
@@ -60,18 +60,18 @@ class Residuals:
             noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
             self.deviation[name] = float(np.linalg.norm([_FLOORS[name], SHARE * size, noise]))
         self.layout = [[name for name in names if name in m] for m in measured]
-        self._instants = [grid(window) for window in predictor.evidence.windows]
+        self._instants = [grid(window) for window in predictor.dataset.windows]
 
-    def __call__(self, setting: Setting, instead: Sequence[Array] | None = None) -> list[Array]:
+    def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
         """Of each window, (signals × instants) in the order of `layout`; in standard deviations, and less where the
         simulation has gone `FAR`. Once the simulated car is lost they are those of `instead`, if that is given.
 
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
         if instead is None:
-            found = self._until(setting, [np.inf] * len(self.layout))
+            found = self._until(parameter_set, [np.inf] * len(self.layout))
             return [rows.reshape(-1) for rows in found]
-        found = self._until(setting, self.predictor.lost_from(setting))
+        found = self._until(parameter_set, self.predictor.lost_from(parameter_set))
         return [
             np.column_stack([rows, known.reshape(len(rows), -1)[:, rows.shape[1] :]]).reshape(-1)
             if len(rows)
@@ -79,14 +79,14 @@ class Residuals:
             for rows, known in zip(found, instead, strict=True)
         ]
 
-    def compared(self, setting: Setting, until: Sequence[float]) -> list[Array]:
+    def compared(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
         """The same, of each window up to a time [s] alone."""
-        return [rows.reshape(-1) for rows in self._until(setting, until)]
+        return [rows.reshape(-1) for rows in self._until(parameter_set, until)]
 
-    def _until(self, setting: Setting, until: Sequence[float]) -> list[Array]:
+    def _until(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
         """Of each window (signals, instants) before it is `ASTRAY_BEFORE` a time [s]; nothing if those are few."""
         result = []
-        simulations = zip(self.predictor.measured, self.predictor.simulated(setting), strict=True)
+        simulations = zip(self.predictor.measured, self.predictor.simulated(parameter_set), strict=True)
         for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):
             kept = len(t) if np.isinf(end) else int(np.searchsorted(t, end - ASTRAY_BEFORE))
             if kept < min(LEAST_KEPT, len(t)) or not names:
@@ -156,34 +156,35 @@ def untempered(tempered: Array) -> Array:
 class Fit:
     """A setting that fits, and all that is needed to judge changes of it linearly."""
 
-    setting: Setting
-    knobs: tuple[Knob, ...]
-    amounts: Array  # (k,)
+    parameter_set: ParameterSet
+    free_parameters: tuple[FreeParameter, ...]
+    offsets: Array  # (k,)
     residuals: list[Array]  # by window
-    slopes: list[Array]  # by window, (rows, k) by the knobs in units of their deviations
-    weight: float  # what a knob that is one deviation off costs
+    slopes: list[Array]  # by window, (rows, k) by the free parameters in units of their deviations
+    weight: float  # what a free parameter that is one deviation off costs
     converged: bool = True
 
     @property
     def prior(self) -> Array:
-        """Where the knobs are, in deviations."""
-        return self.amounts / np.array([knob.deviation for knob in self.knobs])
+        """Where the free parameters are, in deviations."""
+        return self.offsets / np.array([parameter.deviation for parameter in self.free_parameters])
 
     @property
     def value(self) -> float:
-        """What is minimised: the squared residuals, and what it costs that knobs are not where they were expected."""
+        """What is minimised: the squared residuals, and what it costs that free parameters are not where they were
+        expected."""
         return cost(self.residuals) + self.paid
 
     @property
     def paid(self) -> float:
-        """What it costs that knobs are not where they were expected, in squared deviations."""
+        """What it costs that free parameters are not where they were expected, in squared deviations."""
         return self.weight * float(self.prior @ self.prior)
 
     @cached_property
     def equations(self) -> Equations:
         """Its normal equations."""
         return Equations(
-            self.knobs, self.prior, self.weight,
+            self.free_parameters, self.prior, self.weight,
             np.array([s.T @ s for s in self.slopes]),
             np.array([s.T @ r for s, r in zip(self.slopes, self.residuals, strict=True)]),
             np.array([r @ r for r in self.residuals]),
@@ -196,58 +197,63 @@ def cost(residuals: Sequence[Array]) -> float:
     return float(sum(r @ r for r in residuals))
 
 
-def turned(start: Setting, knobs: Sequence[Knob], amounts: Array) -> Setting:
-    """The setting with all knobs turned, one after the other."""
-    for knob, amount in zip(knobs, amounts, strict=True):
-        start = start.changed(knob.turn(start.values, float(amount)))
+def turned(start: ParameterSet, free_parameters: Sequence[FreeParameter], offsets: Array) -> ParameterSet:
+    """The setting with all free parameters turned, one after the other."""
+    for parameter, offset in zip(free_parameters, offsets, strict=True):
+        start = start.changed(parameter.turn(start.values, float(offset)))
     return start
 
 
-def slope(residuals: Residuals, start: Setting, fit: Fit, knob: Knob, step: float = STEP) -> list[Array]:
-    """Secant of the residuals by a knob that is turned by `step` likely amounts from a fit that began at `start`, per
-    deviation; by less where the car gets lost with that and does not in the fit, which would tell nothing."""
+def slope(
+    residuals: Residuals, start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float = STEP
+) -> list[Array]:
+    """Secant of the residuals by a free parameter that is turned by `step` likely amounts from a fit that began at
+    `start`, per deviation; by less where the car gets lost with that and does not in the fit, which would tell
+    nothing."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
-    for by, setting in _attempts(start, fit, knob, step):
-        changed = residuals(setting, fit.residuals)
-        lost = sum(residuals.predictor.lost(setting))
+    for by, parameter_set in _attempts(start, fit, parameter, step):
+        changed = residuals(parameter_set, fit.residuals)
+        lost = sum(residuals.predictor.lost(parameter_set))
         if lost < fewest:
-            best = [(c - r) * (knob.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
+            best = [(c - r) * (parameter.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
             fewest = lost
-        if not lost or lost <= sum(residuals.predictor.lost(fit.setting)):
+        if not lost or lost <= sum(residuals.predictor.lost(fit.parameter_set)):
             break
     return best
 
 
 def slopes_by(
-    residuals: Residuals, start: Setting, fit: Fit, knobs: Sequence[Knob], step: float = STEP
+    residuals: Residuals, start: ParameterSet, fit: Fit, free_parameters: Sequence[FreeParameter], step: float = STEP
 ) -> Iterator[list[Array]]:
-    """`slope` by each of the knobs, several of which are driven side by side."""
+    """`slope` by each of the free parameters, several of which are driven side by side."""
     ahead = residuals.predictor.ahead
-    for begin in range(0, len(knobs), ahead):
-        together = knobs[begin : begin + ahead]
-        first = (next(_attempts(start, fit, knob, step), None) for knob in together)
+    for begin in range(0, len(free_parameters), ahead):
+        together = free_parameters[begin : begin + ahead]
+        first = (next(_attempts(start, fit, parameter, step), None) for parameter in together)
         residuals.predictor.foresee([attempt[1] for attempt in first if attempt is not None])
-        yield from (slope(residuals, start, fit, knob, step) for knob in together)
+        yield from (slope(residuals, start, fit, parameter, step) for parameter in together)
 
 
-def _attempts(start: Setting, fit: Fit, knob: Knob, step: float) -> Iterator[tuple[float, Setting]]:
-    """By how much a knob is turned for a secant, and the car with that, the likeliest first."""
-    amounts = dict(zip((known.name for known in fit.knobs), fit.amounts, strict=True))
-    present = float(amounts.get(knob.name, 0.0))
-    knobs = (*(known for known in fit.knobs if known.name != knob.name), knob)
+def _attempts(
+    start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float
+) -> Iterator[tuple[float, ParameterSet]]:
+    """By how much a free parameter is turned for a secant, and the car with that, the likeliest first."""
+    offsets = dict(zip((known.name for known in fit.free_parameters), fit.offsets, strict=True))
+    present = float(offsets.get(parameter.name, 0.0))
+    free_parameters = (*(known for known in fit.free_parameters if known.name != parameter.name), parameter)
     for share in STEPS:
-        by = share * step * knob.likely
-        if knob.low <= present + by <= knob.high:
-            amounts[knob.name] = present + by
-            yield by, turned(start, knobs, np.array([amounts[known.name] for known in knobs]))
+        by = share * step * parameter.likely
+        if parameter.low <= present + by <= parameter.high:
+            offsets[parameter.name] = present + by
+            yield by, turned(start, free_parameters, np.array([offsets[known.name] for known in free_parameters]))
 
 
 def solve(
     slopes: Sequence[Array], residuals: Sequence[Array], prior: Array, strength: float, caution: float = 0.0
 ) -> Array:
-    """The change of the knobs, in deviations, that minimises the squared residuals and `strength` times the squared
-    distance of the knobs from zero, where `prior` (k,) is where they are now. With `caution` it is shorter, as
-    Levenberg and Marquardt would have it."""
+    """The change of the free parameters, in deviations, that minimises the squared residuals and `strength` times the
+    squared distance of the free parameters from zero, where `prior` (k,) is where they are now. With `caution` it is
+    shorter, as Levenberg and Marquardt would have it."""
     normal = sum((s.T @ s for s in slopes), np.zeros((len(prior), len(prior))))
     right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(prior)))
     normal = normal + caution * np.diag(np.diag(normal))
@@ -255,7 +261,7 @@ def solve(
 
 
 def strength(residuals: Sequence[Array]) -> float:
-    """How much a knob that is one deviation off costs: as much as a misfit of `PRIOR` of the evidence.
+    """How much a free parameter that is one deviation off costs: as much as a misfit of `PRIOR` of the data set.
 
     Residuals of neighbouring instants err together, so that many say little more than few.
     """
@@ -264,8 +270,8 @@ def strength(residuals: Sequence[Array]) -> float:
 
 def fit(
     residuals: Residuals,
-    start: Setting,
-    knobs: Sequence[Knob],
+    start: ParameterSet,
+    free_parameters: Sequence[FreeParameter],
     *,
     first: Fit | None = None,
     begin: Array | None = None,
@@ -273,18 +279,19 @@ def fit(
     iterations: int = ITERATIONS,
     progress: Callable[[], None] = lambda: None,
 ) -> Fit:
-    """Turn `knobs` until the value no longer falls, from the amounts `begin` (k,) if they are given. `first` is a fit
-    of the same knobs from which to go on, with the slopes to use; `instead` are the residuals of windows in which the
-    simulated car gets lost; without them `DivergedError` is raised where the start cannot be simulated.
+    """Turn `free_parameters` until the value no longer falls, from the amounts `begin` (k,) if they are given. `first`
+    is a fit of the same free parameters from which to go on, with the slopes to use; `instead` are the residuals of
+    windows in which the simulated car gets lost; without them `DivergedError` is raised where the start cannot be
+    simulated.
     """
-    amounts = np.zeros(len(knobs)) if begin is None else begin
+    offsets = np.zeros(len(free_parameters)) if begin is None else begin
     if first is not None:
-        known = dict(zip((knob.name for knob in first.knobs), first.amounts, strict=True))
-        amounts = np.array([known.get(knob.name, 0.0) for knob in knobs])
+        known = dict(zip((parameter.name for parameter in first.free_parameters), first.offsets, strict=True))
+        offsets = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
     elif begin is None:
-        amounts = _likeliest(residuals, start, knobs, amounts)
-    setting = turned(start, knobs, amounts)
-    best = Fit(setting, tuple(knobs), amounts, residuals(setting, instead), [], 0.0)
+        offsets = _likeliest(residuals, start, free_parameters, offsets)
+    parameter_set = turned(start, free_parameters, offsets)
+    best = Fit(parameter_set, tuple(free_parameters), offsets, residuals(parameter_set, instead), [], 0.0)
     best = replace(best, slopes=first.slopes if first else slopes_at(residuals, start, best, progress))
     fall = 0.0
     for iteration in range(iterations):
@@ -300,14 +307,14 @@ def fit(
     return replace(best, weight=weight, converged=fall < UNSETTLED)
 
 
-def _stepped(residuals: Residuals, start: Setting, at: Fit, instead: Sequence[Array] | None) -> Fit:
+def _stepped(residuals: Residuals, start: ParameterSet, at: Fit, instead: Sequence[Array] | None) -> Fit:
     """A fit one step further along the slopes, which learn from it (Broyden, 1965); the same fit if no step is better.
 
     What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
     acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
     """
-    deviations = np.array([knob.deviation for knob in at.knobs])
-    low, high = np.array([k.low for k in at.knobs]), np.array([k.high for k in at.knobs])
+    deviations = np.array([parameter.deviation for parameter in at.free_parameters])
+    low, high = np.array([k.low for k in at.free_parameters]), np.array([k.high for k in at.free_parameters])
     best = at
     for caution, shares in CAUTION:
         step = solve(at.slopes, at.residuals, at.prior, at.weight, caution)
@@ -317,10 +324,12 @@ def _stepped(residuals: Residuals, start: Setting, at: Fit, instead: Sequence[Ar
             break
         bend = np.zeros(len(step))
         for share in shares:
-            amounts = np.clip(at.amounts + (share * step + share**2 / 2 * bend) * deviations, low, high)
-            setting = turned(start, at.knobs, amounts)
+            offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
+            parameter_set = turned(start, at.free_parameters, offsets)
             try:
-                tried = replace(at, setting=setting, amounts=amounts, residuals=residuals(setting, instead))
+                tried = replace(
+                    at, parameter_set=parameter_set, offsets=offsets, residuals=residuals(parameter_set, instead)
+                )
             except DivergedError:
                 continue
             moved = tried.prior - at.prior
@@ -337,15 +346,20 @@ def _stepped(residuals: Residuals, start: Setting, at: Fit, instead: Sequence[Ar
     return best
 
 
-def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amounts: Array) -> Array:
-    """Of several values of the grip the one that fits best, as amounts of the knobs."""
+def _likeliest(
+    residuals: Residuals, start: ParameterSet, free_parameters: Sequence[FreeParameter], offsets: Array
+) -> Array:
+    """Of several values of the grip the one that fits best, as offsets of the free parameters."""
     found = []
     for change in GRIP:
         tried = np.array(
-            [change if knob.name.startswith("grip") else a for knob, a in zip(knobs, amounts, strict=True)]
+            [
+                change if parameter.name.startswith("grip") else a
+                for parameter, a in zip(free_parameters, offsets, strict=True)
+            ]
         )
         try:
-            found.append((cost(residuals(turned(start, knobs, tried))), change, tried))
+            found.append((cost(residuals(turned(start, free_parameters, tried))), change, tried))
         except DivergedError:
             continue
     if not found:
@@ -353,10 +367,11 @@ def _likeliest(residuals: Residuals, start: Setting, knobs: Sequence[Knob], amou
     return min(found, key=lambda one: one[0])[2]
 
 
-def slopes_at(residuals: Residuals, start: Setting, at: Fit, progress: Callable[[], None]) -> list[Array]:
-    """By window, (rows, k): secants by the knobs of a fit from where it is, per deviation; it began at `start`."""
-    slopes = [np.zeros((len(r), len(at.knobs))) for r in at.residuals]
-    for i, columns in enumerate(slopes_by(residuals, start, at, at.knobs)):
+def slopes_at(residuals: Residuals, start: ParameterSet, at: Fit, progress: Callable[[], None]) -> list[Array]:
+    """By window, (rows, k): secants by the free parameters of a fit from where it is, per deviation; it began at
+    `start`."""
+    slopes = [np.zeros((len(r), len(at.free_parameters))) for r in at.residuals]
+    for i, columns in enumerate(slopes_by(residuals, start, at, at.free_parameters)):
         for window, column in zip(slopes, columns, strict=True):
             window[:, i] = column
         progress()

@@ -25,12 +25,12 @@ from distributed import Client, LocalCluster, as_completed, get_worker
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
-from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.design import answered, designed
 from vsense_ros.mismatch.explain import STAGES, answer
-from vsense_ros.mismatch.windows import LEFT_OUT, gather
+from vsense_ros.mismatch.windows import LEFT_OUT, build_dataset
 from vsense_ros.model.vehicle import Vehicle
 
 VEHICLE_FILE = "vehicle.yaml"
@@ -275,7 +275,7 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         for name, role, _ in member.recordings
     ]
     result = {"key": key, "vehicle": member.name, "recordings": recordings, "found": found.found}
-    with written_whole(out / RESULT) as file:
+    with atomic_write(out / RESULT) as file:
         file.write(json.dumps(result, indent=1, allow_nan=False) + "\n")
     (out / FAULT).unlink(missing_ok=True)
     return result
@@ -291,7 +291,7 @@ def _unusable(read: Mapping[str, Recording], car: Vehicle) -> dict[str, str]:
     reasons = {}
     for name, recording in read.items():
         try:
-            gather([recording], car)
+            build_dataset([recording], car)
         except Exception as error:
             reasons[name] = _in_words(error)
     return reasons

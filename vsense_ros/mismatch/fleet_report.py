@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
-from vsense_ros.files.atomic import in_place_of, written_whole
+from vsense_ros.files.atomic import atomic_write, in_place_of
 from vsense_ros.mismatch.fleet import FAILED, TABLE
 from vsense_ros.mismatch.page import PAGE as REPORT
 from vsense_ros.mismatch.page import VERDICTS, Verdict, percent, place_in_words, place_of, sizes_in_words
@@ -108,7 +108,7 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
     with in_place_of(out / TABLE) as fresh:
         pq.write_table(pa.Table.from_pylist(rows(results), schema=SCHEMA), fresh)
     lines = [_line(result) for result in results]
-    with written_whole(out / SHEET) as file:
+    with atomic_write(out / SHEET) as file:
         sheet = csv.DictWriter(file, ("vehicle", "verdict", "effects", "proven", "recordings", "unused", "reason"))
         sheet.writeheader()
         sheet.writerows({**line, "effects": "; ".join(line["effects"])} for line in lines)
@@ -129,7 +129,7 @@ def write(results: Sequence[Mapping[str, Any]], out: Path) -> None:
         ],
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )  # fmt: skip
-    with written_whole(out / PAGE) as file:
+    with atomic_write(out / PAGE) as file:
         file.write(text)
 
 

@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
-from vsense_ros.files.atomic import written_whole
-from vsense_ros.mismatch.knobs import UNKNOWN_TORQUES
+from vsense_ros.files.atomic import atomic_write
+from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES
 from vsense_ros.mismatch.picture import (
     SIGNAL_UNITS,
     UNITS,
@@ -41,7 +41,7 @@ MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has doz
 PRINTED_SIGNALS = 6
 TOGETHER = {2: "both", 3: "all three"}
 # Amounts at which there is nothing of what no vehicle file has, and which is told as it is therefore.
-NOTHING = {knob.name: knob.low for knob in UNKNOWN_TORQUES}
+NOTHING = {parameter.name: parameter.low for parameter in UNKNOWN_TORQUES}
 PAGE = "report.html"
 NEXT_TEST = re.compile(r'<p id="next-test">.*?</p>', re.DOTALL)  # the paragraph of a page
 
@@ -201,7 +201,7 @@ def write_report(found: Mapping[str, Any], traces: Sequence[Trace], path: Path) 
         )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as file:
+    with atomic_write(path) as file:
         file.write(page)
 
 
@@ -213,7 +213,7 @@ def write_next_test(found: Mapping[str, Any], path: Path) -> None:
     if path.is_file():
         words = _templates().get_template("next_test.html.j2").render(found=found, next_test=_next_test(found)).strip()
         page = path.read_text(encoding="utf-8")
-        with written_whole(path) as file:
+        with atomic_write(path) as file:
             file.write(NEXT_TEST.sub(lambda _: words, page, count=1))
 
 
@@ -532,7 +532,7 @@ def _base_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     for name, entry in found["base"].items():
         unit = entry["unit"]
 
-        def amount(value: float | None, name: str = name, unit: str = unit) -> str:
+        def offset(value: float | None, name: str = name, unit: str = unit) -> str:
             if value is None:
                 return "–"
             if name in NOTHING:
@@ -544,7 +544,7 @@ def _base_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         words = ", ".join(map(label, name.split(".")[1:])) if name.startswith("effects.") else name
         if name in NOTHING:
             words = f"{name} (itself, as no vehicle file has it)"
-        rows.append((words, amount(entry["value"]), amount(entry.get("explained")) if explained else ""))
+        rows.append((words, offset(entry["value"]), offset(entry.get("explained")) if explained else ""))
     return rows
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import in_pieces, odd
 from vsense_ros.mismatch.fit import Fit, Residuals, fit, slope, strength, turned
-from vsense_ros.mismatch.knobs import at_places
 from vsense_ros.mismatch.search import SECANT, at_place
-from vsense_ros.mismatch.simulation import Setting
+from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]
@@ -27,14 +27,14 @@ class Survey:
     """A car on recordings that no fit has seen, with their road as the even pieces tell it, and as the odd do."""
 
     residuals: Residuals
-    by_even: Setting
-    by_odd: Setting
+    by_even: ParameterSet
+    by_odd: ParameterSet
 
     def foretold(self, instead: Sequence[Array]) -> list[Array]:
         """Residuals by window, of each piece with the road that follows from its neighbours; `instead` are those where
         the car is lost."""
         found = []
-        both = (self.residuals(setting, instead) for setting in (self.by_even, self.by_odd))
+        both = (self.residuals(parameter_set, instead) for parameter_set in (self.by_even, self.by_odd))
         for on_odd, on_even, names, window in zip(*both, self.residuals.layout, self._windows, strict=True):
             found.append(np.where(np.tile(odd(window), len(names)), on_odd, on_even))
         return found
@@ -42,7 +42,7 @@ class Survey:
     def simulated(self) -> list[dict[str, Array]]:
         """Signals by window, of each piece as in `foretold`; none where the car left all bounds."""
         predictor = self.residuals.predictor
-        both = (predictor.simulated(setting) for setting in (self.by_even, self.by_odd))
+        both = (predictor.simulated(parameter_set) for parameter_set in (self.by_even, self.by_odd))
         return [
             {name: np.where(odd(window), on_odd[name], on_even[name]) for name in on_odd if name in on_even}
             for on_odd, on_even, window in zip(*both, self._windows, strict=True)
@@ -50,33 +50,43 @@ class Survey:
 
     @property
     def _windows(self) -> Sequence[Window]:
-        return self.residuals.predictor.evidence.windows
+        return self.residuals.predictor.dataset.windows
 
 
 def survey(residuals: Residuals, before: Sequence[Array], found: Fit) -> Survey:
     """The road under recordings that no fit has seen, for the car of a fit that has found another; `before` are their
     residuals without one, which stay where that car gets lost."""
-    known = {knob.place for knob in found.knobs if knob.place is not None}
-    sizes = [knob for knob in found.knobs if knob.name in {size for size, _ in known}]
-    columns, knobs = [], []
+    known = {parameter.place for parameter in found.free_parameters if parameter.place is not None}
+    sizes = [parameter for parameter in found.free_parameters if parameter.name in {size for size, _ in known}]
+    columns, free_parameters = [], []
     unknown = Fit(
-        found.setting, (), np.zeros(0), residuals(found.setting, before), [np.zeros((len(r), 0)) for r in before],
+        found.parameter_set, (), np.zeros(0), residuals(found.parameter_set, before),
+        [np.zeros((len(r), 0)) for r in before],
         strength(before),
     )  # fmt: skip
     for size in sizes:
-        everywhere = slope(residuals, found.setting, unknown, size, SECANT)
-        for knob in at_places(size, [at for at in residuals.predictor.evidence.points if (size.name, at) not in known]):
-            assert knob.place is not None
-            share = at_place(residuals, everywhere, knob.place[1])
-            columns.append([part * (knob.deviation / size.deviation) for part in share])
-            knobs.append(knob)
+        everywhere = slope(residuals, found.parameter_set, unknown, size, SECANT)
+        for parameter in at_places(
+            size, [at for at in residuals.predictor.dataset.points if (size.name, at) not in known]
+        ):
+            assert parameter.place is not None
+            share = at_place(residuals, everywhere, parameter.place[1])
+            columns.append([part * (parameter.deviation / size.deviation) for part in share])
+            free_parameters.append(parameter)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
-    begin = Fit(found.setting, tuple(knobs), np.zeros(len(knobs)), unknown.residuals, slopes, unknown.weight)
-    whole = fit(residuals, found.setting, knobs, first=begin, instead=before)
+    begin = Fit(
+        found.parameter_set,
+        tuple(free_parameters),
+        np.zeros(len(free_parameters)),
+        unknown.residuals,
+        slopes,
+        unknown.weight,
+    )
+    whole = fit(residuals, found.parameter_set, free_parameters, first=begin, instead=before)
     equations, windows = in_pieces(residuals)(whole).equations, len(before)
-    deviations = np.array([knob.deviation for knob in knobs])
+    deviations = np.array([parameter.deviation for parameter in free_parameters])
 
-    def told_by(parts: range) -> Setting:
-        return turned(found.setting, knobs, whole.amounts + deviations * equations.change(parts))
+    def told_by(parts: range) -> ParameterSet:
+        return turned(found.parameter_set, free_parameters, whole.offsets + deviations * equations.change(parts))
 
     return Survey(residuals, by_even=told_by(range(windows, 2 * windows)), by_odd=told_by(range(windows)))

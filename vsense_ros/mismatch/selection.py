@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.windows import RUN_IN, Evidence, Readings, Window
+from vsense_ros.mismatch.windows import RUN_IN, Dataset, Readings, Window
 
 Array = NDArray[np.float64]
 
@@ -16,20 +16,20 @@ MANY = 4  # recordings that are counted rather than named
 COARSE = 0.1  # [s] from one look at speed and steering to the next
 
 
-def most_telling(evidence: Evidence, duration: float) -> Evidence:
-    """The evidence, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
+def most_telling(dataset: Dataset, duration: float) -> Dataset:
+    """The data set, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
     after the other: so that each recording and each sensor is in it, as far as that goes, and speed, steering, what
     follows from them, and the time vary most over all of them, as D-optimal designs of experiments have it (Wald
     1943), greedily.
     """
-    lengths = [w.end - w.begin - RUN_IN for w in evidence.windows]
+    lengths = [w.end - w.begin - RUN_IN for w in dataset.windows]
     if sum(lengths) <= duration:
-        return evidence
-    steering = {name for name, sensor in evidence.sensors.items() if sensor.kind == "steering"}
+        return dataset
+    steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
     told = _standardised(
-        [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in evidence.windows]
+        [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in dataset.windows]
     )
-    parts: list[set[int | str]] = [{w.recording, *w.readings} for w in evidence.windows]
+    parts: list[set[int | str]] = [{w.recording, *w.readings} for w in dataset.windows]
     known, left = np.eye(told[0].shape[1]), duration
     chosen: list[int] = []
     missing = set[int | str]().union(*parts)
@@ -42,8 +42,8 @@ def most_telling(evidence: Evidence, duration: float) -> Evidence:
         left -= lengths[best]
         missing -= parts[best]
         chosen.append(best)
-    windows = tuple(evidence.windows[i] for i in sorted(chosen))
-    names = list(dict.fromkeys(w.name for w in evidence.windows))
+    windows = tuple(dataset.windows[i] for i in sorted(chosen))
+    names = list(dict.fromkeys(w.name for w in dataset.windows))
     lost = [name for name in names if name not in {w.name for w in windows}]
     of = ", ".join(names) if len(names) < MANY else f"{len(names)} recordings"
     remark = (
@@ -52,7 +52,7 @@ def most_telling(evidence: Evidence, duration: float) -> Evidence:
     )
     if lost:
         remark += f"; nothing of {', '.join(lost)}"
-    return replace(evidence, windows=windows, remarks=(*evidence.remarks, remark))
+    return replace(dataset, windows=windows, remarks=(*dataset.remarks, remark))
 
 
 def _happening(window: Window, steering: Readings) -> Array:

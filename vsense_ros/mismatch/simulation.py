@@ -1,4 +1,4 @@
-"""What a car would have measured in the windows of the evidence, as a function of everything that may be wrong."""
+"""What a car would have measured in the windows of the data set, as a function of everything that may be wrong."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from scipy.ndimage import uniform_filter1d
 
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
-from vsense_ros.mismatch.knobs import FOLLOWED, TORQUE_SHARES, size_of
+from vsense_ros.mismatch.candidates import FOLLOWED, TORQUE_SHARES, size_of
 from vsense_ros.mismatch.road import POINT, place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
-from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Evidence, Readings, Window, to_axes_of_car
+from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Dataset, Readings, Window, to_axes_of_car
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.car import Motion as Instant
 from vsense_ros.model.constants import GRAVITY
@@ -54,14 +54,14 @@ def with_all_effects(vehicle: Vehicle) -> Vehicle:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ParameterSet:
     """One car on one road: physical parameters by name, effects included, and by the names of `road.point` what a size
     is beyond that at places along the road."""
 
     values: Mapping[str, float]
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> Setting:
+    def of(cls, vehicle: Vehicle) -> ParameterSet:
         """As the file has it, effects that it does not have with size zero."""
         return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
 
@@ -71,8 +71,8 @@ class Setting:
         names = {field: f"effects.{id}.{field}" for field in kind.model_fields}
         return kind.model_construct(None, **{f: known[name] for f, name in names.items() if name in known})
 
-    def changed(self, changes: Mapping[str, float]) -> Setting:
-        return Setting({**self.values, **changes})
+    def changed(self, changes: Mapping[str, float]) -> ParameterSet:
+        return ParameterSet({**self.values, **changes})
 
     def varying(self, place: Array, surveyed: Mapping[str, Array]) -> dict[str, Array]:
         """Sizes that are not constant along places with these abscissae [m], by name, on a road of which this is
@@ -106,19 +106,19 @@ class _Driving:
 
 
 class Predictor:
-    """Simulates the evidence; keeps the last motions, so that what concerns sensors alone costs little."""
+    """Simulates the data set; keeps the last motions, so that what concerns sensors alone costs little."""
 
-    def __init__(self, vehicle: Vehicle, evidence: Evidence) -> None:
+    def __init__(self, vehicle: Vehicle, dataset: Dataset) -> None:
         self.vehicle = with_all_effects(vehicle)
-        self.start = Setting.of(vehicle)
-        self.evidence = evidence
+        self.start = ParameterSet.of(vehicle)
+        self.dataset = dataset
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
-        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in evidence.windows]
-        self.ahead = max(1, SIDE_BY_SIDE // max(len(evidence.windows), 1))  # settings that are driven at once
-        measuring = {name: sensor for name, sensor in evidence.sensors.items() if sensor.kind in _MEASURING}
+        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
+        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # settings that are driven at once
+        measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.kind in _MEASURING}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
         self._sensing = {name: _Sensing(function) for name, function in zip(measuring, compiled, strict=True)}
@@ -134,15 +134,17 @@ class Predictor:
         return [noise(*window) for window in self._measuring()]
 
     def _measuring(self) -> Iterator[tuple[Window, dict[str, Readings], Mapping[str, SensorBase], float]]:
-        for window in self.evidence.windows:
+        for window in self.dataset.windows:
             readings = {name: found for name, found in window.readings.items() if name in self._sensing}
-            yield window, readings, self.evidence.sensors, self.radius
+            yield window, readings, self.dataset.sensors, self.radius
 
-    def simulated(self, setting: Setting) -> list[dict[str, Array]]:
+    def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
         """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
-        sensors = self._sensors(setting)
+        sensors = self._sensors(parameter_set)
         result = []
-        for window, (motion, sensed, way) in zip(self.evidence.windows, self._all_moved(setting, sensors), strict=True):
+        for window, (motion, sensed, way) in zip(
+            self.dataset.windows, self._all_moved(parameter_set, sensors), strict=True
+        ):
             reading = hash(tuple(sensors.items()))
             if reading not in sensed:
                 if len(sensed) > 3:
@@ -151,20 +153,20 @@ class Predictor:
             result.append(sensed[reading])
         return result
 
-    def lost(self, setting: Setting) -> list[bool]:
+    def lost(self, parameter_set: ParameterSet) -> list[bool]:
         """Whether the simulated car gets lost in each window."""
-        return [bool(np.isfinite(instant)) for instant in self.lost_from(setting)]
+        return [bool(np.isfinite(instant)) for instant in self.lost_from(parameter_set)]
 
-    def lost_from(self, setting: Setting) -> list[float]:
+    def lost_from(self, parameter_set: ParameterSet) -> list[float]:
         """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
         infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
         says no more than that."""
-        moved = self._all_moved(setting, self._sensors(setting))
+        moved = self._all_moved(parameter_set, self._sensors(parameter_set))
         return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
 
     def _lost_from(self, index: int, motion: Motion) -> float:
         """The same of one window."""
-        begin = self.evidence.windows[index].begin
+        begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
             return begin
         lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < SPUN)
@@ -177,8 +179,8 @@ class Predictor:
     def _slipped(self) -> list[bool]:
         """Whether wheels locked or spun in each window."""
         found = []
-        for window in self.evidence.windows:
-            wheels = [r for name, r in window.readings.items() if self.evidence.sensors[name].kind == "wheel_speeds"]
+        for window in self.dataset.windows:
+            wheels = [r for name, r in window.readings.items() if self.dataset.sensors[name].kind == "wheel_speeds"]
             slips = False
             for readings in wheels:
                 speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
@@ -187,13 +189,13 @@ class Predictor:
             found.append(slips)
         return found
 
-    def foresee(self, settings: Sequence[Setting]) -> None:
+    def foresee(self, settings: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` settings side by side; what then is asked of them is known."""
-        self._drive([self._ways(setting, self._sensors(setting)) for setting in settings])
+        self._drive([self._ways(parameter_set, self._sensors(parameter_set)) for parameter_set in settings])
 
-    def _ways(self, setting: Setting, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
+    def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
         """By window."""
-        return [self._driving(index, setting, sensors) for index in range(len(self.evidence.windows))]
+        return [self._driving(index, parameter_set, sensors) for index in range(len(self.dataset.windows))]
 
     def _drive(self, settings: Sequence[Sequence[_Driving]]) -> None:
         """Side by side what was not driven before."""
@@ -211,10 +213,10 @@ class Predictor:
             known[key] = motion, {}
 
     def _all_moved(
-        self, setting: Setting, sensors: Mapping[str, SensorBase]
+        self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]
     ) -> list[tuple[Motion, dict[int, dict[str, Array]], _Driving]]:
         """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
-        ways = self._ways(setting, sensors)
+        ways = self._ways(parameter_set, sensors)
         self._drive([ways])
         found = []
         for way, known in zip(ways, self._motions, strict=True):
@@ -227,7 +229,7 @@ class Predictor:
         """By how much the car has turned [rad], and abscissa [m], in the middle of each step, by window."""
         return [
             tuple(np.interp(_middle(w), known.t, known.value[:, 0]) for known in (w.turned, w.place))  # type: ignore[misc]
-            for w in self.evidence.windows
+            for w in self.dataset.windows
         ]
 
     def _surveyed(self, place: Array) -> dict[str, Array]:
@@ -236,48 +238,48 @@ class Predictor:
 
     @cached_property
     def _known(self) -> dict[str, dict[float, float]]:
-        """The profiles of the vehicle file on the road of the evidence: values by abscissa, by the name of the size."""
+        """The profiles of the vehicle file on the road of the data set: values by abscissa, by the name of the size."""
         found: dict[str, dict[float, float]] = {}
         for id in BY_ID:
             rows = getattr(getattr(self.vehicle.physics.effects, id), "profile", ())
-            for row, abscissa in zip(rows, abscissae(rows, self.evidence), strict=True):
+            for row, abscissa in zip(rows, abscissae(rows, self.dataset), strict=True):
                 if abscissa is not None:
                     found.setdefault(size_of(id), {})[abscissa] = row[-1]
         return found
 
-    def _sensors(self, setting: Setting) -> dict[str, SensorBase]:
+    def _sensors(self, parameter_set: ParameterSet) -> dict[str, SensorBase]:
         sensors = self._sensors_of_car
         for id in EVERY:
-            sensors = setting.effect(id).sensors(sensors)
+            sensors = parameter_set.effect(id).sensors(sensors)
         return sensors
 
     @cached_property
     def _sensors_of_car(self) -> dict[str, SensorBase]:
-        """Those of the evidence as they are without the effects of the vehicle file, which a setting has."""
-        return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.evidence.sensors}
+        """Those of the data set as they are without the effects of the vehicle file, which a setting has."""
+        return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.dataset.sensors}
 
-    def _driving(self, index: int, setting: Setting, sensors: Mapping[str, SensorBase]) -> _Driving:
+    def _driving(self, index: int, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> _Driving:
         """What the motion in a window depends on."""
         turned, place = self._way[index]
-        varying = setting.varying(place, self._surveyed(place))
+        varying = parameter_set.varying(place, self._surveyed(place))
         around, tilting = np.zeros((len(place), len(SURROUNDINGS))), np.zeros((len(place), 2))
         for id in _SLOPING:
-            along, across = setting.effect(id, varying).slope(turned)
+            along, across = parameter_set.effect(id, varying).slope(turned)
             around[:, 0] += along
             around[:, 1] += across
             if (size := size_of(id)) in varying:
                 on_one_road = np.abs(np.gradient(place)) < POINT
                 changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
-                tilting += np.column_stack(np.broadcast_arrays(*setting.effect(id, changing).slope(turned)))
-        late = {s.kind: s.latency - self.evidence.sensors[n].latency for n, s in sensors.items()}
-        speed = 0.0 if self.evidence.windows[index].torques else late.get(self._speedometer[index], 0.0)
+                tilting += np.column_stack(np.broadcast_arrays(*parameter_set.effect(id, changing).slope(turned)))
+        late = {s.kind: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
+        speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
         delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0), speed
-        parameters = np.array([setting.values[name] for name in self.names])
+        parameters = np.array([parameter_set.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        tilting *= setting.values[FOLLOWED]
+        tilting *= parameter_set.values[FOLLOWED]
         felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
         road = (around.tobytes(), tilting.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
-        shares = [setting.values[name] for name in TORQUE_SHARES]
+        shares = [parameter_set.values[name] for name in TORQUE_SHARES]
         return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, tilting, felt)
 
     @cached_property
@@ -294,9 +296,9 @@ class Predictor:
         """What lasts of what the effects remember where each window begins, (m,), of those before it in its recording:
         as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
         of what this car does in a window in which it gets lost."""
-        windows = self.evidence.windows
+        windows = self.dataset.windows
         found = [np.zeros(self.car.memory.numel()) for _ in windows]
-        in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.evidence.places_by_recording()]
+        in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.dataset.places_by_recording()]
         ways = self._ways(self.start, self._sensors(self.start))
         for place in range(max(map(len, in_order), default=0) - 1):
             pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
@@ -310,7 +312,7 @@ class Predictor:
     def _until(self, end: float, index: int, way: _Driving, memory: Array) -> Run:
         """The run of a window up to a time [s]."""
         run = self._run(index, way, memory)
-        return replace(run, inputs=run.inputs.first(round((end - self.evidence.windows[index].begin) / STEP)))
+        return replace(run, inputs=run.inputs.first(round((end - self.dataset.windows[index].begin) / STEP)))
 
     def _rested(self, memory: Array, duration: float) -> Array:
         """What lasts of the memory of all effects after a while [s] that no window tells of."""
@@ -321,10 +323,10 @@ class Predictor:
 
     def _run(self, index: int, way: _Driving, memory: Array) -> Run:
         steering_late, torques_late, speed_late = way.delays
-        window = self.evidence.windows[index]
+        window = self.dataset.windows[index]
         middle = _middle(window)
         n = len(middle)
-        kinds = {self.evidence.sensors[name].kind: found for name, found in window.readings.items()}
+        kinds = {self.dataset.sensors[name].kind: found for name, found in window.readings.items()}
         inputs = np.zeros((n, 5))
         steering = kinds["steering"]
         told = np.isfinite(steering.value[:, 0])
@@ -350,17 +352,17 @@ class Predictor:
     @cached_property
     def _speedometer(self) -> list[str]:
         """The kind of the sensor that gives the speed, by window."""
-        present = ({self.evidence.sensors[name].kind for name in window.readings} for window in self.evidence.windows)
+        present = ({self.dataset.sensors[name].kind for name in window.readings} for window in self.dataset.windows)
         return ["wheel_speeds" if "wheel_speeds" in kinds else "gnss_velocity" for kinds in present]
 
     @cached_property
     def _usual_rolling(self) -> list[tuple[Array, Array]]:
-        return [self._rolling(index, 0.0) for index in range(len(self.evidence.windows))]
+        return [self._rolling(index, 0.0) for index in range(len(self.dataset.windows))]
 
     def _rolling(self, index: int, late: float) -> tuple[Array, Array]:
         """At what speed [m/s] the wheels roll in the middle of each step of a window, and with what acceleration [m/s²]
         a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
-        window = self.evidence.windows[index]
+        window = self.dataset.windows[index]
         speed = np.interp(_middle(window) + late, window.speed.t, window.speed.value[:, 0])
         if self._speedometer[index] == "wheel_speeds":
             return speed, _of_the_car(speed)
@@ -376,7 +378,7 @@ class Predictor:
         for name, sensing in self._sensing.items():
             if name not in window.readings:
                 continue
-            stamps, base, now = window.readings[name].t, self.evidence.sensors[name], sensors[name]
+            stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
             value = sensing(motion, way.around[::KEEP], now.mounting()) + _offset(now) - _offset(base)
             if isinstance(now, Imu) and way.tilting.any():
                 value += _over_crests_and_dips(motion, way.tilting[::KEEP], now)
@@ -384,7 +386,7 @@ class Predictor:
             readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
             gaps = ~np.isfinite(window.readings[name].value)
             readings[name].value[gaps] = np.nan
-        return signals(window, readings, self.evidence.sensors, self.radius)
+        return signals(window, readings, self.dataset.sensors, self.radius)
 
 
 @cache
@@ -394,13 +396,13 @@ def _physical(name: str) -> tuple[float, float]:
     return bounds(EVERY[id].model_fields[field])
 
 
-def abscissae(rows: Sequence[tuple[float, float, float, float]], evidence: Evidence) -> list[float | None]:
-    """Where on the road of the evidence the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
+def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Dataset) -> list[float | None]:
+    """Where on the road of the data set the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
     found = []
     for latitude, longitude, heading, _ in rows:
         fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
-        at = evidence.on_map.placed(fix)
-        found.append(evidence.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
+        at = dataset.on_map.placed(fix)
+        found.append(dataset.road.abscissa_of(float(at["east"][0]), float(at["north"][0]), heading))
     return found
 
 

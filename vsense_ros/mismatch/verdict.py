@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.mismatch.candidates import Candidate, FreeParameter
 from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
-from vsense_ros.mismatch.knobs import Candidate, Knob
 from vsense_ros.mismatch.road_prediction import Survey, survey
-from vsense_ros.mismatch.search import Explanation
+from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
-from vsense_ros.mismatch.windows import Evidence
+from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import RoadEffect
 from vsense_ros.model.vehicle import Vehicle
@@ -65,7 +65,7 @@ MENDED = 2 / 3  # most that an effect may leave of the worst signal's error if t
 # what it gains. Where much would be gained again, it only resembles what is there. Effects that are there come near to
 # it from below, and what looks like them from above (public split): the gap is thin.
 AT_ODDS = 0.63
-# Root mean square, in deviations, of a change that a signal does not tell: no multiple of it is evidence.
+# Root mean square, in deviations, of a change that a signal does not tell: no multiple of it is data set.
 UNTOLD = 0.1
 MIGHT_BE_ZERO = "its size might as well be zero"
 OUTDONE = "a term without known physics explains clearly more"
@@ -113,7 +113,7 @@ class Proof:
 
     def __init__(
         self,
-        evidence: Evidence,
+        dataset: Dataset,
         vehicle: Vehicle,
         residuals: Residuals,
         base: Fit,
@@ -125,14 +125,14 @@ class Proof:
         self._surveys: dict[int, tuple[Fit, Survey]] = {}  # by id of the fit
         # By ids of what was simulated and of the fit, which stays its own.
         self._compared: dict[tuple[int, int], tuple[Fit, list[Array], list[Array]]] = {}
-        if evidence.windows:
-            evidence = evidence.without(Predictor(vehicle, evidence).lost(base.setting), LOST)
-        self.remarks = evidence.remarks
-        self.recordings = [windows[0].name for windows in evidence.by_recording()]  # that prove something
-        if evidence.windows:
-            self.residuals = Residuals(Predictor(vehicle, evidence))
+        if dataset.windows:
+            dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
+        self.remarks = dataset.remarks
+        self.recordings = [windows[0].name for windows in dataset.by_recording()]  # that prove something
+        if dataset.windows:
+            self.residuals = Residuals(Predictor(vehicle, dataset))
             self.residuals.deviation |= residuals.deviation
-            self.before = self.residuals(base.setting)
+            self.before = self.residuals(base.parameter_set)
 
     def compared(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
         """Residuals of the base fit and of one with effects on what no fit has seen, simulated once: in each window
@@ -147,16 +147,20 @@ class Proof:
         """Signals of each window that no fit has seen, as they are compared."""
         assert self.residuals is not None
         there = self._survey(fitted)
-        return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.setting)
+        return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.parameter_set)
 
     def surveyed(self, fitted: Fit) -> bool:
         """Whether a fit has found a road and what it has not seen is of another, which is told by its pieces there."""
         return self._survey(fitted) is not None
 
     def _survey(self, fitted: Fit) -> Survey | None:
-        if self.residuals is None or not self.on_another_road or not any(knob.place for knob in fitted.knobs):
+        if (
+            self.residuals is None
+            or not self.on_another_road
+            or not any(parameter.place for parameter in fitted.free_parameters)
+        ):
             return None
-        if not tells_its_pieces(self.residuals.predictor.evidence):
+        if not tells_its_pieces(self.residuals.predictor.dataset):
             return None
         if id(fitted) not in self._surveys:
             self._surveys[id(fitted)] = fitted, survey(self.residuals, self.before, fitted)
@@ -170,11 +174,11 @@ class Proof:
         """`compared` on what these residuals are of; `whole` are those of the base fit."""
         key = id(residuals), id(fitted)
         if key not in self._compared:
-            until = residuals.predictor.lost_from(fitted.setting)
-            before = whole if np.isinf(until).all() else residuals.compared(self.base.setting, until)
-            after = residuals.compared(fitted.setting, until)
+            until = residuals.predictor.lost_from(fitted.parameter_set)
+            before = whole if np.isinf(until).all() else residuals.compared(self.base.parameter_set, until)
+            after = residuals.compared(fitted.parameter_set, until)
             if sum(map(len, before)) < COMPARED * sum(map(len, whole)):
-                before, after = whole, residuals(fitted.setting, whole)
+                before, after = whole, residuals(fitted.parameter_set, whole)
             self._compared[key] = fitted, before, after
         return self._compared[key][1:]
 
@@ -183,74 +187,74 @@ class Proof:
         return [
             f"{w.name}: from {lost:.0f} to {w.end:.0f} s what was found is not judged: {LOST}"
             for predictor in (r.predictor for r in (self.fitted, self.residuals) if r is not None)
-            for w, lost in zip(predictor.evidence.windows, predictor.lost_from(fitted.setting), strict=True)
+            for w, lost in zip(predictor.dataset.windows, predictor.lost_from(fitted.parameter_set), strict=True)
             if np.isfinite(lost)
         ]
 
-    def gain(self, explanation: Explanation) -> float | None:
+    def gain(self, hypothesis: Hypothesis) -> float | None:
         """Relative fall of what is minimised. None without held-out recordings."""
-        return None if self.residuals is None else float(self._gains(explanation)[0])
+        return None if self.residuals is None else float(self._gains(hypothesis)[0])
 
-    def lasting(self, explanation: Explanation) -> float:
+    def lasting(self, hypothesis: Hypothesis) -> float:
         """What it gains where it was not fitted."""
-        unseen = self.gain(explanation)
-        return explanation.left_out if unseen is None else unseen
+        unseen = self.gain(hypothesis)
+        return hypothesis.left_out if unseen is None else unseen
 
-    def gain_of_most(self, explanation: Explanation) -> float | None:
+    def gain_of_most(self, hypothesis: Hypothesis) -> float | None:
         """The same without the one window of many that speaks most against it: at its limit a car goes other ways for a
         small difference."""
-        return None if self.residuals is None else float(np.max(self._gains(explanation)))
+        return None if self.residuals is None else float(np.max(self._gains(hypothesis)))
 
-    def against(self, explanation: Explanation) -> str:
+    def against(self, hypothesis: Hypothesis) -> str:
         """A remark on the window without which the gain is clearly higher, if there is one."""
         if self.residuals is None:
             return ""
-        whole, *rest = self._gains(explanation)
+        whole, *rest = self._gains(hypothesis)
         if not rest or max(rest) < whole + REMARKABLE:
             return ""
-        window = self.residuals.predictor.evidence.windows[int(np.argmax(rest))]
+        window = self.residuals.predictor.dataset.windows[int(np.argmax(rest))]
         return (
             f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s speaks most against what was found (a car "
             f"at its limit goes other ways for a small difference); without that stretch {100 * max(rest):.0f} % of "
             "what was held out would be explained"
         )
 
-    def _gains(self, explanation: Explanation) -> Array:
+    def _gains(self, hypothesis: Hypothesis) -> Array:
         """Of all windows, then of all but each if they are many; (1,) or (1 + windows,)."""
-        before, after = self.compared(explanation.fit)
+        before, after = self.compared(hypothesis.fit)
         rows = np.array([len(r) for r in after])
         share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
         value = np.array([cost([r]) for r in before]) + share * self.base.paid
-        left = np.array([cost([r]) for r in after]) + share * explanation.fit.paid
+        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.paid
         windows = np.array([value, left, rows])
         sums = np.sum(windows, axis=1, keepdims=True)
         if np.sum(rows > 0) >= MANY:
             sums = np.hstack([sums, sums - windows])
         return np.asarray((sums[0] - sums[1]) / np.maximum(np.maximum(sums[0], sums[2]), 1.0))
 
-    def proven(self, explanation: Explanation) -> float:
+    def proven(self, hypothesis: Hypothesis) -> float:
         """The smaller of what it gains where it was fitted and where it was not."""
-        return _proven(explanation, {id(explanation): self.gain_of_most(explanation)})
+        return _proven(hypothesis, {id(hypothesis): self.gain_of_most(hypothesis)})
 
-    def at_odds(self, explanation: Explanation, known: Explanation | None = None) -> float:
+    def at_odds(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
         """How little windows and signals agree in what an explanation changes in the base fit, or in that of a `known`
         one: what would be gained besides if each signal of each window had its own multiple of the change, over what is
         gained. What a car has is the same everywhere; what looks like it is not.
 
         One of many windows is left out, that which agrees least: at its limit a car goes other ways for a small
-        difference. What it would cost that knobs are not where they were expected is gained as well: the base fit has
-        turned some of them to stand in for what is missing.
+        difference. What it would cost that free parameters are not where they were expected is gained as well: the base
+        fit has turned some of them to stand in for what is missing.
         """
         at = self.base if known is None else known.fit
-        found = _resized(at.residuals, explanation.fit.residuals, self.fitted.layout)
+        found = _resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout)
         compared = 1.0  # of what was fitted
         if self.residuals is not None:
-            before, after = self.compared(explanation.fit)
+            before, after = self.compared(hypothesis.fit)
             before = before if known is None else self.compared(known.fit)[1]
             found += _resized(before, after, self.residuals.layout)
-            compared += self._share(explanation.fit, after)
+            compared += self._share(hypothesis.fit, after)
         windows = np.array(found).reshape(-1, 2)
-        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.paid - explanation.fit.paid)])
+        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.paid - hypothesis.fit.paid)])
         besides, gained = (whole - (windows if len(windows) >= MANY else np.zeros((1, 2)))).T
         return float(np.min(besides / np.maximum(gained, 1e-12)))
 
@@ -263,13 +267,13 @@ class Proof:
         """Whether most of the road of what no fit has seen is not that of what was fitted."""
         if self.residuals is None:
             return False
-        both = (self.fitted.predictor.evidence.windows, self.residuals.predictor.evidence.windows)
+        both = (self.fitted.predictor.dataset.windows, self.residuals.predictor.dataset.windows)
         fitted, unseen = (set[float]().union(*map(passed, windows)) for windows in both)
         return 2 * len(fitted & unseen) < len(unseen)
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
-        return self.worst > ASTRAY or bool(self.fitted.predictor.evidence.left_out)
+        return self.worst > ASTRAY or bool(self.fitted.predictor.dataset.left_out)
 
     @cached_property
     def worst(self) -> float:
@@ -294,30 +298,35 @@ class Proof:
             self.residuals.worst(self.before) > ASTRAY >= self.fitted.worst(self.base.residuals)
         ):
             return None
-        evidence = self.fitted.predictor.evidence
-        whole = evidence.joined(self.residuals.predictor.evidence)
+        dataset = self.fitted.predictor.dataset
+        whole = dataset.joined(self.residuals.predictor.dataset)
         residuals = Residuals(Predictor(self.fitted.predictor.vehicle, whole))
         residuals.deviation |= self.fitted.deviation
         start = self.fitted.predictor.start
         try:
             found = fit(
-                residuals, start, self.base.knobs, begin=self.base.amounts, iterations=JOINT, progress=self._progress
+                residuals,
+                start,
+                self.base.free_parameters,
+                begin=self.base.offsets,
+                iterations=JOINT,
+                progress=self._progress,
             ).residuals
         except DivergedError:
             return np.inf
-        count = len(evidence.windows)
+        count = len(dataset.windows)
         return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
 
-    def unmended(self, explanation: Explanation) -> str:
+    def unmended(self, hypothesis: Hypothesis) -> str:
         """The signal that is furthest from a good model, unless it comes near one or at least much closer, where it is:
         in training or on what the fit has not seen. Nothing where every signal is near: there the effect gains by what
         base parameters need no longer stand in for."""
         if self.worst <= ASTRAY:
             return ""
         residuals = self.fitted
-        before, after = self.trained(explanation.fit)
+        before, after = self.trained(hypothesis.fit)
         if self.residuals is not None:
-            unseen = self.compared(explanation.fit)
+            unseen = self.compared(hypothesis.fit)
             if self.residuals.worst(unseen[0]) > residuals.worst(before):
                 residuals, (before, after) = self.residuals, unseen
         worst, off = residuals.furthest(before)
@@ -330,32 +339,32 @@ class Judged:
     """A verdict and what it rests on."""
 
     verdict: str
-    leader: Explanation | None  # what explains most, if it is proven; a term where the physics is unknown
-    rivals: tuple[Explanation, ...]  # the leader, and what is within its reach
-    ranked: tuple[Explanation, ...]  # single effects, each at its best place, best first
-    explanations: tuple[Explanation, ...]  # all that were fitted, of known physics
+    leader: Hypothesis | None  # what explains most, if it is proven; a term where the physics is unknown
+    rivals: tuple[Hypothesis, ...]  # the leader, and what is within its reach
+    ranked: tuple[Hypothesis, ...]  # single effects, each at its best place, best first
+    hypotheses: tuple[Hypothesis, ...]  # all that were fitted, of known physics
     held_out: dict[int, float | None]  # gains of most windows by id of the explanation
     refused: dict[int, str]  # what speaks against each of those ranked, by its id; empty where nothing does
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
-    in_doubt: tuple[Explanation, ...] = ()  # between which to choose, the best first; what they share may be sure
+    in_doubt: tuple[Hypothesis, ...] = ()  # between which to choose, the best first; what they share may be sure
 
-    def led_by(self, leader: Explanation, proof: Proof) -> Judged:
+    def led_by(self, leader: Hypothesis, proof: Proof) -> Judged:
         """The same verdict with the leader fitted further."""
         return replace(
             self, leader=leader, rivals=(leader, *self.rivals[1:]) if self.rivals else (),
             held_out=self.held_out | {id(leader): proof.gain_of_most(leader)},
         )  # fmt: skip
 
-    def confidence(self, explanation: Explanation, effect: str) -> float:
+    def confidence(self, hypothesis: Hypothesis, effect: str) -> float:
         """That an effect of an explanation is there: how far what it gains beyond the other effects of the explanation
         leads what any other effect would; next to nothing where the judge refused it."""
-        rest = set(explanation.effects) - {effect}
-        known = self._most(e for e in self.explanations if set(e.effects) == rest)
+        rest = set(hypothesis.effects) - {effect}
+        known = self._most(e for e in self.hypotheses if set(e.effects) == rest)
         others = (
-            e for e in self.explanations
-            if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(explanation.effects)
+            e for e in self.hypotheses
+            if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(hypothesis.effects)
         )  # fmt: skip
-        found = confidence(_proven(explanation, self.held_out) - known, self._most(others) - known)
+        found = confidence(_proven(hypothesis, self.held_out) - known, self._most(others) - known)
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return found if effect in answer else min(found, REFUSED)
 
@@ -363,24 +372,25 @@ class Judged:
         """Where else the only effect of the leader would explain about as much, besides where it explains most."""
         if self.leader is None or len(self.leader.candidates) > 1:
             return ()
-        own = {knob.name for knob in self.leader.candidates[0].knobs}
+        own = {parameter.name for parameter in self.leader.candidates[0].free_parameters}
         most = _proven(self.leader, self.held_out)
         return tuple(
-            e.candidates[0].where for e in self.explanations
-            if e.effects == self.leader.effects and own.isdisjoint(knob.name for knob in e.candidates[0].knobs)
+            e.candidates[0].where for e in self.hypotheses
+            if e.effects == self.leader.effects
+            and own.isdisjoint(parameter.name for parameter in e.candidates[0].free_parameters)
             and _as_good(_proven(e, self.held_out), most)
         )  # fmt: skip
 
-    def adds(self, explanation: Explanation) -> float | None:
+    def adds(self, hypothesis: Hypothesis) -> float | None:
         """What an explanation gains besides the leader, where the two were fitted together."""
-        if self.leader is None or set(explanation.effects) <= set(self.leader.effects):
+        if self.leader is None or set(hypothesis.effects) <= set(self.leader.effects):
             return None
-        both = {*self.leader.effects, *explanation.effects}
-        united = [e for e in self.explanations if set(e.effects) == both]
+        both = {*self.leader.effects, *hypothesis.effects}
+        united = [e for e in self.hypotheses if set(e.effects) == both]
         return max(0.0, self._most(united) - _proven(self.leader, self.held_out)) if united else None
 
-    def _most(self, explanations: Iterable[Explanation]) -> float:
-        return max((_proven(e, self.held_out) for e in explanations), default=0.0)
+    def _most(self, hypotheses: Iterable[Hypothesis]) -> float:
+        return max((_proven(e, self.held_out) for e in hypotheses), default=0.0)
 
 
 def _as_good(gain: float, most: float, shared: float = 0.0) -> bool:
@@ -406,41 +416,45 @@ def _resized(
     return found
 
 
-def _proven(explanation: Explanation, held_out: Mapping[int, float | None]) -> float:
+def _proven(hypothesis: Hypothesis, held_out: Mapping[int, float | None]) -> float:
     """The smaller of what it gains where it was fitted and where it was not."""
-    unseen = held_out[id(explanation)]
-    return min(explanation.gain, explanation.left_out if unseen is None else unseen)
+    unseen = held_out[id(hypothesis)]
+    return min(hypothesis.gain, hypothesis.left_out if unseen is None else unseen)
 
 
-def _negligible(explanation: Explanation) -> list[Candidate]:
+def _negligible(hypothesis: Hypothesis) -> list[Candidate]:
     """Those of its effects that have next to no size, or one that might as well be zero."""
-    sizes, deviations = explanation.sizes, explanation.deviations
+    sizes, deviations = hypothesis.sizes, hypothesis.deviations
 
-    def least(knob: Knob) -> float:
-        return max(NEGLIGIBLE * knob.likely, CERTAIN_SIZE * deviations[knob.name])
+    def least(parameter: FreeParameter) -> float:
+        return max(NEGLIGIBLE * parameter.likely, CERTAIN_SIZE * deviations[parameter.name])
 
-    return [c for c in explanation.candidates if c.knobs and all(abs(sizes[k.name]) < least(k) for k in c.knobs)]
+    return [
+        c
+        for c in hypothesis.candidates
+        if c.free_parameters and all(abs(sizes[k.name]) < least(k) for k in c.free_parameters)
+    ]
 
 
 def judge(
-    explanations: Sequence[Explanation],
-    described: Sequence[Explanation],
+    hypotheses: Sequence[Hypothesis],
+    described: Sequence[Hypothesis],
     proof: Proof,
-    along_the_road: Callable[[Explanation], Explanation | None] = lambda _: None,
+    along_the_road: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
     threshold: float = THRESHOLD,
 ) -> Judged:
     """`explanations` are effects, alone and several at once, and united those that are in doubt; `described` are terms
     without known physics. `along_the_road` tells what an explanation with one size for all of the road becomes if that
     is another at every place."""
-    return _Judge(explanations, described, proof, along_the_road, threshold).judged()
+    return _Judge(hypotheses, described, proof, along_the_road, threshold).judged()
 
 
 @dataclass(frozen=True)
 class _Leading:
     """What explains most."""
 
-    likeliest: Explanation | None  # of what nothing else speaks against, whether or not signals agree in its size
-    leader: Explanation | None  # the likeliest in whose size they do
+    likeliest: Hypothesis | None  # of what nothing else speaks against, whether or not signals agree in its size
+    leader: Hypothesis | None  # the likeliest in whose size they do
     besides: frozenset[str] = frozenset()  # ids of effects of which one may be there as well, nobody knows which
 
 
@@ -448,17 +462,17 @@ class _Judge:
     """The arguments of `judge`, and what follows from them."""
 
     def __init__(
-        self, explanations: Sequence[Explanation], described: Sequence[Explanation], proof: Proof,
-        along_the_road: Callable[[Explanation], Explanation | None], threshold: float,
+        self, hypotheses: Sequence[Hypothesis], described: Sequence[Hypothesis], proof: Proof,
+        along_the_road: Callable[[Hypothesis], Hypothesis | None], threshold: float,
     ) -> None:  # fmt: skip
-        self.explanations, self.described, self.proof = explanations, described, proof
+        self.hypotheses, self.described, self.proof = hypotheses, described, proof
         self.along_the_road, self.threshold = along_the_road, threshold
-        self.held_out = {id(e): proof.gain_of_most(e) for e in (*explanations, *described)}
+        self.held_out = {id(e): proof.gain_of_most(e) for e in (*hypotheses, *described)}
         size = float(sum(len(r) for r in proof.base.residuals))
         self.least_whole = size / max(proof.base.value, size)
-        self.best: dict[frozenset[str], Explanation] = {}  # by ids
-        self.ranked: dict[str, Explanation] = {}  # single effects, by id
-        for e in sorted(explanations, key=self.proven, reverse=True):
+        self.best: dict[frozenset[str], Hypothesis] = {}  # by ids
+        self.ranked: dict[str, Hypothesis] = {}  # single effects, by id
+        for e in sorted(hypotheses, key=self.proven, reverse=True):
             self.best.setdefault(frozenset(e.effects), e)
             if len(e.candidates) == 1:
                 self.ranked.setdefault(e.effects[0], e)
@@ -477,7 +491,7 @@ class _Judge:
         if len(names) > 1 and shared:
             # What all rivals share is sure; what else there is, is not, and if it is the smaller part it may be left
             # open.
-            alone = [e for e in self.explanations if set(e.effects) == shared and self.holds(e)]
+            alone = [e for e in self.hypotheses if set(e.effects) == shared and self.holds(e)]
             if alone and max(map(self.proven, alone)) > SURE * self.proven(leader):
                 besides = frozenset.union(*names) - shared
                 leader = max(alone, key=self.proven)
@@ -488,7 +502,7 @@ class _Judge:
             besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else (),
         )  # fmt: skip
 
-    def nothing_known(self, leading: _Leading, term: Explanation | None) -> Judged:
+    def nothing_known(self, leading: _Leading, term: Hypothesis | None) -> Judged:
         """Whether something is left over all the same, which a term may describe."""
         disagreed = leading.likeliest is not None and leading.leader is None
         left_over = term is not None or disagreed or self.proof.astray()
@@ -500,44 +514,44 @@ class _Judge:
             judged, refused={e: why or (OUTDONE if e in outdone else "") for e, why in judged.refused.items()}
         )
 
-    def said(self, verdict: str, leader: Explanation | None, *rivals: Explanation) -> Judged:
+    def said(self, verdict: str, leader: Hypothesis | None, *rivals: Hypothesis) -> Judged:
         """A verdict, with what speaks against each of the effects that were fitted alone."""
         refused = {
             id(e): self.objection(e) or ("" if self.agreed(e) else DISAGREED) for e in self.ranked.values()
         }  # fmt: skip
         return Judged(
-            verdict, leader, rivals, tuple(self.ranked.values()), tuple(self.explanations), self.held_out, refused
+            verdict, leader, rivals, tuple(self.ranked.values()), tuple(self.hypotheses), self.held_out, refused
         )
 
-    def proven(self, e: Explanation) -> float:
+    def proven(self, e: Hypothesis) -> float:
         return _proven(e, self.held_out)
 
-    def term(self) -> Explanation | None:
+    def term(self) -> Hypothesis | None:
         """The term without known physics that explains most, if that is enough and nothing is worse with it as a whole
         where it was not fitted."""
         most = max(filter(self.mends_unseen, self.described), key=self.proven, default=None)
         return most if most is not None and self.proven(most) > self.described_from else None
 
-    def mends_unseen(self, e: Explanation) -> bool:
+    def mends_unseen(self, e: Hypothesis) -> bool:
         """Whether all of what was held out, if anything was, is better with an explanation."""
         unseen = self.proof.gain(e)
         return unseen is None or unseen > 0
 
-    def displaced(self, leader: Explanation, term: Explanation) -> bool:
+    def displaced(self, leader: Hypothesis, term: Hypothesis) -> bool:
         """Whether a term explains clearly more than what is known."""
         more = self.proven(term) - self.proven(leader)
         return more > max(self.described_from, DISPLACED * self.proven(leader))
 
-    def holds(self, e: Explanation) -> bool:
+    def holds(self, e: Hypothesis) -> bool:
         return not self.objection(e)
 
-    def objection(self, e: Explanation) -> str:
+    def objection(self, e: Hypothesis) -> str:
         """What speaks against an explanation, if anything does."""
         if id(e) not in self._objections:
             self._objections[id(e)] = self._objection(e)
         return self._objections[id(e)]
 
-    def _objection(self, e: Explanation) -> str:
+    def _objection(self, e: Hypothesis) -> str:
         proof, proven = self.proof, self.proven(e)
         least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
         along_road = any(candidate.along_road for candidate in e.candidates)
@@ -564,14 +578,14 @@ class _Judge:
             return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
         return ""
 
-    def agreed(self, e: Explanation) -> bool:
+    def agreed(self, e: Hypothesis) -> bool:
         """Whether signals and recordings agree in each of its effects."""
         if len(e.effects) == 1:
             return self.proof.at_odds(e) < AT_ODDS
         known = (self.best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
         return all(self.proof.at_odds(e, one) < AT_ODDS for one in known if one is not None)
 
-    def surpassed(self, e: Explanation, by: Explanation) -> bool:
+    def surpassed(self, e: Hypothesis, by: Hypothesis) -> bool:
         """Whether the two were fitted together and one adds next to nothing to what it is surpassed by."""
         united = self.best.get(frozenset((*by.effects, *e.effects)))
         if united is None:
@@ -591,15 +605,15 @@ class _Judge:
 
     def _joined_by_one(self, leading: _Leading, count: int) -> _Leading:
         """What leads where explanations of so many effects are heard, too."""
-        explained = max((self.proven(e) for e in self.explanations if len(e.candidates) < count), default=0.0)
+        explained = max((self.proven(e) for e in self.hypotheses if len(e.candidates) < count), default=0.0)
 
-        def adds(e: Explanation) -> float:
+        def adds(e: Hypothesis) -> float:
             return self.proven(e) - explained
 
         left, clear = max(1 - explained, self.least_whole), CLEAR * self.threshold
         least = max(min(FURTHER, clear) * left, FORM * explained)
         # What speaks against an explanation takes long to find: only of those that can matter.
-        several = [e for e in self.explanations if len(e.candidates) == count and adds(e) > least / 2]
+        several = [e for e in self.hypotheses if len(e.candidates) == count and adds(e) > least / 2]
         several.sort(key=self.proven, reverse=True)
         best, leader = next(filter(self.holds, several), None), leading.leader
         if best is None or adds(best) <= least:
@@ -617,14 +631,14 @@ class _Judge:
             return replace(leading, besides=frozenset().union(*(e.effects for e in alike if sure <= set(e.effects))))
         return leading
 
-    def within_reach(self, leader: Explanation) -> tuple[Explanation, ...]:
+    def within_reach(self, leader: Hypothesis) -> tuple[Hypothesis, ...]:
         """A leader and its rivals. What excludes another explanation is what it gains beyond what the two share: that
         it is itself unproven does not."""
 
-        def is_rival(e: Explanation) -> bool:
+        def is_rival(e: Hypothesis) -> bool:
             shared = frozenset(e.effects) & frozenset(leader.effects)
             known = self.proven(self.best[shared]) if shared in self.best else 0.0
             return _as_good(self.proven(e), self.proven(leader), known) and not self.surpassed(e, leader)
 
-        alike = (e for e in self.explanations if len(e.candidates) == len(leader.candidates) and e is not leader)
+        alike = (e for e in self.hypotheses if len(e.candidates) == len(leader.candidates) and e is not leader)
         return leader, *sorted(filter(is_rival, alike), key=self.proven, reverse=True)

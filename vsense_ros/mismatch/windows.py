@@ -66,7 +66,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Dataset:
     """Windows of one or several recordings of one car, and what could not be used."""
 
     windows: tuple[Window, ...]
@@ -105,7 +105,7 @@ class Evidence:
             found.setdefault(window.recording, []).append(index)
         return [found[number] for number in sorted(found)]
 
-    def joined(self, other: Evidence) -> Evidence:
+    def joined(self, other: Dataset) -> Dataset:
         """The windows of both, whose recordings are different ones."""
         windows = (replace(w, recording=w.recording + len(self.recordings)) for w in other.windows)
         return replace(
@@ -113,15 +113,15 @@ class Evidence:
             recordings=(*self.recordings, *other.recordings),
         )  # fmt: skip
 
-    def without(self, left_out: Sequence[bool], reason: str) -> Evidence:
-        """The evidence without some windows, and remarks that say why."""
+    def without(self, left_out: Sequence[bool], reason: str) -> Dataset:
+        """The data set without some windows, and remarks that say why."""
         stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)
         gone = [w for w, out in zip(self.windows, left_out, strict=True) if out]
         remarks = tuple(f"{w.name}: left out from {w.begin:.0f} to {w.end:.0f} s: {reason}" for w in gone)
         return replace(self, windows=stay, remarks=(*self.remarks, *remarks), left_out=(*self.left_out, *gone))
 
 
-def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | None = None) -> Evidence:
+def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None) -> Dataset:
     """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
     those of `seen` where the car comes there again, and what they turn is counted from the same way."""
     road = Road() if seen is None else seen.road
@@ -165,7 +165,7 @@ def gather(recordings: Sequence[Recording], vehicle: Vehicle, seen: Evidence | N
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
         windows += stretches
-    return Evidence(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
+    return Dataset(tuple(windows), used, tuple(r.name for r in recordings), tuple(remarks), road, on_map, sets_out)
 
 
 def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | str | None:

@@ -20,7 +20,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
-from vsense_ros.files.atomic import written_whole
+from vsense_ros.files.atomic import atomic_write
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
@@ -101,7 +101,7 @@ def save_limits(path: str | Path, limits: Limits) -> None:
     yaml.width = 120
     yaml.default_flow_style = None
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as file:
+    with atomic_write(path) as file:
         yaml.dump(limits.model_dump(), file)
 
 

@@ -17,7 +17,7 @@ ALONG_ROAD = "along the road"  # where an effect is that has another size at eve
 
 
 @dataclass(frozen=True)
-class Knob:
+class FreeParameter:
     """One number that a fit may change: zero where the vehicle file is right, `deviation` what is likely."""
 
     name: str
@@ -28,35 +28,37 @@ class Knob:
     turn: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
     form: str = ""  # of the effect
     place: tuple[str, float] | None = None  # what is turned at one place on the road alone: size and abscissa [m]
-    step: float = 0.0  # a likely amount of a knob that is one of many, of which each costs less; else the deviation
+    step: float = (
+        0.0  # a likely amount of a free parameter that is one of many, of which each costs less; else the deviation
+    )
 
     @property
     def likely(self) -> float:
-        """An amount that shows what the knob does."""
+        """An amount that shows what the free parameter does."""
         return self.step or self.deviation
 
 
-def _relative(name: str, deviation: float, *parameters: str) -> Knob:
-    def turn(values: Values, amount: float) -> dict[str, float]:
-        return {p: values[p] * (1 + amount) for p in parameters}
+def _relative(name: str, deviation: float, *parameters: str) -> FreeParameter:
+    def turn(values: Values, offset: float) -> dict[str, float]:
+        return {p: values[p] * (1 + offset) for p in parameters}
 
-    return Knob(name, "-", deviation, -0.6, 1.5, turn)
+    return FreeParameter(name, "-", deviation, -0.6, 1.5, turn)
 
 
-def _shifted(values: Values, amount: float) -> dict[str, float]:
+def _shifted(values: Values, offset: float) -> dict[str, float]:
     front, rear = values["chassis.cog_to_front_axle"], values["chassis.cog_to_rear_axle"]
-    by = amount * (front + rear)
+    by = offset * (front + rear)
     return {"chassis.cog_to_front_axle": front - by, "chassis.cog_to_rear_axle": rear + by}
 
 
 def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
-    return lambda values, amount: {name: values.get(name, 0.0) + amount}
+    return lambda values, offset: {name: values.get(name, 0.0) + offset}
 
 
 # What a vehicle file is never sure of. Deviations are what catalogues, scales and tyre tests leave open.
 BASE = (
     _relative("mass", 0.1, "chassis.mass"),
-    Knob("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _shifted),
+    FreeParameter("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _shifted),
     _relative("height of the centre of gravity", 0.1, "chassis.cog_height"),
     _relative("yaw inertia", 0.1, "chassis.yaw_inertia"),
     _relative("roll inertia", 0.15, "chassis.roll_inertia"),
@@ -77,7 +79,7 @@ BASE = (
 # what is expected of a car of which nobody knows: driven anywhere, and braked at the front for the most part.
 TORQUE_SHARES = {"torque.driving_front": 0.5, "torque.braking_front": 0.65}
 UNKNOWN_TORQUES = tuple(
-    Knob(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, _added(name))
+    FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, _added(name))
     for (name, start), what, deviation in zip(TORQUE_SHARES.items(), ("driving", "braking"), (0.5, 0.1), strict=True)
 )
 
@@ -85,12 +87,12 @@ UNKNOWN_TORQUES = tuple(
 # Share of how fast a road tilts, from place to place, that the body of the car tilts by as well: all of it on a road,
 # nothing where gravity alone is tilted, in a simulation or by a sensor. Found once a road is.
 FOLLOWED = "road.followed"
-FOLLOWING = Knob("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added(FOLLOWED))
+FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added(FOLLOWED))
 
 
-def base_knobs(
+def base_parameters(
     vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",)
-) -> tuple[Knob, ...]:
+) -> tuple[FreeParameter, ...]:
     """What is fitted before anything is said to be missing: `BASE`, which wheels drive and brake if the `kinds` of
     sensors tell their speeds but not their torques, and what every car has a little of, except for effects out of
     reach."""
@@ -112,7 +114,7 @@ class Candidate:
 
     effect: str
     where: str  # the wheel, axle, axis or sensor; empty where the effect has one size
-    knobs: tuple[Knob, ...]
+    free_parameters: tuple[FreeParameter, ...]
     sentence: str  # what the model leaves out, in words
 
     @property
@@ -122,10 +124,10 @@ class Candidate:
     @property
     def along_road(self) -> bool:
         """Whether sizes may be others at every place."""
-        return any(knob.place for knob in self.knobs)
+        return any(parameter.place for parameter in self.free_parameters)
 
 
-def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
+def _knob(effect: str, field: str, values: Values, form: str = "") -> FreeParameter:
     """What is added to the value that a car has already."""
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
@@ -134,13 +136,13 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> Knob:
     present = values.get(dotted, float(info.default))
     low, high = bounds(info)
     values_of_form = {f"effects.{effect}.{n}": value for n, value in EVERY[effect].variants.get(form, {}).items()}
-    return Knob(
+    return FreeParameter(
         dotted, str(extra["unit"]), float(str(extra["typical"])), low - present, high - present,
-        lambda values, amount: {dotted: min(max(values[dotted] + amount, low), high), **values_of_form}, form,
+        lambda values, offset: {dotted: min(max(values[dotted] + offset, low), high), **values_of_form}, form,
     )  # fmt: skip
 
 
-def shapes(candidate: Candidate, values: Values) -> tuple[Knob, ...]:
+def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
     """What else of an effect may be another, once it has a size: turned from what it is."""
     id, kind = candidate.effect, EVERY[candidate.effect]
     found = tuple(_knob(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
@@ -170,12 +172,14 @@ def terms(values: Values) -> tuple[Candidate, ...]:
     arm."""
     found = []
     for effect in EVERY.keys() - BY_ID.keys():
-        knobs = {field: _knob(effect, field, values) for field in EVERY[effect].model_fields}
+        free_parameters = {field: _knob(effect, field, values) for field in EVERY[effect].model_fields}
         words = {field: str(info.description) for field, info in EVERY[effect].model_fields.items()}
-        found += [Candidate(effect, field, (knob,), words[field]) for field, knob in knobs.items()]
-        for field, knob in knobs.items():
-            if (moment := field.replace("lateral_force", "yaw_moment")) != field and moment in knobs:
-                found.append(Candidate(effect, f"{field} and {moment}", (knob, knobs[moment]), words[field]))
+        found += [Candidate(effect, field, (parameter,), words[field]) for field, parameter in free_parameters.items()]
+        for field, parameter in free_parameters.items():
+            if (moment := field.replace("lateral_force", "yaw_moment")) != field and moment in free_parameters:
+                found.append(
+                    Candidate(effect, f"{field} and {moment}", (parameter, free_parameters[moment]), words[field])
+                )
     return tuple(found)
 
 
@@ -184,15 +188,15 @@ def size_of(effect: str) -> str:
     return next(f"effects.{effect}.{name}" for name, f in EVERY[effect].model_fields.items() if role(f) == "size")
 
 
-def at_places(knob: Knob, abscissae: Sequence[float]) -> Iterator[Knob]:
-    """What a size is at places, beyond what it is everywhere. Each place has its share of the evidence: a likely size
+def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[FreeParameter]:
+    """What a size is at places, beyond what it is everywhere. Each place has its share of the data set: a likely size
     at all of them costs as much as a likely size everywhere."""
-    deviation = knob.deviation * len(abscissae) ** 0.5
+    deviation = parameter.deviation * len(abscissae) ** 0.5
     for abscissa in abscissae:
-        name = point(knob.name, abscissa)
+        name = point(parameter.name, abscissa)
         yield replace(
-            knob, name=name, turn=_added(name), place=(knob.name, abscissa), deviation=deviation,
-            step=knob.deviation,
+            parameter, name=name, turn=_added(name), place=(parameter.name, abscissa), deviation=deviation,
+            step=parameter.deviation,
         )  # fmt: skip
 
 
@@ -208,11 +212,11 @@ def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyTyp
             where = "" if len(sizes) == 1 else " and ".join(sizes)
             found.append(Candidate(effect, where, tuple(_knob(effect, name, values) for name in sizes), kind.sentence))
         for form in ("", *kind.variants):
-            knobs = tuple(_knob(effect, name, values, form) for name in sizes)
+            free_parameters = tuple(_knob(effect, name, values, form) for name in sizes)
             if form:
-                found.append(Candidate(effect, form, knobs, kind.sentence))
+                found.append(Candidate(effect, form, free_parameters, kind.sentence))
             if abscissae and issubclass(kind, RoadEffect):
-                points = (point for knob in knobs for point in at_places(knob, abscissae))
+                points = (point for parameter in free_parameters for point in at_places(parameter, abscissae))
                 where = f"{form}, {ALONG_ROAD}".strip(", ")
-                found.append(Candidate(effect, where, (*knobs, *points), kind.sentence))
+                found.append(Candidate(effect, where, (*free_parameters, *points), kind.sentence))
     return tuple(found)
