@@ -36,10 +36,10 @@ class Innovation(NamedTuple):
 
 
 class Step(NamedTuple):
-    """The way to a time: `count` predictions of `h` [s] each, before which the memory is copied to `kept`."""
+    """The way to a time: `steps` predictions of `h` [s] each, before which the memory is copied to `kept`."""
 
     kept: Array
-    count: int
+    steps: int
     h: float
 
 
@@ -103,7 +103,7 @@ class Filter(ABC):
             return False
         step.kept[:] = self.memory
         try:
-            for _ in range(step.count):
+            for _ in range(step.steps):
                 self.predict(step.h)
         except (FloatingPointError, np.linalg.LinAlgError):
             self.memory[:] = step.kept
