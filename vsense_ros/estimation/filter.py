@@ -25,12 +25,14 @@ class Innovation(NamedTuple):
     """What a correction found.
 
     `whitened` (m,): the innovation in independent units, white and of unit deviation if the filter is right, NaN where
-    nothing came; a view, valid until the next correction. `nis`: its squared norm, the normalized innovation squared;
-    negative where nothing came, NaN where its covariance is not positive definite. `accepted`: whether it corrected
-    the state.
+    nothing came. `deviation` (m,): the standard deviation of each component given those before it, the diagonal of the
+    Cholesky factor that whitens. Both are views, valid until the next correction. `nis`: the squared norm of
+    `whitened`, the normalized innovation squared; negative where nothing came, NaN where the covariance is not positive
+    definite. `accepted`: whether it corrected the state.
     """
 
     whitened: Array
+    deviation: Array
     nis: float
     accepted: bool
 

@@ -46,9 +46,11 @@ class Linearised(Protocol):
 
 
 class Operations(Protocol):
-    """What C does in one call each, on the memory of a `Linearised`. `whitened` (16,) is what a correction found."""
+    """What C does in one call each, on the memory of a `Linearised`. `whitened` and `deviation` (16,) are what the last
+    correction found, of which the first m elements count: as in `Innovation`."""
 
     whitened: Array
+    deviation: Array
 
     def predict(self, h: float) -> None:
         """As `Linearised.step`."""
