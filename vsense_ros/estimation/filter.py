@@ -25,14 +25,15 @@ class Innovation(NamedTuple):
     """What a correction found.
 
     `whitened` (m,): the innovation in independent units, white and of unit deviation if the filter is right, NaN where
-    nothing came. `deviation` (m,): the standard deviation of each component given those before it, the diagonal of the
-    Cholesky factor that whitens. Both are views, valid until the next correction. `nis`: the squared norm of
-    `whitened`, the normalized innovation squared; negative where nothing came, NaN where the covariance is not positive
-    definite. `accepted`: whether it corrected the state.
+    nothing came. `factor` (m, m): the lower Cholesky factor of its covariance, with which it was whitened; absent
+    components stand for themselves, with 1 on the diagonal. The diagonal are the standard deviations of the components
+    given those before them. Both are views, valid until the next correction. `nis`: the squared norm of `whitened`, the
+    normalized innovation squared; negative where nothing came, NaN where the covariance is not positive definite.
+    `accepted`: whether it corrected the state.
     """
 
     whitened: Array
-    deviation: Array
+    factor: Array
     nis: float
     accepted: bool
 
