@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Gaussian:
+class Gaussian(NamedTuple):
     """A normal distribution of a state: `mean` (n,) and `covariance` (e, e) of its error."""
 
     mean: Array
@@ -106,6 +104,10 @@ class Filter(ABC):
     @abstractmethod
     def inflate(self) -> None:
         """Forget how errors belong together, and double their standard deviations: after something went wrong."""
+
+    @abstractmethod
+    def set_element(self, index: int, value: float, deviation: float) -> None:
+        """Set one element of the mean, whose error then has this standard deviation and no correlation."""
 
     def backup(self) -> Kept:
         """A place where the memory may be kept; what is in it is undefined."""
