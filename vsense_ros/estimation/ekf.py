@@ -11,6 +11,7 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from vsense_ros.errors import InputError
@@ -123,7 +124,9 @@ class Whitened:
     """An innovation in independent units: `present` (m,) and `whitened` (m,), and of the c present components L
     (c, c), the `factor` of their covariance, and `projected` = L⁻¹ H P (c, e)."""
 
-    def __init__(self, present: Array, whitened: Array, factor: Array, projected: Array, nis: float) -> None:
+    def __init__(
+        self, present: NDArray[np.bool_], whitened: Array, factor: Array, projected: Array, nis: float
+    ) -> None:
         self.present, self.whitened, self.factor = present, whitened, factor
         self.projected, self.nis = projected, nis
 
@@ -142,7 +145,7 @@ def whiten(residual: Array, by_error: Array, variance: Array, covariance: Array,
     across = h @ covariance
     total = scale * (across @ h.T + np.diag(np.asarray(variance)[present]))
     try:
-        factor = np.linalg.cholesky(total)
+        factor = np.asarray(np.linalg.cholesky(total), dtype=np.float64)
     except np.linalg.LinAlgError:
         return Whitened(present, whitened, np.full_like(total, np.nan), across, np.nan)
     both = solve_triangular(factor, np.column_stack([across, r]), lower=True, check_finite=False)
