@@ -22,6 +22,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Given, Measured, Step
+from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -32,7 +33,6 @@ from vsense_ros.estimation.state_space import (
     title,
 )
 
-COMPONENTS = 16  # of a measurement, at most, as in algebra.c
 UNLIMITED = 1e15  # amount beyond which a state is impossible, where none is named
 Places = NDArray[np.int64]
 _CHECKED = 1e-3  # [s], step with which a state space is tried at start
@@ -56,7 +56,7 @@ class Dense:
         self.measurements = by_name(measurements, COMPONENTS)
         self.names, self.sensors = system.names, tuple(self.measurements)
         values = parameter_values(system, parameters)
-        self.memory, self.mean, self.covariance, self.inputs, self.parameters = _laid_out(system, memory)
+        self.memory, self.mean, self.covariance, self.inputs, self.parameters = laid_out(system, memory)
         self.parameters[:] = values
         self._kernels = _Kernels(self, Jacobians(system, measurements))
         self._operations = _compiled(self, self._kernels)
@@ -141,7 +141,7 @@ class Dense:
         return bool(within.all() and (self.covariance.diagonal() >= 0).all())
 
 
-def _laid_out(system: StateSpace, memory: Array | None) -> tuple[Array, Array, Array, Array, Array]:
+def laid_out(system: StateSpace, memory: Array | None) -> tuple[Array, Array, Array, Array, Array]:
     """Memory, and the parts of it: mean, covariance, inputs, parameters."""
     n, e, k, p = (len(s) for s in (system.names, system.error_names, system.inputs, system.parameters))
     memory = np.zeros(n + e * e + k + p) if memory is None else memory
