@@ -40,25 +40,29 @@ class Augmented(StateSpace):
         return self.system.is_flat
 
     def seen(self, x: Named, theta: Named) -> tuple[Named, Named]:
+        """State and parameters as measurements of the system know them."""
+        return self.system.seen(*self._split(x, theta))
+
+    def _split(self, x: Named, theta: Named) -> tuple[Named, Named]:
         """State and parameters as the system itself knows them."""
         state = Named(x.vector[: len(self.system.names)], self.system.names, "state")
         values = [x[p] if p in self.identified else theta[p] for p in self.system.parameters]
-        return self.system.seen(state, Named(expression(values), self.system.parameters, "parameter"))
+        return state, Named(expression(values), self.system.parameters, "parameter")
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """As the system's; parameters stay."""
-        state, every = self.seen(x, theta)
+        state, every = self._split(x, theta)
         moved = expression(self.system.transition(state, u, every, h))
         return ca.vertcat(moved, x.vector[len(self.system.names) :])
 
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
         """As the system's."""
-        state, every = self.seen(x, theta)
+        state, every = self._split(x, theta)
         return self.system.auxiliary(state, u, every)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """The system's, and the drift of the parameters."""
-        state, every = self.seen(x, theta)
+        state, every = self._split(x, theta)
         at = Symbols(self.system)
         old = [at.x.vector, at.u.vector, at.theta.vector, at.h]
         found = ca.substitute([at.noise()], old, [state.vector, u.vector, every.vector, h])[0]

@@ -135,6 +135,21 @@ class Dense:
         self._kernels.retract.call()
         self.mean[:] = self._kernels.retract.results[0][:, 0]
 
+    def retracted(self, mean: Array, error: Array) -> Array:
+        """mean (n,) ⊞ error (e,), (n,)."""
+        if self.system.is_flat:
+            return mean + error
+        return np.array(self._kernels.functions.retract(mean, error))[:, 0]
+
+    def difference(self, to: Array, mean: Array) -> Array:
+        """to (n,) ⊟ mean (n,), (e,)."""
+        if self.system.is_flat:
+            return to - mean
+        at = Symbols(self.system)
+        y = ca.SX.sym("y", len(mean))
+        function = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
+        return np.array(function(to, mean))[:, 0]
+
     def is_valid(self) -> bool:
         """Whether the mean is finite and within its bounds, and no variance below zero."""
         within = np.abs(self.mean) < self._kernels.largest

@@ -8,6 +8,7 @@ and a third of Joseph's work (docs/covariance.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -30,6 +31,10 @@ class Ekf(GaussianFilter):
         else:
             self._whitened, self._factor = self._operations.whitened, self._operations.factor
         self._views = [_views(self._whitened, self._factor, m) for m in range(COMPONENTS + 1)]
+
+    def at(self, memory: Array) -> Ekf:
+        """The same, with its memory in this array (s,), if its system can do that: for filters that contain others."""
+        return Ekf(cast("Any", self.system).at(memory))
 
     def start(self, belief: Gaussian) -> None:
         """As `GaussianFilter.start`; inputs that the system needs must be there before."""
