@@ -51,8 +51,8 @@ def bags(out: Path) -> None:
       vsense bags --out /tmp/bags && diff -r bags /tmp/bags
     """
     from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.experiments.bags import plant, write_bags
     from vsense_ros.manoeuvre import STANDARD
-    from vsense_ros.manoeuvre.bags import plant, write_bags
 
     written: list[Path] = []
     with progress("generating") as done:
