@@ -19,7 +19,7 @@ from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import dynamics_function
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import TMeasy, tmeasy
+from vsense_ros.model.tyres import TMeasy, TyreInput
 from vsense_ros.model.vehicle import Vehicle
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
@@ -30,9 +30,9 @@ relaxed = settings(deadline=None, max_examples=30)
 
 @cache
 def tyre_function(tyre: TMeasy) -> ca.Function:
-    p, namespace = symbols(tyre)
+    p, symbolic = symbols(tyre)
     free = ca.SX.sym("a", 5)
-    return ca.Function("tyre", [p, free], [ca.vertcat(*tmeasy.forces(namespace, *ca.vertsplit(free)))])
+    return ca.Function("tyre", [p, free], [ca.vertcat(*symbolic.forces(TyreInput(*ca.vertsplit(free))))])
 
 
 def tyre_forces(tyre: TMeasy, *arguments: float) -> np.ndarray:

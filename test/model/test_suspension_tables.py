@@ -23,7 +23,7 @@ from vsense_ros.model.car.steps import dynamics_function, force_function, linear
 from vsense_ros.model.car.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import TMeasy, tmeasy
+from vsense_ros.model.tyres import TMeasy, TyreInput
 from vsense_ros.model.vehicle import Vehicle
 
 G = 9.80665
@@ -220,12 +220,9 @@ def dynamics(tabled_car: Car) -> ca.Function:
 
 
 def tyre_function(tyre: TMeasy) -> ca.Function:
-    p, namespace = symbols(tyre)
+    p, symbolic = symbols(tyre)
     free = ca.SX.sym("a", 6)
-    load, x, y, rolling, friction, camber = ca.vertsplit(free)
-    return ca.Function(
-        "tyre", [p, free], [ca.vertcat(*tmeasy.forces(namespace, load, x, y, rolling, friction, camber=camber))]
-    )
+    return ca.Function("tyre", [p, free], [ca.vertcat(*symbolic.forces(TyreInput(*ca.vertsplit(free))))])
 
 
 def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dict[str, np.ndarray]:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import SPIN, YAW, X
 from vsense_ros.model.simulation.closed_loop import rolling_radii
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -37,7 +36,7 @@ def wheelbase(vehicle: Vehicle) -> float:
 
 def cornering_stiffness(axle: Axle, load: float) -> float:
     """Of both tyres of an axle, each under `load` [N]; [N/rad]."""
-    return 2 * float(CORNERING_STIFFNESSES[axle.tyre.model](axle.tyre, load))
+    return 2 * float(axle.tyre.cornering_stiffness_at(load))
 
 
 def understeer_gradient(vehicle: Vehicle) -> float:

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -39,10 +38,10 @@ from vsense_ros.model.coordinates import (
     Z,
 )
 from vsense_ros.model.multibody.tree import Body, Tree
-from vsense_ros.model.parameter import numbers, symbols
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES, FORCES, STEEPEST_SLOPES
+from vsense_ros.model.parameter import Scalar, numbers, symbols
+from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import transport_speed
-from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.vehicle import Axle, Vehicle
 
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
@@ -88,12 +87,11 @@ class Corner:
     """What does not move of a corner."""
 
     index: int
-    axle: SimpleNamespace  # symbols of its `Axle`
-    tyre: str
+    axle: Axle  # with symbols in place of its numbers
     side: int  # 1 on the left, -1 on the right
     centre: ca.SX  # of the wheel in the design position (3×1) [m]
-    static_load: ca.SX  # [N]
-    loaded_radius: ca.SX  # under that load [m]
+    static_load: Scalar  # [N]
+    loaded_radius: Scalar  # under that load [m]
 
     @property
     def front(self) -> bool:
@@ -107,14 +105,10 @@ class Corner:
 
 @dataclass(frozen=True, eq=False)
 class TyreContact:
-    """A tyre's contact and forces, as `tyres.forces` gives them."""
+    """Where a tyre touches the road, and what the road does to it."""
 
     touch: Contact
-    force_x: ca.SX
-    force_y: ca.SX
-    moment: ca.SX
-    slip_x: ca.SX
-    slip_y: ca.SX
+    tyre: TyreForces
     rolling_speed: ca.SX
 
 
@@ -129,17 +123,13 @@ class Car:
     def __init__(self, vehicle: Vehicle) -> None:
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self.parameters = symbols(vehicle.physics)
-        self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
         self._tables = vehicle.suspension
         self.q: ca.SX = ca.SX.sym("q", COORDINATES)
         self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
         self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
         self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
-        present = vehicle.physics.effects.present()
-        self._effects = tuple(
-            type(effect).model_construct(**vars(getattr(self.parameters.effects, effect.id))) for effect in present
-        )
+        self._effects = present = self.parameters.effects.present()
         self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
         ends = np.cumsum([len(effect.memory) for effect in present]).tolist()
         self._memories = tuple(
@@ -155,7 +145,7 @@ class Car:
         return found
 
     @cached_property
-    def _wheelbase(self) -> ca.SX:
+    def _wheelbase(self) -> Scalar:
         return self.parameters.chassis.cog_to_front_axle + self.parameters.chassis.cog_to_rear_axle
 
     @cached_property
@@ -172,10 +162,9 @@ class Car:
             static_load = weight * other / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
             centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
-            tyre = self._tyres[0 if front else 1]
             for effect in self._effects:
                 axle = effect.wheel(i, axle)
-            corners.append(Corner(i, axle, tyre, side, centre, static_load, loaded_radius))
+            corners.append(Corner(i, axle, side, centre, static_load, loaded_radius))
         return tuple(corners)
 
     @cached_property
@@ -209,7 +198,7 @@ class Car:
             return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
         # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
         slope = 2 * corner.axle.roll_centre_height / corner.axle.track
-        direction = ca.vertcat(0, corner.side * slope, 1) / ca.sqrt(1 + slope**2)
+        direction = ca.vertcat(0, ca.SX(corner.side * slope), 1) / ca.sqrt(1 + slope**2)
         return straight_guide(corner.centre, direction, travel, self._steered(corner, angle))
 
     @cached_property
@@ -224,9 +213,9 @@ class Car:
         hub carries the mass of both: the equations are the same, and shorter."""
         chassis = self.parameters.chassis
         # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
-        sprung = chassis.mass
+        sprung = ca.SX(chassis.mass)
         first_moment = ca.SX.zeros(3)
-        inertia = ca.diag(ca.vertcat(chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia))
+        inertia = ca.diag(ca.vertcat(ca.SX(chassis.roll_inertia), chassis.pitch_inertia, chassis.yaw_inertia))
         bodies: list[Body] = []
         unturned, here = ca.SX.eye(3), ca.SX(3, 1)
         for corner, hub in zip(self.corners, self._hubs, strict=True):
@@ -236,7 +225,7 @@ class Car:
             first_moment = first_moment - mass * corner.centre
             offset = spatial.skew(corner.centre)
             across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
-            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(across, along, across))
+            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(ca.SX(across), along, across))
             point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
             disc = ca.diagcat(across * unturned + (along - across) * hub.axle @ hub.axle.T, ca.SX(3, 3))
             name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
@@ -283,7 +272,7 @@ class Car:
         )
         rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
         motion = self._tyre_motion(corner, touch, rolling_speed)
-        return TyreContact(touch, *self._tyre(corner, motion), rolling_speed)
+        return TyreContact(touch, self._tyre(corner, motion), rolling_speed)
 
     def _tyre_motion(self, corner: Corner, touch: Contact, rolling_speed: ca.SX, lagging: bool = True) -> ca.SX:
         """A column of `tyre_motions`."""
@@ -294,25 +283,17 @@ class Car:
         rolling = rolling_speed + (corner.axle.longitudinal_scale - 1) * (rolling_speed - touch.speed_x)
         return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling, touch.inclination)
 
-    def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
+    def _tyre(self, corner: Corner, motion: ca.SX) -> TyreForces:
+        """Forces and slips of a tyre by a column of `tyre_motions`."""
         load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
-        friction = self.parameters.road.friction * corner.axle.grip_scale
+        friction = ca.SX(self.parameters.road.friction * corner.axle.grip_scale)
         for effect, memory in zip(self._effects, self._memories, strict=True):
             friction = effect.friction(friction, corner, load, memory)
         thrust = self._slip_of_thrust(corner, load, inclination)
         speed_y -= thrust * transport_speed(speed_x, corner.axle.tyre.standstill_speed)
-        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
-            corner.axle.tyre,
-            load,
-            speed_x,
-            speed_y,
-            rolling_speed,
-            friction,
-            camber=inclination,
-            side=corner.side,
-        )
-        return force_x, force_y, moment, slip_x, slip_y - thrust
+        wheel = TyreInput(load, speed_x, speed_y, rolling_speed, friction, inclination, corner.side)
+        found = corner.axle.tyre.forces(wheel)
+        return found._replace(lateral_slip=found.lateral_slip - thrust)
 
     def _slip_of_thrust(self, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
         """Lateral slip that would make the force which a tyre makes without any [-]: as such it fades where slip uses
@@ -322,7 +303,7 @@ class Car:
             thrust = effect.thrust(thrust, corner, load, inclination)
         if thrust.is_zero():
             return thrust
-        stiffness = CORNERING_STIFFNESSES[corner.tyre](corner.axle.tyre, load)
+        stiffness = corner.axle.tyre.cornering_stiffness_at(load)
         return thrust / ca.fmax(stiffness, LEAST_STIFFNESS)
 
     def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
@@ -348,12 +329,12 @@ class Car:
             torque = effect.wheel_torque(torque, corner, self)
         return torque
 
-    def _wheel_force(self, corner: Corner, hub: HubMotion, tyre: TyreContact) -> ca.SX:
+    def _wheel_force(self, corner: Corner, hub: HubMotion, contact: TyreContact) -> ca.SX:
         """What the road does to a wheel: force vector about its centre (6×1)."""
-        touch = tyre.touch
-        force = tyre.force_x * touch.ahead + tyre.force_y * touch.sideways + touch.load * touch.normal
-        resistance = touch.rolling_resistance(corner.axle, tyre.rolling_speed)
-        moment = tyre.moment * touch.normal + resistance * hub.axle
+        touch, tyre = contact.touch, contact.tyre
+        force = tyre.longitudinal * touch.ahead + tyre.lateral * touch.sideways + touch.load * touch.normal
+        resistance = touch.rolling_resistance(corner.axle, contact.rolling_speed)
+        moment = tyre.aligning_moment * touch.normal + resistance * hub.axle
         return spatial.force_at(touch.point - hub.centre, force, moment)
 
     def _chassis_force(self) -> ca.SX:
@@ -393,9 +374,9 @@ class Car:
             replace(
                 contact,
                 touch=replace(contact.touch, load=tyre_forces[2, i]),
-                force_x=tyre_forces[0, i],
-                force_y=tyre_forces[1, i],
-                moment=tyre_forces[3, i],
+                tyre=contact.tyre._replace(
+                    longitudinal=tyre_forces[0, i], lateral=tyre_forces[1, i], aligning_moment=tyre_forces[3, i]
+                ),
             )
             for i, contact in enumerate(self.contacts)
         ]
@@ -431,8 +412,9 @@ class Car:
         """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
         columns = []
         for corner in self.corners:
-            force_x, force_y, moment, *_ = self._tyre(corner, motions[:, corner.index])
-            columns.append(ca.vertcat(force_x, force_y, motions[0, corner.index], moment))
+            found = self._tyre(corner, motions[:, corner.index])
+            load = motions[0, corner.index]
+            columns.append(ca.vertcat(found.longitudinal, found.lateral, load, found.aligning_moment))
         return ca.horzcat(*columns)
 
     @cached_property
@@ -453,13 +435,13 @@ class Car:
         """
         chassis = self.parameters.chassis
         responses, slopes, foreseen = [], [], []
-        for corner, tyre in zip(self.corners, self.contacts, strict=True):
-            touch, spin = tyre.touch, 10 + corner.index
-            transport = transport_speed(tyre.rolling_speed, corner.axle.tyre.standstill_speed)
-            steepest = STEEPEST_SLOPES[corner.tyre](corner.axle.tyre, touch.load) / transport
-            tangent = ca.jacobian(tyre.force_x, self.u[spin]) / touch.effective_radius
+        for corner, wheel in zip(self.corners, self.contacts, strict=True):
+            touch, spin = wheel.touch, 10 + corner.index
+            transport = transport_speed(wheel.rolling_speed, corner.axle.tyre.standstill_speed)
+            steepest = corner.axle.tyre.steepest_slope(touch.load) / transport
+            tangent = ca.jacobian(wheel.tyre.longitudinal, self.u[spin]) / touch.effective_radius
             excess = ca.fmax(STIFFENING * steepest - tangent, 0)
-            sliding = ca.sqrt((tyre.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
+            sliding = ca.sqrt((wheel.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
             sticks = _within(tangent, 0, steepest)
             share = ca.fmax(sticks, _within(sliding, *REACTING))
             response = ca.SX.zeros(COORDINATES)
@@ -468,7 +450,7 @@ class Car:
             response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
             responses.append(response)
             by_car = -excess * share * ca.jacobian(touch.speed_x, self.u)
-            slopes.append(excess * ca.jacobian(tyre.rolling_speed, self.u) + by_car)
+            slopes.append(excess * ca.jacobian(wheel.rolling_speed, self.u) + by_car)
             foreseen.append((1 - sticks) * _within(sliding, *STEADY) * by_car)
         return ca.horzcat(*responses), ca.vertcat(*slopes), ca.vertcat(*foreseen)
 
@@ -481,14 +463,7 @@ class Car:
     def wheel_outputs(self) -> ca.SX:
         """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
         slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
-        return ca.horzcat(
-            *(
-                ca.vertcat(
-                    t.force_x, t.force_y, t.touch.load, t.moment, t.slip_x, ca.atan(-t.slip_y), t.touch.inclination
-                )
-                for t in self.contacts
-            )
-        )
+        return ca.horzcat(*(wheel_outputs(contact.tyre, contact.touch) for contact in self.contacts))
 
     def inertia_times(self, acceleration: ca.SX) -> ca.SX:
         """Generalized force (14) that belongs to the accelerations `acceleration` (14) at rest: M(q) · acceleration."""
@@ -500,6 +475,19 @@ class Car:
     def kinematics(self) -> ca.SX:
         """Derivatives of `q` (14) as a function of q and u."""
         return kinematics(self.q, self.u)
+
+
+def wheel_outputs(tyre: TyreForces, touch: Contact) -> ca.SX:
+    """A column of `Car.wheel_outputs`."""
+    return ca.vertcat(
+        tyre.longitudinal,
+        tyre.lateral,
+        touch.load,
+        tyre.aligning_moment,
+        tyre.longitudinal_slip,
+        ca.atan(-tyre.lateral_slip),
+        touch.inclination,
+    )
 
 
 def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:

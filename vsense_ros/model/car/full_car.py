@@ -8,10 +8,9 @@ coordinates, 12 constraints). Both corners of an axle share their code; the righ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
+from vsense_ros.model.car.car import wheel_outputs
 from vsense_ros.model.car.contact import Contact, contact
 from vsense_ros.model.car.linkage import DoubleWishbone, Linkages, Suspension
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
@@ -59,7 +59,7 @@ from vsense_ros.model.multibody.mechanism import (
 )
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import FORCES
+from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -132,6 +132,19 @@ def _across(a: ca.SX, b: ca.SX, reference: Vector) -> tuple[ca.SX, ca.SX]:
     return first, ca.cross(along, first)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extra:
+    """Symbols of a corner beside those of its axle, hard points and masses."""
+
+    side: ca.SX  # 1 on the left, -1 on the right
+    friction: ca.SX  # of the road [-]
+    stiffness: ca.SX  # of the strut's spring [N/m]
+    damping: ca.SX  # of the strut [N s/m]
+    preload: ca.SX  # of the strut's spring in the design position [N]
+    tie_rod_length: ca.SX  # [m]
+    gyration: ca.SX  # radius of gyration of the upright [m]
+
+
 _Parts = tuple[list[Body], tuple[Closure, ...], Measure]
 
 
@@ -145,16 +158,12 @@ class Corner:
         data, self._axle = symbols(axle, f"axle_{name}")
         points = ca.SX.sym("points", 3 * len(self._point_names))
         masses = ca.SX.sym("masses", len(self._mass_names))
-        extra = ca.SX.sym("extra", 7)
+        extra = ca.SX.sym("extra", len(fields(_Extra)))
         inputs = ca.SX.sym("inputs", len(CORNER_INPUTS))
         self._points = {p: points[3 * i : 3 * i + 3] for i, p in enumerate(self._point_names)}
         self._mass = {m: masses[i] for i, m in enumerate(self._mass_names)}
-        self._extra = SimpleNamespace(
-            side=extra[0], friction=extra[1], stiffness=extra[2], damping=extra[3], preload=extra[4],
-            tie_rod_length=extra[5], gyration=extra[6],
-        )  # fmt: skip
+        self._extra = _Extra(*ca.vertsplit(extra))
         self._centre = ca.SX.sym("centre", 3)
-        self._tyre = FORCES[axle.tyre.model]
         self.travel = Displacement(Point(UPRIGHT, self._centre), Z_AXIS)
         if isinstance(suspension, DoubleWishbone):
             bodies, closures, strut = self._double_wishbone(suspension)
@@ -188,7 +197,7 @@ class Corner:
 
     def _wheel(self) -> Body:
         a = self._axle
-        inertia = ca.diag(ca.vertcat(a.wheel_diametral_inertia, a.wheel_spin_inertia, a.wheel_diametral_inertia))
+        inertia = ca.diag(ca.vertcat(ca.SX(a.wheel_diametral_inertia), a.wheel_spin_inertia, a.wheel_diametral_inertia))
         joint = Revolute(self._centre, Y_AXIS, follows=False)
         return Body(WHEEL, UPRIGHT, joint, a.wheel_mass, self._centre, inertia)
 
@@ -257,15 +266,16 @@ class Corner:
         )
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
         camber = ca.SX.sym("camber")
-        found = self._tyre(
-            a.tyre,
-            slips[0],
-            slips[1],
-            slips[2] * a.cornering_scale,
-            slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
-            self._extra.friction * a.grip_scale,
-            camber=camber,
-            side=self._extra.side,
+        found = a.tyre.forces(
+            TyreInput(
+                load=slips[0],
+                speed_x=slips[1],
+                speed_y=slips[2] * a.cornering_scale,
+                rolling_speed=slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
+                friction=self._extra.friction * a.grip_scale,
+                camber=camber,
+                side=self._extra.side,
+            )
         )
         result = ca.vertcat(*found)
         parameters = ca.vertcat(*(s for s in ca.symvar(result) if not ca.depends_on(ca.vertcat(slips, camber), s)))
@@ -273,14 +283,12 @@ class Corner:
         rolling = touch.effective_radius * state.rate
         here = ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling)
         values, slopes = tyre(here, touch.inclination, parameters)
-        force = values[0] * touch.ahead + values[1] * touch.sideways + touch.load * touch.normal
-        moment = values[2] * touch.normal + touch.rolling_resistance(a, rolling) * axle
+        forces = TyreForces(*ca.vertsplit(values))
+        force = forces.longitudinal * touch.ahead + forces.lateral * touch.sideways + touch.load * touch.normal
+        moment = forces.aligning_moment * touch.normal + touch.rolling_resistance(a, rolling) * axle
         wrench = spatial.force_at(touch.point, force, moment)
         by_velocity, by_place = _tangents(a, touch, centre, axle, slopes)
-        outputs = ca.vertcat(
-            values[0], values[1], touch.load, values[2], values[3], ca.atan(-values[4]), touch.inclination
-        )
-        return wrench, by_velocity, by_place, outputs
+        return wrench, by_velocity, by_place, wheel_outputs(forces, touch)
 
     def numbers(self, suspension: Suspension, axle: Axle, side: int, centre: Array, friction: float) -> Array:
         """Values of the linkage's parameters without those of the spring, which `FullCar` finds."""
@@ -354,7 +362,7 @@ class Corner:
         )
 
 
-def _tangents(a: SimpleNamespace, touch: Contact, centre: ca.SX, axle: ca.SX, slopes: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _tangents(a: Axle, touch: Contact, centre: ca.SX, axle: ca.SX, slopes: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Derivatives (6×6) of a tyre's force vector by the velocity and by a small displacement of its wheel."""
 
     def row(direction: ca.SX) -> ca.SX:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import AXLES, CORNERS, WHEELS, Effect, size
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.effects.base import AXLES, CORNERS, Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car.car import Car, Corner
