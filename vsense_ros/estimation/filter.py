@@ -25,21 +25,31 @@ class Innovation(NamedTuple):
     """What a correction found.
 
     `whitened` (m,): the innovation in independent units, white and of unit deviation if the filter is right, NaN where
-    nothing came; a view, valid until the next correction. `nis`: its squared norm, the normalized innovation squared;
-    negative where nothing came, NaN where its covariance is not positive definite. `accepted`: whether it corrected
-    the state.
+    nothing came. `factor` (m, m): the lower Cholesky factor of its covariance, with which it was whitened; absent
+    components stand for themselves, with 1 on the diagonal. The diagonal are the standard deviations of the components
+    given those before them. Both are views, valid until the next correction. `nis`: the squared norm of `whitened`, the
+    normalized innovation squared; negative where nothing came, NaN where the covariance is not positive definite.
+    `accepted`: whether it corrected the state.
     """
 
     whitened: Array
+    factor: Array
     nis: float
     accepted: bool
 
 
-class Step(NamedTuple):
-    """The way to a time: `count` predictions of `h` [s] each, before which the memory is copied to `kept`."""
+class Kept(NamedTuple):
+    """A copy of a filter's memory, and the address of the array for C."""
 
-    kept: Array
-    count: int
+    memory: Array
+    address: int
+
+
+class Step(NamedTuple):
+    """The way to a time: `steps` predictions of `h` [s] each, before which the memory is copied to `kept`."""
+
+    kept: Kept
+    steps: int
     h: float
 
 
@@ -97,16 +107,21 @@ class Filter(ABC):
     def inflate(self) -> None:
         """Forget how errors belong together, and double their standard deviations: after something went wrong."""
 
+    def backup(self) -> Kept:
+        """A place where the memory may be kept; what is in it is undefined."""
+        memory = np.empty_like(self.memory)
+        return Kept(memory, memory.ctypes.data)
+
     def advance(self, step: Step) -> bool:
         """Keep the memory, then predict. False, and the filter is as it was, if it is not valid or cannot be moved."""
         if not self.is_valid():
             return False
-        step.kept[:] = self.memory
+        step.kept.memory[:] = self.memory
         try:
-            for _ in range(step.count):
+            for _ in range(step.steps):
                 self.predict(step.h)
         except (FloatingPointError, np.linalg.LinAlgError):
-            self.memory[:] = step.kept
+            self.memory[:] = step.kept.memory
             return False
         return True
 

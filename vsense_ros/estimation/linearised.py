@@ -46,9 +46,11 @@ class Linearised(Protocol):
 
 
 class Operations(Protocol):
-    """What C does in one call each, on the memory of a `Linearised`. `whitened` (16,) is what a correction found."""
+    """What C does in one call each, on the memory of a `Linearised`. `whitened` (16,) and `factor` (256,) are what the
+    last correction found, as in `Innovation`: of the first the m first elements count, of the other the m m first."""
 
     whitened: Array
+    factor: Array
 
     def predict(self, h: float) -> None:
         """As `Linearised.step`."""
