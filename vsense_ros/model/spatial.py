@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import casadi as ca
 
+ANGULAR, LINEAR = slice(0, 3), slice(3, 6)  # parts of a spatial vector
+
 
 def skew(r: ca.SX) -> ca.SX:
     """Matrix of the cross product, `skew(r) @ w == cross(r, w)`, 3×3."""

@@ -26,15 +26,30 @@ from vsense_ros.model.car.contact import Contact, contact
 from vsense_ros.model.car.suspension import HubMotion, straight_guide, table_guide
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import (
+    BANK,
     COORDINATES,
+    GRADE,
     INPUTS,
     PITCH,
+    PITCH_RATE,
+    RADIUS_ERROR,
+    RATES,
     ROLL,
+    ROLL_RATE,
+    SPEED_X,
+    SPEED_Y,
     SPIN,
+    STEERING,
+    STEERING_OFFSET,
     SURROUNDINGS,
+    TORQUES,
     TRAVEL,
+    VELOCITY,
     WHEELS,
     YAW,
+    YAW_RATE,
+    X,
+    Y,
     Z,
 )
 from vsense_ros.model.multibody.tree import Body, Tree
@@ -77,7 +92,7 @@ class Motion:
 
 def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
     """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
-    along, across = ca.sin(surroundings[0]), ca.sin(surroundings[1])
+    along, across = ca.sin(surroundings[GRADE]), ca.sin(surroundings[BANK])
     on_road = -GRAVITY * ca.vertcat(along, across, ca.sqrt(1 - along**2 - across**2))
     return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
 
@@ -170,7 +185,7 @@ class Car:
     @cached_property
     def _road_wheel_angle(self) -> ca.SX:
         """Mean of both front wheels [rad]."""
-        angle = self.inputs[0] - self.surroundings[2]
+        angle = self.inputs[STEERING] - self.surroundings[STEERING_OFFSET]
         for effect, memory in zip(self._effects, self._memories, strict=True):
             angle = effect.front_angle(angle, self, memory)
         return angle
@@ -242,7 +257,7 @@ class Car:
     @cached_property
     def root_velocity(self) -> ca.SX:
         """Spatial velocity of the chassis `[ω; v]`, 6×1."""
-        return ca.vertcat(self.u[3:6], self.u[0:3])
+        return ca.vertcat(self.u[RATES], self.u[VELOCITY])
 
     @cached_property
     def _rates(self) -> ca.SX:
@@ -259,11 +274,13 @@ class Car:
         a = corner.axle
         attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
         normal = attitude.T @ ca.SX([0, 0, 1])
-        turning = self.u[3:6] + hub.subspace[:3] * self.u[TRAVEL][corner.index]
-        velocity = self.u[0:3] + ca.cross(self.u[3:6], hub.centre) + hub.subspace[3:] * self.u[TRAVEL][corner.index]
+        angular, linear = self.u[RATES], self.u[VELOCITY]
+        travelling = hub.subspace * self.u[TRAVEL][corner.index]
+        turning = angular + travelling[spatial.ANGULAR]
+        velocity = linear + ca.cross(angular, hub.centre) + travelling[spatial.LINEAR]
         touch = contact(
             a,
-            a.unloaded_radius * (1 + self.surroundings[3]),
+            a.unloaded_radius * (1 + self.surroundings[RADIUS_ERROR]),
             hub.centre,
             hub.axle,
             normal,
@@ -324,7 +341,7 @@ class Car:
 
     def _wheel_torque(self, corner: Corner) -> ca.SX:
         """Torque about the axle besides that of the road [N m]."""
-        torque = self.inputs[1 + corner.index]
+        torque = self.inputs[TORQUES][corner.index]
         for effect in self._effects:
             torque = effect.wheel_torque(torque, corner, self)
         return torque
@@ -339,7 +356,8 @@ class Car:
 
     def _chassis_force(self) -> ca.SX:
         """What acts on the chassis besides its suspensions and its weight: force vector about `cog` (6×1)."""
-        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
+        speed = self.u[SPEED_X]
+        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * speed * ca.fabs(speed)
         force = ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
         for effect, memory in zip(self._effects, self._memories, strict=True):
             force = effect.chassis_force(force, self, memory)
@@ -356,7 +374,7 @@ class Car:
                 self._suspension_force(corner, hub) + self.force[TRAVEL][i],
                 self._wheel_torque(corner) + self.force[SPIN][i],
             ]
-        chassis = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
+        chassis = self._chassis_force() + ca.vertcat(self.force[RATES], self.force[VELOCITY])
         return ca.vertcat(*efforts), chassis, forces
 
     @cached_property
@@ -364,8 +382,8 @@ class Car:
         """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
         root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self.contacts))
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
-        linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
-        return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
+        linear = root[spatial.LINEAR] + gravity_in_body(self.q, self.surroundings)
+        return _by_coordinate(ca.vertcat(root[spatial.ANGULAR], linear), joints)
 
     def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
         """Generalized force (14) that the derivatives `acceleration` (14) of `u` need beyond what acts, if each tyre's
@@ -381,17 +399,16 @@ class Car:
             for i, contact in enumerate(self.contacts)
         ]
         efforts, chassis, forces = self._loads(given)
-        linear = acceleration[0:3] - gravity_in_body(self.q, self.surroundings)
+        linear = acceleration[VELOCITY] - gravity_in_body(self.q, self.surroundings)
         root, joints = self._tree.inverse_dynamics(
             self.root_velocity,
             self._rates,
-            ca.vertcat(acceleration[3:6], linear),
+            ca.vertcat(acceleration[RATES], linear),
             _by_corner(acceleration[TRAVEL], acceleration[SPIN]),
             chassis,
             forces,
         )
-        joints = joints - efforts
-        return ca.vertcat(root[3:6], root[0:3], joints[0::2], joints[1::2])
+        return _by_coordinate(root, joints - efforts)
 
     @cached_property
     def tyre_motions(self) -> ca.SX:
@@ -436,7 +453,7 @@ class Car:
         chassis = self.parameters.chassis
         responses, slopes, foreseen = [], [], []
         for corner, wheel in zip(self.corners, self.contacts, strict=True):
-            touch, spin = wheel.touch, 10 + corner.index
+            touch, spin = wheel.touch, SPIN.start + corner.index
             transport = transport_speed(wheel.rolling_speed, corner.axle.tyre.standstill_speed)
             steepest = corner.axle.tyre.steepest_slope(touch.load) / transport
             tangent = ca.jacobian(wheel.tyre.longitudinal, self.u[spin]) / touch.effective_radius
@@ -445,8 +462,8 @@ class Car:
             sticks = _within(tangent, 0, steepest)
             share = ca.fmax(sticks, _within(sliding, *REACTING))
             response = ca.SX.zeros(COORDINATES)
-            response[0:2] = share * touch.ahead[0:2] / chassis.mass
-            response[5] = share * ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
+            response[SPEED_X : SPEED_Y + 1] = share * touch.ahead[X : Y + 1] / chassis.mass
+            response[YAW_RATE] = share * ca.cross(touch.point, touch.ahead)[Z] / chassis.yaw_inertia
             response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
             responses.append(response)
             by_car = -excess * share * ca.jacobian(touch.speed_x, self.u)
@@ -467,9 +484,9 @@ class Car:
 
     def inertia_times(self, acceleration: ca.SX) -> ca.SX:
         """Generalized force (14) that belongs to the accelerations `acceleration` (14) at rest: M(q) · acceleration."""
-        root = ca.vertcat(acceleration[3:6], acceleration[0:3])
+        root = ca.vertcat(acceleration[RATES], acceleration[VELOCITY])
         f = self._tree.inertia_times(root, _by_corner(acceleration[TRAVEL], acceleration[SPIN]))
-        return ca.vertcat(f[3:6], f[0:3], f[6::2], f[7::2])
+        return _by_coordinate(f[:6], f[6:])
 
     @property
     def kinematics(self) -> ca.SX:
@@ -495,6 +512,11 @@ def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
     return ca.vec(ca.horzcat(travel, spin).T)
 
 
+def _by_coordinate(root: ca.SX, joints: ca.SX) -> ca.SX:
+    """In the order of the velocities, from a spatial vector of the chassis and the joints in the order of the tree."""
+    return ca.vertcat(root[spatial.LINEAR], root[spatial.ANGULAR], joints[0::2], joints[1::2])
+
+
 def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
     """0 before `none`, 1 beyond `full`, linear in between."""
     return ca.fmin(ca.fmax((value - none) / (full - none), 0), 1)
@@ -503,14 +525,14 @@ def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
 def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:
     """Derivatives of the coordinates (14): z-y-x angles for the attitude, singular at a pitch of 90°."""
     roll, pitch, yaw = q[ROLL], q[PITCH], q[YAW]
-    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[0:3]
+    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[VELOCITY]
     s, c, t = ca.sin(roll), ca.cos(roll), ca.tan(pitch)
     angles = ca.vertcat(
-        u[3] + t * (s * u[4] + c * u[5]),
-        c * u[4] - s * u[5],
-        (s * u[4] + c * u[5]) / ca.cos(pitch),
+        u[ROLL_RATE] + t * (s * u[PITCH_RATE] + c * u[YAW_RATE]),
+        c * u[PITCH_RATE] - s * u[YAW_RATE],
+        (s * u[PITCH_RATE] + c * u[YAW_RATE]) / ca.cos(pitch),
     )
-    return ca.vertcat(position, angles, u[6:])
+    return ca.vertcat(position, angles, u[TRAVEL], u[SPIN])
 
 
 _CARS: dict[tuple[object, ...], Car] = {}

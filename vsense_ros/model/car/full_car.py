@@ -23,7 +23,7 @@ from vsense_ros.model.car.car import wheel_outputs
 from vsense_ros.model.car.contact import Contact, contact
 from vsense_ros.model.car.linkage import DoubleWishbone, Linkages, Suspension
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import COORDINATES, POSE, RATES, SPIN, TRAVEL, VELOCITY, WHEELS, Z
 from vsense_ros.model.multibody.assembly import assemble, check
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
 from vsense_ros.model.multibody.joints import (
@@ -68,7 +68,6 @@ RACK = "rack"  # displacement of the rack, positive to the left [m]
 ROD_RADIUS = 0.01  # [m] gives rods an inertia about their own line
 PLACING = 4  # iterations that put a linkage to a given travel
 CORNER_INPUTS = ("torque", "travel_force", "opposite_travel")
-OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
 UPRIGHT, WHEEL = "upright", "wheel"
 
 
@@ -160,6 +159,7 @@ class Corner:
         masses = ca.SX.sym("masses", len(self._mass_names))
         extra = ca.SX.sym("extra", len(fields(_Extra)))
         inputs = ca.SX.sym("inputs", len(CORNER_INPUTS))
+        torque, travel_force, opposite_travel = ca.vertsplit(inputs)
         self._points = {p: points[3 * i : 3 * i + 3] for i, p in enumerate(self._point_names)}
         self._mass = {m: masses[i] for i, m in enumerate(self._mass_names)}
         self._extra = _Extra(*ca.vertsplit(extra))
@@ -177,9 +177,9 @@ class Corner:
             closures=closures,
             springs=(
                 Spring(strut, x.stiffness, x.damping, rest=self._strut_rest(), preload=x.preload),
-                Spring(self.travel, a.antiroll_stiffness, rest=inputs[2]),
+                Spring(self.travel, a.antiroll_stiffness, rest=opposite_travel),
             ),
-            efforts=(Effort(Along(WHEEL), inputs[0]), Effort(self.travel, inputs[1])),
+            efforts=(Effort(Along(WHEEL), torque), Effort(self.travel, travel_force)),
             loads=(Load(WHEEL, self._tyre_load),),
             exports=(self.travel,),
             parameters=ca.vertcat(data, points, masses, extra, self._centre),
@@ -249,7 +249,7 @@ class Corner:
         return bodies, closures, Between(Point(UPRIGHT, p["strut.lower"]), Point(BASE, p["strut.upper"]))
 
     def _tyre_load(self, state: BodyState) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Tyre on a plane road: force vector, its main derivatives, `OUTPUTS`."""
+        """Tyre on a plane road: force vector, its main derivatives, `WHEEL_OUTPUTS`."""
         a = self._axle
         centre = state.origin + state.rotation @ self._centre
         axle = state.rotation[:, 1]
@@ -484,7 +484,7 @@ class FullCar:
         parameters = self.parameters(vehicle)
         integrator = Integrator(self.mechanism, parameters, h, tolerance, "full_car")
         z = integrator.state.z
-        z[2] = vehicle.physics.chassis.cog_height
+        z[Z] = vehicle.physics.chassis.cog_height
         offsets = self.mechanism.offsets
         corners = self.corner_parameters(parameters)
         for i, (linkage, numbers) in enumerate(zip(self.mechanism.branches, corners, strict=True)):
@@ -505,7 +505,7 @@ class FullCar:
         parameters = ca.SX.sym("parameters", int(ends[-1]))
         state, _ = base_functions(mechanism)
         nothing = ca.SX(3, 1)
-        velocity, acceleration, *_ = state(z[:6], dz[:6], ddz[:6], nothing, ca.SX(6, 1), parameters[:11], 1.0)
+        velocity, acceleration, *_ = state(z[POSE], dz[POSE], ddz[POSE], nothing, ca.SX(6, 1), parameters[:11], 1.0)
         travels, spins = [], []
         for i, linkage in enumerate(mechanism.branches):
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
@@ -521,9 +521,7 @@ class FullCar:
         travel_x, spin_x = ca.horzcat(*travels), ca.horzcat(*spins)
         results = [
             ca.vertcat(first, travel_x[i, :].T, spin_x[i, :].T)
-            for i, first in enumerate(
-                (z[:6], ca.vertcat(velocity[3:], velocity[:3]), ca.vertcat(acceleration[3:], acceleration[:3]))
-            )
+            for i, first in enumerate((z[POSE], _as_velocity(velocity), _as_velocity(acceleration)))
         ]
         return codegen.function(
             "full_car_motion", [z, dz, ddz, guides, parameters], results, ("z", "dz", "ddz", "guides", "parameters")
@@ -534,19 +532,19 @@ class FullCar:
         the simplified one, from a z nearby; and how much was missing before the last iteration."""
         mechanism = self.mechanism
         ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
-        z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", 14), ca.MX.sym("u", 14)
+        z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", COORDINATES), ca.MX.sym("u", COORDINATES)
         guides = ca.MX.sym("guides", len(mechanism.guides), 3)
         parameters = ca.MX.sym("parameters", int(ends[-1]))
         equations = {corner.linkage: corner.placing for corner in self.corners}
         _, base_rates = base_functions(mechanism)
-        places, rates = [q[:6]], [base_rates(q[:6]) @ ca.vertcat(u[3:6], u[:3])]
+        places, rates = [q[POSE]], [base_rates(q[POSE]) @ ca.vertcat(u[RATES], u[VELOCITY])]
         violation = ca.MX(0)
         for i, linkage in enumerate(mechanism.branches):
             own = z[mechanism.offsets[i] : mechanism.offsets[i + 1]]
             rows = [mechanism.guides.index(guide) for guide in linkage.guides]
             moved = guides[rows, :] if rows else ca.MX(0, 3)
             numbers = parameters[int(ends[i]) : int(ends[i + 1])]
-            wanted, wanted_rates = ca.vertcat(q[6 + i], q[10 + i]), ca.vertcat(u[6 + i], u[10 + i])
+            wanted, wanted_rates = (ca.vertcat(moving[TRAVEL][i], moving[SPIN][i]) for moving in (q, u))
             for _ in range(PLACING):
                 gap, matrix, _ = equations[linkage](own, moved, numbers, wanted, wanted_rates)
                 own = own + ca.solve(matrix, gap, "qr")
@@ -607,6 +605,11 @@ def _linkages(vehicle: Vehicle) -> Linkages:
             "`linkage.front` and `linkage.rear`"
         )
     return vehicle.linkage
+
+
+def _as_velocity(spatial_vector: ca.SX) -> ca.SX:
+    """Linear before angular (6), as the velocities of the simplified car have it."""
+    return ca.vertcat(spatial_vector[spatial.LINEAR], spatial_vector[spatial.ANGULAR])
 
 
 def _skew(r: Array) -> Array:

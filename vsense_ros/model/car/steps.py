@@ -11,16 +11,31 @@ from __future__ import annotations
 from functools import cache
 
 import casadi as ca
+import numpy as np
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import Car, Motion, kinematics
-from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, Z
+from vsense_ros.model.coordinates import (
+    ATTITUDE,
+    COORDINATES,
+    DYNAMIC_COORDINATES,
+    PITCH,
+    POSE,
+    ROLL,
+    SPIN,
+    SURROUNDINGS,
+    TRAVEL,
+    TWIST,
+    WHEELS,
+    Z,
+)
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
 _STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
+_STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(SURROUNDINGS))  # of what `linearize` derives by
 
 
 def _arguments(car: Car) -> list[ca.SX]:
@@ -48,7 +63,7 @@ def linearize_function(car: Car) -> ca.Function:
     state = [ca.MX.sym(name, argument.shape) for name, argument in zip(_STATE_NAMES, _arguments(car), strict=True)]
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
     jacobian = -inverse @ (direct + by_forces @ (by_motions @ motions + beside))
-    by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, 7, 21, 25])
+    by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
     results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_surroundings, by_q @ rates))]
     return ca.Function("linearize", state, results, _STATE_NAMES, [f"r{i}" for i in range(len(results))])
 
@@ -60,18 +75,20 @@ def _factors_function(car: Car) -> ca.Function:
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
-        columns = [*DYNAMIC_COORDINATES, *range(14, 32)]
+        columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(SURROUNDINGS))]
         return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.surroundings))[:, columns]
 
     arguments = _arguments(car)
-    udot, forces, motions = ca.SX.sym("udot", 14), ca.SX.sym("forces", 4, 4), ca.SX.sym("motions", 5, 4)
+    udot = ca.SX.sym("udot", COORDINATES)
+    forces, motions = ca.SX.sym("forces", 4, len(WHEELS)), ca.SX.sym("motions", 5, len(WHEELS))
     missing, tyres = car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
     *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
-    order = [*(i for corner in range(4) for i in (SPIN.start + corner, TRAVEL.start + corner)), *range(6)]
-    back = sorted(range(14), key=order.__getitem__)
+    joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
+    order = [*joints, *range(TWIST.stop)]
+    back = sorted(range(COORDINATES), key=order.__getitem__)
     inverse = inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back]
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
     results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
@@ -84,15 +101,15 @@ def advance_function(car: Car) -> ca.Function:
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
     h = ca.SX.sym("h")
-    inverse = ca.SX.sym("inverse", 14, 14)
-    by_q = ca.SX.sym("by_q", 14, 7)
+    inverse = ca.SX.sym("inverse", COORDINATES, COORDINATES)
+    by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
     dynamics = ca.Function("f", _arguments(car), [car.dynamics])
     q, u = car.q, car.u
     rest = _arguments(car)[2:]
     # Inverse of the stiffened matrix by Woodbury's identity.
     responses, slopes, foreseen = car.stiffening
     columns, rows = inverse @ responses, GAMMA * h * slopes
-    reduced = ca.SX.eye(4) - rows @ columns
+    reduced = ca.SX.eye(len(WHEELS)) - rows @ columns
 
     def solve(right: ca.SX, known: ca.SX) -> ca.SX:
         """A stage without the stiffening that its `known` part (4) would cause."""
@@ -119,15 +136,14 @@ def advance_function(car: Car) -> ca.Function:
 
 def kinematics_function(car: Car) -> ca.Function:
     """(q, u) → ∂q̇/∂(roll, pitch, yaw) of the first six coordinates (6×3), ∂q̇/∂u of the first six (6×6)."""
-    rate = kinematics(car.q, car.u)[:6]
-    return codegen.function(
-        "kinematics", [car.q, car.u], [ca.jacobian(rate, car.q)[:, 3:6], ca.jacobian(rate, car.u)[:, :6]], ("q", "u")
-    )
+    rate = kinematics(car.q, car.u)[POSE]
+    by_attitude, by_twist = ca.jacobian(rate, car.q)[:, ATTITUDE], ca.jacobian(rate, car.u)[:, TWIST]
+    return codegen.function("kinematics", [car.q, car.u], [by_attitude, by_twist], ("q", "u"))
 
 
 def force_function(car: Car) -> ca.Function:
     """(q, inputs, surroundings, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
-    acceleration = ca.SX.sym("acceleration", 14)
+    acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
         [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration],
@@ -145,7 +161,7 @@ def remember_function(car: Car) -> ca.Function:
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
     udot (m×14), surroundings (m×4); by the biases it is the unit matrix if there are any."""
-    udot = ca.SX.sym("udot", 14)
+    udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     value = sensor.equation(Motion(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)

@@ -16,10 +16,27 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Z
+from vsense_ros.model.coordinates import (
+    BANK,
+    COORDINATES,
+    GRADE,
+    INPUTS,
+    RATES,
+    SPEED_X,
+    SPEED_Y,
+    SPIN,
+    SURROUNDINGS,
+    VELOCITY,
+    WHEEL_OUTPUTS,
+    WHEELS,
+    YAW,
+    Z,
+)
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
+
+_SLOPES = slice(GRADE, BANK + 1)
 
 # (time [s], q (14,), u (14,)) → road-wheel angle [rad] and wheel torques fl, fr, rl, rr [N m], (5,). It is asked once a
 # step, in order of time, for the middle of the step, with the state at the step's beginning; it may keep a memory, but
@@ -44,17 +61,18 @@ class Trajectory:
         """Room for the instants `t` (n,) [s]."""
         n = len(t)
         q, u, udot = (np.empty((n, COORDINATES)) for _ in range(3))
-        return cls(t, q, u, udot, wheels=np.empty((n, 7, len(WHEELS))), inputs=np.empty((n, len(INPUTS))))
+        wheels = np.empty((n, len(WHEEL_OUTPUTS), len(WHEELS)))
+        return cls(t, q, u, udot, wheels, inputs=np.empty((n, len(INPUTS))))
 
     @property
     def acceleration(self) -> Array:
         """Kinematic acceleration of `cog` in body axes, (n, 3) [m/s²]."""
-        return self.udot[:, :3] + np.cross(self.u[:, 3:6], self.u[:, :3])
+        return self.udot[:, VELOCITY] + np.cross(self.u[:, RATES], self.u[:, VELOCITY])
 
     @property
     def side_slip(self) -> Array:
         """Angle from the car's heading to its velocity, positive to the left, (n,) [rad]."""
-        return np.arctan2(self.u[:, 1], self.u[:, 0])
+        return np.arctan2(self.u[:, SPEED_Y], self.u[:, SPEED_X])
 
 
 def axle_of(vehicle: Vehicle, wheel: int) -> Axle:
@@ -79,7 +97,7 @@ def rolling_straight(vehicle: Vehicle, speed: float = 0.0) -> tuple[Array, Array
     """Coordinates and velocities (14 each) of the car in its design position at `speed` [m/s] along the map's x."""
     q, u = np.zeros(COORDINATES), np.zeros(COORDINATES)
     q[Z] = vehicle.physics.chassis.cog_height
-    u[X] = speed
+    u[SPEED_X] = speed
     u[SPIN] = speed / rolling_radii(vehicle)
     return q, u
 
@@ -133,7 +151,7 @@ def simulate(
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
         if road:
-            around[:2] = given[:2] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
+            around[_SLOPES] = given[_SLOPES] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
         between[:] = (between + inputs) / 2 if i else inputs
@@ -143,7 +161,7 @@ def simulate(
         linearize.call()
         if i % keep_every == 0:
             outputs.call()
-            result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot[:, 0]
+            result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot.ravel()
             result.wheels[row], result.inputs[row] = outputs.results[1], inputs
             result.surroundings[row] = around  # type: ignore[index]
             row += 1

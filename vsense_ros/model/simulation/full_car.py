@@ -7,10 +7,27 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen import Kernel, compiled
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.full_car import OUTPUTS, FullCar
+from vsense_ros.model import spatial
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, steering_rack
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import COORDINATES, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.coordinates import (
+    BANK,
+    COORDINATES,
+    GRADE,
+    RADIUS_ERROR,
+    RATES,
+    SPIN,
+    STEERING,
+    STEERING_OFFSET,
+    SURROUNDINGS,
+    TORQUES,
+    TRAVEL,
+    VELOCITY,
+    WHEEL_OUTPUTS,
+    WHEELS,
+    YAW,
+)
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -86,7 +103,7 @@ class FullCarPlant:
 
     def step(self, inputs: Array) -> None:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
-        angle = float(inputs[0] - self.surroundings[2])
+        angle = float(inputs[STEERING] - self.surroundings[STEERING_OFFSET])
         rate = (angle - self._angle) / self.step_length
         self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
         self._angle, self._rate = angle, rate
@@ -127,22 +144,22 @@ class FullCarPlant:
     @property
     def wheels(self) -> Array:
         """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
-        return self.integrator.outputs().reshape(len(WHEELS), len(OUTPUTS)).T
+        return self.integrator.outputs().reshape(len(WHEELS), len(WHEEL_OUTPUTS)).T
 
     def _hold(self, inputs: Array) -> None:
         """The wheels at the mean angle of `inputs`, at rest."""
-        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
+        self._angle, self._rate = float(inputs[STEERING] - self.surroundings[STEERING_OFFSET]), 0.0
         self._guides[:] = self.rack.motion(self._angle)
 
     def _act(self, inputs: Array) -> None:
         integrator, force = self.integrator, self.force
-        integrator.wrench[:3], integrator.wrench[3:] = force[3:6], force[:3]
-        along, across = np.sin(self.surroundings[:2])
+        integrator.wrench[spatial.ANGULAR], integrator.wrench[spatial.LINEAR] = force[RATES], force[VELOCITY]
+        along, across = np.sin(self.surroundings[[GRADE, BANK]])
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
         for i, wheel in enumerate(WHEELS):
-            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[1 + i] + force[SPIN][i]
+            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[TORQUES][i] + force[SPIN][i]
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
 
 
@@ -167,9 +184,9 @@ def simulate_full_car(
     if force is not None:
         plant.force[:] = force
     if surroundings is not None:
-        if surroundings[3] != 0:
+        if surroundings[RADIUS_ERROR] != 0:
             raise InputError(
-                f"the full car has no relative error of the tyre radius, found {surroundings[3]:g}: change "
+                f"the full car has no relative error of the tyre radius, found {surroundings[RADIUS_ERROR]:g}: change "
                 "unloaded_radius instead"
             )
         plant.surroundings[:] = surroundings

@@ -22,7 +22,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel, simd
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import GAMMA, advance_function, linearize_function, remember_function
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS
+from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS, TORQUES, WHEELS
 
 Array = NDArray[np.float64]
 
@@ -129,7 +129,7 @@ class OpenLoop:
             for name, values in inputs.varying.items():
                 parameters[self._place[name]] = values[i]
             if inputs.gain is not None and inputs.target is not None:
-                driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
+                driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if remember is not None:
                 between[:] = (before + driving) / 2 if i else driving
                 before[:] = driving
@@ -137,7 +137,7 @@ class OpenLoop:
                 memory[:] = remember.results[0][:, 0]
             if i % self.keep == 0:
                 linearize.call()
-                for column, value in zip(kept, (now_q, now_u, udot[:, 0]), strict=True):
+                for column, value in zip(kept, (now_q, now_u, udot.ravel()), strict=True):
                     column[i // self.keep] = value
                 try:
                     inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
@@ -208,7 +208,7 @@ class _Compiled:
             beside(*(drive.inputs for drive in drives)),
             beside(*(drive.surroundings for drive in drives)),
             beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
-            beside(*(none(run, 4) if run.inputs.gain is None else run.inputs.gain for run in runs)),
+            beside(*(none(run, len(WHEELS)) if run.inputs.gain is None else run.inputs.gain for run in runs)),
             beside(*(_varying(run, varied, places) for run in runs)),
             at_once(*(run.parameters for run in runs)),
         ]
