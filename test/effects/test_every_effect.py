@@ -142,7 +142,7 @@ def test_tyre_relaxation_lags_by_its_length_whatever_the_step(full):
 def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bare):
     soft = having(bare, Effects(tyre_underinflation={"rr": 0.4, "cornering": 0.5}))
     car = car_of(soft)
-    side = ca.Function("side", [car.q, car.u, car.surroundings, car.inputs, car.p], [car.wheel_outputs[1, :]])
+    side = ca.Function("side", [car.q, car.u, car.disturbances, car.inputs, car.p], [car.wheel_outputs[1, :]])
     q, u = rolling_straight(soft, 20.0)
     u[1] = 0.02  # 1 mrad of side slip: the linear range
     found, as_stiff = (
@@ -156,7 +156,7 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
 def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_grip(bare, slip, least, most):
     pushing = having(bare, Effects(tyre_conicity={}))
     car = car_of(pushing)
-    arguments = [car.q, car.u, car.surroundings, car.inputs, car.p]
+    arguments = [car.q, car.u, car.disturbances, car.inputs, car.p]
     outputs = ca.Function("outputs", arguments, [car.wheel_outputs[[1, 2, 5], :]])
     q, u = rolling_straight(pushing, 20.0)
     u[1] = 20.0 * slip
@@ -174,7 +174,7 @@ def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     swinging, omega, share = having(bare, Effects(sloshing_load={"mass": 1.0, "frequency": 4.0})), 4.0, 0.2
     mass = bare.physics.chassis.mass
     car, h = car_of(swinging), 1e-4
-    arguments = [car.q, car.u, car.memory, car.surroundings, car.inputs, car.p]
+    arguments = [car.q, car.u, car.memory, car.disturbances, car.inputs, car.p]
     moved = ca.Function("moved", arguments, [car.remember(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
     q, u = rolling_straight(swinging, 20.0)
     parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()

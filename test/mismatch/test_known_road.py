@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hidden import driven, having, prototype, without
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import SURROUNDINGS, YAW, X, Y
+from vsense_ros.model.coordinates import DISTURBANCES, YAW, X, Y
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import ErrorEkf
@@ -20,7 +20,7 @@ from vsense_ros.observer.reading import Map
 from vsense_ros.observer.road_map import NEAR, SPACING, Profile, Survey
 
 ORIGIN = (43.5, -8.2, 50.0)
-BANK = SURROUND.start + SURROUNDINGS.index("bank")
+BANK = SURROUND.start + DISTURBANCES.index("bank")
 EAST = np.arange(-50.0, 651.0, SPACING)
 
 

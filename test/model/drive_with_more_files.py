@@ -28,14 +28,14 @@ def add_files(package: str, folder: str) -> None:
 def drive(vehicle_file: Path) -> dict[str, float]:
     from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.model.car.car import car_of
-    from vsense_ros.model.coordinates import INPUTS, SPEED_X, STEERING, SURROUNDINGS, YAW_RATE
+    from vsense_ros.model.coordinates import DISTURBANCES, INPUTS, SPEED_X, STEERING, YAW_RATE
     from vsense_ros.model.simulation.closed_loop import rolling_straight
     from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 
     vehicle = load_vehicle(vehicle_file)
     inputs = np.zeros((STEPS, len(INPUTS)))
     inputs[:, STEERING] = 0.002
-    driven = Inputs(STEP, inputs, np.zeros((STEPS, len(SURROUNDINGS))))
+    driven = Inputs(STEP, inputs, np.zeros((STEPS, len(DISTURBANCES))))
     u = OpenLoop(car_of(vehicle), 1).run(*rolling_straight(vehicle, 20.0), driven, vehicle.parameter_vector()).u
     return {"speed": float(u[-1, SPEED_X]), "yaw_rate": float(u[-1, YAW_RATE])}
 

@@ -13,7 +13,7 @@ from vsense_ros.model import coordinates as c
 
 PACKAGE = Path(vsense_ros.__file__).parent
 FOLDERS = ("evaluate", "experiments", "manoeuvre", "model/car", "model/effects", "model/simulation")
-VECTORS = {"q", "u", "udot", "inputs", "force", "surroundings"}  # names that the vectors have everywhere
+VECTORS = {"q", "u", "udot", "inputs", "force", "disturbances"}  # names that the vectors have everywhere
 
 
 def bare_indices(source: str) -> list[str]:
@@ -52,8 +52,8 @@ def test_the_names_cover_each_vector_once():
     assert list(every[c.TWIST]) == [c.SPEED_X, c.SPEED_Y, c.SPEED_Z, c.ROLL_RATE, c.PITCH_RATE, c.YAW_RATE]
     assert c.INPUTS[c.STEERING] == "steering"
     assert c.INPUTS[c.TORQUES] == tuple(f"torque_{wheel}" for wheel in c.WHEELS)
-    places = {name: getattr(c, name.upper()) for name in c.SURROUNDINGS}
-    assert [c.SURROUNDINGS[place] for place in places.values()] == list(places)
+    places = {name: getattr(c, name.upper()) for name in c.DISTURBANCES}
+    assert [c.DISTURBANCES[place] for place in places.values()] == list(places)
     assert [c.WHEEL_OUTPUTS[row] for row in (c.FORCE_X, c.FORCE_Y, c.FORCE_Z, c.MOMENT)] == [
         "force_x", "force_y", "force_z", "moment",
     ]  # fmt: skip

@@ -18,7 +18,7 @@ from vsense_ros.codegen.c99 import c_function, number, wrapped
 from vsense_ros.errors import InputError
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
@@ -40,7 +40,7 @@ _ARGUMENTS = {
     "q": "v->state",
     "u": "v->state + MODEL",
     "force": "v->state + 2 * MODEL",
-    "surroundings": "v->state + 3 * MODEL",
+    "disturbances": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
     "memory": "v->effects",
@@ -363,7 +363,7 @@ class _Contents:
 
     def _filter_arguments(self) -> str:
         """The `ParameterFilter.arguments` in C."""
-        names = ("q", "u", "force", "surroundings", "inputs", "p")
+        names = ("q", "u", "force", "disturbances", "inputs", "p")
         linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
         memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
         places = [_ARGUMENTS[name] for name in names]
@@ -443,7 +443,7 @@ def _state_entries() -> tuple[Entry, ...]:
         "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
         "radius_error": ("-", "relative error of the tyre radius"),
     }
-    return (*entries, *(Entry(name.upper(), *around[name]) for name in SURROUNDINGS))
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
 
 
 _STATE_ENTRIES = _state_entries()

@@ -24,11 +24,11 @@ from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import sensor_functions
 from vsense_ros.model.coordinates import (
     ATTITUDE,
+    DISTURBANCES,
     MOMENT,
     POSITION,
     RATES,
     STEERING,
-    SURROUNDINGS,
     TORQUES,
     VELOCITY,
     WHEEL_FORCES,
@@ -147,7 +147,7 @@ class _Measuring:
         """What a perfect sensor would measure, (rows, m)."""
         motion = self.trajectory
         function = sensor_functions(car_of(self.vehicle), (sensor,))[sensor.kind].map(len(rows))
-        around = np.zeros((len(SURROUNDINGS), 1)) if motion.surroundings is None else motion.surroundings[rows].T
+        around = np.zeros((len(DISTURBANCES), 1)) if motion.disturbances is None else motion.disturbances[rows].T
         biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
         arguments = [motion.q[rows].T, motion.u[rows].T, motion.udot[rows].T, around, motion.inputs[rows].T]
         result = function(*arguments, biases, mounting)[0]

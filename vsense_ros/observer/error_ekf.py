@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import model_functions, sensor_functions
-from vsense_ros.model.coordinates import INPUTS, PITCH, ROLL, SPIN, SURROUNDINGS, WHEELS, YAW, X, Y, Z
+from vsense_ros.model.coordinates import DISTURBANCES, INPUTS, PITCH, ROLL, SPIN, WHEELS, YAW, X, Y, Z
 from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.vehicle import Vehicle
@@ -49,7 +49,7 @@ def layout(sensors: dict[str, SensorBase]) -> Layout:
     """State of a vehicle with these sensors."""
     coordinates = ["x", "y", "z", "roll", "pitch", "yaw"] + [f"travel_{w}" for w in WHEELS]
     coordinates += [f"spin_{w}" for w in WHEELS]
-    names = [*coordinates, *(f"{c}_rate" for c in coordinates), *(f"{c}_force" for c in coordinates), *SURROUNDINGS]
+    names = [*coordinates, *(f"{c}_rate" for c in coordinates), *(f"{c}_force" for c in coordinates), *DISTURBANCES]
     slices = []
     for name, sensor in sensors.items():
         first = len(names)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, WHEELS, YAW, Y
+from vsense_ros.model.coordinates import DISTURBANCES, SPIN, WHEELS, YAW, Y
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.error_ekf import ErrorEkf
 from vsense_ros.observer.kalman import FORCE, SURROUND
 
 Array = NDArray[np.float64]
 
-_STEERING_OFFSET = SURROUNDINGS.index("steering_offset")
+_STEERING_OFFSET = DISTURBANCES.index("steering_offset")
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 

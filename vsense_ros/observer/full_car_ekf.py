@@ -45,7 +45,7 @@ class FullCarEkf(ErrorEkf):
     def start(self, speed: float) -> None:
         super().start(speed)
         self.plant.force[:] = 0.0
-        self.plant.surroundings[:] = 0.0
+        self.plant.disturbances[:] = 0.0
         self.plant.place(self.state[Q], self.state[U], self.inputs)
         self._keep()
 
@@ -77,7 +77,7 @@ class FullCarEkf(ErrorEkf):
     def _return(self) -> None:
         """Puts the car where the filter is."""
         plant, state = self.plant, self.state
-        plant.force[:], plant.surroundings[:] = state[FORCE], state[SURROUND]
+        plant.force[:], plant.disturbances[:] = state[FORCE], state[SURROUND]
         try:
             plant.recall(self._kept, self.inputs)
             plant.correct(state[Q], state[U])

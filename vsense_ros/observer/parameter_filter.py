@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.coordinates import COORDINATES, SURROUNDINGS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
 
@@ -48,11 +48,11 @@ class ParameterFilter(ABC):
     def __init__(self, car: Car, columns: Sequence[int], size: int) -> None:
         self.car, self.columns, self.size = car, tuple(columns), size
         self.count = len(self.columns)
-        self.state = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p]
+        self.state = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p]
         self.udot = ca.SX.sym("udot", COORDINATES)
         self.by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC))
         self.by_u = ca.SX.sym("by_u", COORDINATES, COORDINATES)
-        self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(SURROUNDINGS))
+        self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(DISTURBANCES))
         self.sensitivity = ca.SX.sym("S", size, self.count)
         self.covariance = ca.SX.sym("M", self.count, self.count)
         self.others = ca.SX.sym("others", COORDINATES, self.elsewhere)

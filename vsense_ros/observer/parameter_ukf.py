@@ -66,8 +66,8 @@ class ParameterUkf(ParameterFilter):
     def _sensor(self, sensor: SensorBase) -> ca.Function:
         """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m)."""
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
-        motion = Motion(self.car.q, self.car.u, self.udot, self.car.surroundings, self.car.inputs)
-        arguments = [motion.q, motion.u, motion.udot, motion.surroundings, motion.inputs, bias, mounting]
+        motion = Motion(self.car.q, self.car.u, self.udot, self.car.disturbances, self.car.inputs)
+        arguments = [motion.q, motion.u, motion.udot, motion.disturbances, motion.inputs, bias, mounting]
         return ca.Function("h", arguments, [ca.densify(sensor.equation(motion, bias, mounting))], {"cse": True})
 
     def effect(self) -> ca.Function:

@@ -28,6 +28,7 @@ from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
     COORDINATES,
+    DISTURBANCES,
     GRADE,
     INPUTS,
     PITCH,
@@ -41,7 +42,6 @@ from vsense_ros.model.coordinates import (
     SPIN,
     STEERING,
     STEERING_OFFSET,
-    SURROUNDINGS,
     TORQUES,
     TRAVEL,
     VELOCITY,
@@ -71,7 +71,7 @@ class Motion:
     q: ca.SX  # (14,)
     u: ca.SX  # (14,)
     udot: ca.SX  # (14,) derivatives of u
-    surroundings: ca.SX  # (4,)
+    disturbances: ca.SX  # (4,)
     inputs: ca.SX  # (5,)
 
     @property
@@ -82,7 +82,7 @@ class Motion:
     @property
     def gravity(self) -> ca.SX:
         """Acceleration of free fall in body axes, 3×1 [m/s²]."""
-        return gravity_in_body(self.q, self.surroundings)
+        return gravity_in_body(self.q, self.disturbances)
 
     @property
     def roll(self) -> ca.SX:
@@ -90,9 +90,9 @@ class Motion:
         return self.q[ROLL]
 
 
-def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
+def gravity_in_body(q: ca.SX, disturbances: ca.SX) -> ca.SX:
     """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
-    along, across = ca.sin(surroundings[GRADE]), ca.sin(surroundings[BANK])
+    along, across = ca.sin(disturbances[GRADE]), ca.sin(disturbances[BANK])
     on_road = -GRAVITY * ca.vertcat(along, across, ca.sqrt(1 - along**2 - across**2))
     return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
 
@@ -142,7 +142,7 @@ class Car:
         self.q: ca.SX = ca.SX.sym("q", COORDINATES)
         self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
-        self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
+        self.disturbances = ca.SX.sym("disturbances", len(DISTURBANCES))
         self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
         self._effects = present = self.parameters.effects.present()
         self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
@@ -185,7 +185,7 @@ class Car:
     @cached_property
     def _road_wheel_angle(self) -> ca.SX:
         """Mean of both front wheels [rad]."""
-        angle = self.inputs[STEERING] - self.surroundings[STEERING_OFFSET]
+        angle = self.inputs[STEERING] - self.disturbances[STEERING_OFFSET]
         for effect, memory in zip(self._effects, self._memories, strict=True):
             angle = effect.front_angle(angle, self, memory)
         return angle
@@ -280,7 +280,7 @@ class Car:
         velocity = linear + ca.cross(angular, hub.centre) + travelling[spatial.LINEAR]
         touch = contact(
             a,
-            a.unloaded_radius * (1 + self.surroundings[RADIUS_ERROR]),
+            a.unloaded_radius * (1 + self.disturbances[RADIUS_ERROR]),
             hub.centre,
             hub.axle,
             normal,
@@ -379,10 +379,10 @@ class Car:
 
     @cached_property
     def dynamics(self) -> ca.SX:
-        """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
+        """Derivatives of `u` (14): a function of q, u, force, disturbances, inputs and p."""
         root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self.contacts))
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
-        linear = root[spatial.LINEAR] + gravity_in_body(self.q, self.surroundings)
+        linear = root[spatial.LINEAR] + gravity_in_body(self.q, self.disturbances)
         return _by_coordinate(ca.vertcat(root[spatial.ANGULAR], linear), joints)
 
     def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
@@ -399,7 +399,7 @@ class Car:
             for i, contact in enumerate(self.contacts)
         ]
         efforts, chassis, forces = self._loads(given)
-        linear = acceleration[VELOCITY] - gravity_in_body(self.q, self.surroundings)
+        linear = acceleration[VELOCITY] - gravity_in_body(self.q, self.disturbances)
         root, joints = self._tree.inverse_dynamics(
             self.root_velocity,
             self._rates,

@@ -18,12 +18,12 @@ from vsense_ros.model.car.car import Car, Motion, kinematics
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
+    DISTURBANCES,
     DYNAMIC_COORDINATES,
     PITCH,
     POSE,
     ROLL,
     SPIN,
-    SURROUNDINGS,
     TRAVEL,
     TWIST,
     WHEELS,
@@ -34,12 +34,12 @@ from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
-_STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
-_STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(SURROUNDINGS))  # of what `linearize` derives by
+_STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "memory")
+_STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(DISTURBANCES))  # of what `linearize` derives by
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
+    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.memory]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -47,12 +47,12 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 
 def dynamics_function(car: Car) -> ca.Function:
-    """(q, u, force, surroundings, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
+    """(q, u, force, disturbances, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
 
 
 def linearize_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), surroundings (14×4), and the
+    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×4), and the
     first of these times the rates of the dynamic coordinates by u (14×14).
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
@@ -63,20 +63,20 @@ def linearize_function(car: Car) -> ca.Function:
     state = [ca.MX.sym(name, argument.shape) for name, argument in zip(_STATE_NAMES, _arguments(car), strict=True)]
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
     jacobian = -inverse @ (direct + by_forces @ (by_motions @ motions + beside))
-    by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
-    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_surroundings, by_q @ rates))]
+    by_q, by_u, by_disturbances = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
+    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_disturbances, by_q @ rates))]
     return ca.Function("linearize", state, results, _STATE_NAMES, [f"r{i}" for i in range(len(results))])
 
 
 def _factors_function(car: Car) -> ca.Function:
     """(…) → derivatives of u; inverse of the mass matrix; the missing force's derivative by the state `z` (dynamic
-    coordinates, u, surroundings) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
+    coordinates, u, disturbances) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
     forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic coordinates by u.
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
-        columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(SURROUNDINGS))]
-        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.surroundings))[:, columns]
+        columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(DISTURBANCES))]
+        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.disturbances))[:, columns]
 
     arguments = _arguments(car)
     udot = ca.SX.sym("udot", COORDINATES)
@@ -142,13 +142,13 @@ def kinematics_function(car: Car) -> ca.Function:
 
 
 def force_function(car: Car) -> ca.Function:
-    """(q, inputs, surroundings, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
+    """(q, inputs, disturbances, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
     acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration],
+        [car.q, car.inputs, car.disturbances, car.p, car.memory, acceleration],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "surroundings", "p", "memory", "acceleration"),
+        ("q", "inputs", "disturbances", "p", "memory", "acceleration"),
     )
 
 
@@ -159,17 +159,17 @@ def remember_function(car: Car) -> ca.Function:
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
-    udot (m×14), surroundings (m×4); by the biases it is the unit matrix if there are any."""
+    """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
+    udot (m×14), disturbances (m×4); by the biases it is the unit matrix if there are any."""
     udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)
+    value = sensor.equation(Motion(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
-        [car.q, car.u, udot, car.surroundings, car.inputs, biases, mounting],
-        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.surroundings))],
-        ("q", "u", "udot", "surroundings", "inputs", "biases", "mounting"),
+        [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],
+        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.disturbances))],
+        ("q", "u", "udot", "disturbances", "inputs", "biases", "mounting"),
     )
 
 

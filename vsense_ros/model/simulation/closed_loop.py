@@ -19,13 +19,13 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
     COORDINATES,
+    DISTURBANCES,
     GRADE,
     INPUTS,
     RATES,
     SPEED_X,
     SPEED_Y,
     SPIN,
-    SURROUNDINGS,
     VELOCITY,
     WHEEL_OUTPUTS,
     WHEELS,
@@ -54,7 +54,7 @@ class Trajectory:
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 5) as model.car.INPUTS, those of the step that begins here
-    surroundings: Array | None = None  # (n, 4) as model.car.SURROUNDINGS; zeros if not given
+    disturbances: Array | None = None  # (n, 4) as model.car.DISTURBANCES; zeros if not given
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
@@ -112,12 +112,12 @@ def simulate(
     q: Array | None = None,
     u: Array | None = None,
     force: Array | None = None,
-    surroundings: Array | None = None,
+    disturbances: Array | None = None,
 ) -> Trajectory:
     """Drive a car for `duration` [s] in steps of `step` [s], and keep every `keep_every`-th instant from the first on.
 
     `q`, `u` (14) is the state at the beginning (default: standing in the design position), `force` (14) a constant
-    generalized force beyond the model's, `surroundings` (4) road and offsets as in `model.car.SURROUNDINGS`, to which
+    generalized force beyond the model's, `disturbances` (4) road and offsets as in `model.car.DISTURBANCES`, to which
     the vehicle's effects add the slopes of their roads.
     Raises `FloatingPointError` where the motion leaves what the coordinates can describe (a pitch of 90°).
     """
@@ -126,7 +126,7 @@ def simulate(
     now_u = np.array(start_u if u is None else u, dtype=float)
     inputs = np.zeros(len(INPUTS))
     extra = np.zeros(COORDINATES) if force is None else np.array(force, dtype=float)
-    given = np.zeros(len(SURROUNDINGS)) if surroundings is None else np.array(surroundings, dtype=float)
+    given = np.zeros(len(DISTURBANCES)) if disturbances is None else np.array(disturbances, dtype=float)
     around = given.copy()
     road = vehicle.physics.effects.present()
     car = car_of(vehicle)
@@ -146,7 +146,7 @@ def simulate(
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
     result = replace(
-        Trajectory.unfilled(np.array([i * step for i in kept])), surroundings=np.empty((len(kept), len(SURROUNDINGS)))
+        Trajectory.unfilled(np.array([i * step for i in kept])), disturbances=np.empty((len(kept), len(DISTURBANCES)))
     )
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
@@ -163,7 +163,7 @@ def simulate(
             outputs.call()
             result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot.ravel()
             result.wheels[row], result.inputs[row] = outputs.results[1], inputs
-            result.surroundings[row] = around  # type: ignore[index]
+            result.disturbances[row] = around  # type: ignore[index]
             row += 1
         slope = by_u + (GAMMA * step) * by_q_rates
         inverse[:] = np.linalg.inv(unit - (GAMMA * step) * slope).reshape(-1, order="F")

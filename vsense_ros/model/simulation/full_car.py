@@ -14,13 +14,13 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
     COORDINATES,
+    DISTURBANCES,
     GRADE,
     RADIUS_ERROR,
     RATES,
     SPIN,
     STEERING,
     STEERING_OFFSET,
-    SURROUNDINGS,
     TORQUES,
     TRAVEL,
     VELOCITY,
@@ -41,7 +41,7 @@ class FullCarPlant:
     """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
 
     `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
-    model's) and `surroundings` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
+    model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
     that it takes at design height.
     """
 
@@ -63,7 +63,7 @@ class FullCarPlant:
             placing, [state.z, self._guides, self.integrator.parameters, self._target_q, self._target_u]
         )
         self.force = np.zeros(COORDINATES)
-        self.surroundings = np.zeros(len(SURROUNDINGS))
+        self.disturbances = np.zeros(len(DISTURBANCES))
         self._angle = self._rate = 0.0
         self._motion.call()
 
@@ -103,7 +103,7 @@ class FullCarPlant:
 
     def step(self, inputs: Array) -> None:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
-        angle = float(inputs[STEERING] - self.surroundings[STEERING_OFFSET])
+        angle = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET])
         rate = (angle - self._angle) / self.step_length
         self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
         self._angle, self._rate = angle, rate
@@ -148,13 +148,13 @@ class FullCarPlant:
 
     def _hold(self, inputs: Array) -> None:
         """The wheels at the mean angle of `inputs`, at rest."""
-        self._angle, self._rate = float(inputs[STEERING] - self.surroundings[STEERING_OFFSET]), 0.0
+        self._angle, self._rate = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET]), 0.0
         self._guides[:] = self.rack.motion(self._angle)
 
     def _act(self, inputs: Array) -> None:
         integrator, force = self.integrator, self.force
         integrator.wrench[spatial.ANGULAR], integrator.wrench[spatial.LINEAR] = force[RATES], force[VELOCITY]
-        along, across = np.sin(self.surroundings[[GRADE, BANK]])
+        along, across = np.sin(self.disturbances[[GRADE, BANK]])
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
@@ -173,7 +173,7 @@ def simulate_full_car(
     q: Array | None = None,
     u: Array | None = None,
     force: Array | None = None,
-    surroundings: Array | None = None,
+    disturbances: Array | None = None,
 ) -> Trajectory:
     """As `model.simulate.simulate`, for a vehicle with a `linkage` section.
 
@@ -183,13 +183,13 @@ def simulate_full_car(
     plant = FullCarPlant(vehicle, step)
     if force is not None:
         plant.force[:] = force
-    if surroundings is not None:
-        if surroundings[RADIUS_ERROR] != 0:
+    if disturbances is not None:
+        if disturbances[RADIUS_ERROR] != 0:
             raise InputError(
-                f"the full car has no relative error of the tyre radius, found {surroundings[RADIUS_ERROR]:g}: change "
+                f"the full car has no relative error of the tyre radius, found {disturbances[RADIUS_ERROR]:g}: change "
                 "unloaded_radius instead"
             )
-        plant.surroundings[:] = surroundings
+        plant.disturbances[:] = disturbances
     start_q, start_u = rolling_straight(vehicle)
     start_q = start_q if q is None else q
     start_u = start_u if u is None else u
