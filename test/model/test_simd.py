@@ -137,7 +137,7 @@ def test_effects_remember_in_each_lane_from_where_a_run_begins_to_where_it_ends(
 def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     loop = OpenLoop(car_of(vehicle))
     good, bad = driven(vehicle, 200, 0.02), driven(vehicle, 200, 0.02)
-    bad.inputs.surroundings[100:, 0] = np.nan
+    bad.inputs.disturbances[100:, 0] = np.nan
     expected, motion, lost = loop.run(good.q, good.u, good.inputs, good.parameters), *loop.runs([good, bad])
     assert_allclose(motion.u, expected.u, rtol=1e-12, atol=1e-12)
     assert np.isfinite(lost.u[:50]).all()
@@ -154,7 +154,7 @@ def test_runs_with_steps_of_different_lengths_do_not_go_together(vehicle):
 def test_a_rolling_car_in_any_lane_is_accelerated_by_gravity_along_its_slope(vehicle):
     loop, runs = OpenLoop(car_of(vehicle)), [driven(vehicle, 400, 0.0) for _ in range(3)]
     for slope, run in zip((0.0, 0.02, 0.04), runs, strict=True):
-        run.inputs.surroundings[:, 0] = slope
+        run.inputs.disturbances[:, 0] = slope
     motions = loop.runs(runs)
     begin = 100  # the first second: until the car has settled on its slope
     duration = motions[0].t[-1] - motions[0].t[begin]

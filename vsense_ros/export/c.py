@@ -19,7 +19,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
@@ -41,7 +41,7 @@ _ARGUMENTS = {
     "q": "v->state",
     "u": "v->state + MODEL",
     "force": "v->state + 2 * MODEL",
-    "surroundings": "v->state + 3 * MODEL",
+    "disturbances": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
     "memory": "v->effects",
@@ -63,7 +63,7 @@ _RESULTS = {
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
 _FIELDS = {
-    "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
+    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
     "inputs": "what drives the model",
     "covariance": "of the errors of the state, row-major",
     "effects": "what physical effects remember of the past",
@@ -364,7 +364,7 @@ class _Contents:
 
     def _filter_arguments(self) -> str:
         """The `ParameterFilter.arguments` in C."""
-        names = ("q", "u", "force", "surroundings", "inputs", "p")
+        names = ("q", "u", "force", "disturbances", "inputs", "p")
         linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
         memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
         places = [_ARGUMENTS[name] for name in names]
@@ -444,7 +444,7 @@ def _state_entries() -> tuple[Entry, ...]:
         "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
         "radius_error": ("-", "relative error of the tyre radius"),
     }
-    return (*entries, *(Entry(name.upper(), *around[name]) for name in SURROUNDINGS))
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
 
 
 _STATE_ENTRIES = _state_entries()

@@ -18,8 +18,9 @@ from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
 from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import AXLES, WHEELS
+from vsense_ros.model.effects.base import AXLES
 
 Array = NDArray[np.float64]
 

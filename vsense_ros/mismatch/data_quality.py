@@ -19,6 +19,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window, in_axes_of_car, turned_to_car
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -52,9 +53,9 @@ _COMPONENTS = {
         "roll rate", "pitch rate", "yaw rate",
         "longitudinal acceleration", "lateral acceleration", "vertical acceleration",
     ),
-    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in WHEELS),
     "gnss_velocity": ("GNSS velocity to the east", "GNSS velocity to the north"),
-    "suspension": tuple(f"suspension travel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+    "suspension": tuple(f"suspension travel {wheel}" for wheel in WHEELS),
 }  # fmt: skip
 _ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
 

@@ -20,7 +20,7 @@ from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Dataset, 
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.car import Motion as Instant
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, YAW, X, Y
+from vsense_ros.model.coordinates import DISTURBANCES, SPIN, YAW, X, Y
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
 from vsense_ros.model.sensors import Imu, SensorBase
@@ -100,7 +100,7 @@ class _Driving:
     parameters: Array
     shares: Sequence[float]  # as TORQUE_SHARES
     delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
-    around: Array  # (n, 4) as model.car.SURROUNDINGS
+    around: Array  # (n, 4) as model.car.DISTURBANCES
     tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
@@ -262,7 +262,7 @@ class Predictor:
         """What the motion in a window depends on."""
         turned, place = self._way[index]
         varying = parameter_set.varying(place, self._surveyed(place))
-        around, tilting = np.zeros((len(place), len(SURROUNDINGS))), np.zeros((len(place), 2))
+        around, tilting = np.zeros((len(place), len(DISTURBANCES))), np.zeros((len(place), 2))
         for id in _SLOPING:
             along, across = parameter_set.effect(id, varying).slope(turned)
             around[:, 0] += along
@@ -466,12 +466,12 @@ def _offset(sensor: SensorBase) -> Array | float:
 
 
 def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, mounting) → measurement."""
+    """(q, u, udot, disturbances, mounting) → measurement."""
     udot = ca.SX.sym("udot", 14)
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     biases = ca.SX.zeros(len(sensor.biases()))
-    motion = Instant(car.q, car.u, udot, car.surroundings, ca.SX.zeros(car.inputs.numel()))
-    arguments = [car.q, car.u, udot, car.surroundings, mounting]
+    motion = Instant(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
+    arguments = [car.q, car.u, udot, car.disturbances, mounting]
     return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.parameter import Part
 
 if TYPE_CHECKING:
     from vsense_ros.model.car.car import Car, Corner
     from vsense_ros.model.sensors import SensorBase
-    from vsense_ros.model.vehicle import Vehicle
+    from vsense_ros.model.vehicle import Axle, Vehicle
 
 CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
-WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
 _PROFILE = "its profile along the road"
 SPACING = 50.0  # [m] from one row of a profile to the next; so far beyond its last one a road is as everywhere
@@ -102,8 +102,8 @@ class Effect(Part):
         """Mass [kg], first moment (3) [kg m] and inertia (3×3) [kg m²] of the sprung mass about `cog`."""
         return mass, moment, inertia
 
-    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        """Parameters of one corner, shaped like an `Axle`."""
+    def wheel(self, wheel: int, axle: Axle) -> Axle:
+        """Parameters of one corner: those of its axle."""
         return axle
 
     def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
@@ -228,11 +228,6 @@ def bounds(field: FieldInfo) -> tuple[float, float]:
 def role(field: FieldInfo) -> str:
     """What a field of an effect is: `size`, `shape`, `form` or `profile`."""
     return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
-
-
-def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:
-    """A copy of a corner's parameters with other values."""
-    return SimpleNamespace(**{**vars(axle), **values})
 
 
 def of_axle(effect: Effect, corner: Corner) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import casadi as ca
 
 from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.coordinates import FORCE_Y, FORCE_Z, ROLL
 from vsense_ros.model.effects.base import Effect, shape, size
 
 DAMPING = 0.05  # damping ratio of the swing
@@ -35,7 +36,7 @@ class SloshingLoad(Effect):
         """Of the load relative to the body [m/s²]: a pendulum on a cart, of whose mass it is part, so that it pushes
         the cart away from under itself. In a body that rolls it falls to the lower side as well."""
         mass = car.parameters.chassis.mass
-        across = ca.sum2(car.wheel_outputs[1, :]) + ca.sin(car.q[3]) * ca.sum2(car.wheel_outputs[2, :])
+        across = ca.sum2(car.wheel_outputs[FORCE_Y, :]) + ca.sin(car.q[ROLL]) * ca.sum2(car.wheel_outputs[FORCE_Z, :])
         restoring = 2 * DAMPING * self.frequency * memory[1] + self.frequency**2 * memory[0]
         return -(across / mass + restoring) / ca.fmax(1 - self.mass / mass, LEAST_REST)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
@@ -32,5 +33,5 @@ class SteeringCompliance(Effect):
         return angle - self.compliance * memory[0]
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        force = car.wheel_outputs[1, 0] + car.wheel_outputs[1, 1]
+        force = car.wheel_outputs[FORCE_Y, 0] + car.wheel_outputs[FORCE_Y, 1]
         return memory + (1 - ca.exp(-h / self.LAG)) * (force - memory)

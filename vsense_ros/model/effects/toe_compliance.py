@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
@@ -29,4 +30,4 @@ class ToeCompliance(Effect):
         return angle - of_axle(self, corner) * memory[corner.index]
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        return memory + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[1, :].T - memory)
+        return memory + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[FORCE_Y, :].T - memory)

@@ -33,7 +33,10 @@ class TyreHeating(Effect):
         return friction * ca.fmax(1 - of_axle(self, corner) * memory[corner.index], LEAST)
 
     def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        powers = [c.force_x * (c.rolling_speed - c.touch.speed_x) - c.force_y * c.touch.speed_y for c in car.contacts]
+        powers = [
+            c.tyre.longitudinal * (c.rolling_speed - c.touch.speed_x) - c.tyre.lateral * c.touch.speed_y
+            for c in car.contacts
+        ]
         heating = ca.vertcat(*powers) / HEAT_CAPACITY
         return memory + h * (heating - memory / self.cooling_time)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects.base import Effect, of_axle, size
 from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
 
@@ -27,7 +28,7 @@ class TyreRelaxation(Effect):
     sentence: ClassVar[str] = "lateral tyre forces that build up over a distance rolled"
     mistaken_for: ClassVar[tuple[str, ...]] = ("sensor_delay", "sloshing_load")
     memory: ClassVar[tuple[str, ...]] = tuple(
-        f"{name}_{wheel}" for wheel in ("fl", "fr", "rl", "rr") for name in ("lagged", "speed", "constant", "share")
+        f"{name}_{wheel}" for wheel in WHEELS for name in ("lagged", "speed", "constant", "share")
     )
 
     front: float = size("m", "relaxation length of the front tyres", typical=0.4, low=0.0, high=5.0)

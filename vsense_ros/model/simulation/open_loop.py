@@ -22,7 +22,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel, simd
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import GAMMA, advance_function, linearize_function, remember_function
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, SPIN, TORQUES, WHEELS
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Inputs:
 
     step: float  # [s]
     inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
-    surroundings: Array  # (n, 4) as model.car.SURROUNDINGS
+    disturbances: Array  # (n, 4) as model.car.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
@@ -45,7 +45,7 @@ class Inputs:
         """The same of the first so many steps."""
         varying = {name: values[:steps] for name, values in self.varying.items()}
         target, gain = (None if values is None else values[:steps] for values in (self.target, self.gain))
-        return Inputs(self.step, self.inputs[:steps], self.surroundings[:steps], varying, target, gain)
+        return Inputs(self.step, self.inputs[:steps], self.disturbances[:steps], varying, target, gain)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class OpenLoop:
         memory = np.zeros(len(motion.memory)) if run.memory is None else np.array(run.memory, dtype=float)
         size = COORDINATES
         functions = _functions(self.car)
-        driving, around = np.zeros(len(INPUTS)), np.zeros(len(SURROUNDINGS))
+        driving, around = np.zeros(len(INPUTS)), np.zeros(len(DISTURBANCES))
         arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, memory]
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
         linearize = Kernel(functions["linearize"], arguments)
@@ -125,11 +125,11 @@ class OpenLoop:
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
         unit, scale = np.eye(size), GAMMA * inputs.step
         for i in range(len(inputs)):
-            driving[:], around[:] = inputs.inputs[i], inputs.surroundings[i]
+            driving[:], around[:] = inputs.inputs[i], inputs.disturbances[i]
             for name, values in inputs.varying.items():
                 parameters[self._place[name]] = values[i]
             if inputs.gain is not None and inputs.target is not None:
-                driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
+                driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
             if remember is not None:
                 between[:] = (before + driving) / 2 if i else driving
                 before[:] = driving
@@ -137,7 +137,7 @@ class OpenLoop:
                 memory[:] = remember.results[0][:, 0]
             if i % self.keep == 0:
                 linearize.call()
-                for column, value in zip(kept, (now_q, now_u, udot[:, 0]), strict=True):
+                for column, value in zip(kept, (now_q, now_u, udot.ravel()), strict=True):
                     column[i // self.keep] = value
                 try:
                     inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
@@ -162,7 +162,7 @@ class _Run(ctypes.Structure):
         ("h", ctypes.c_double),
         ("steps", _Integers),
         *((name, _Doubles) for name in ("q", "u")),
-        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying", "parameters")),
+        *((name, _Doubles) for name in ("inputs", "disturbances", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", _Integers),
         *((name, _Doubles) for name in ("memory", "remembered")),
@@ -206,9 +206,9 @@ class _Compiled:
             at_once(*(run.q for run in runs)),
             at_once(*(run.u for run in runs)),
             beside(*(drive.inputs for drive in drives)),
-            beside(*(drive.surroundings for drive in drives)),
+            beside(*(drive.disturbances for drive in drives)),
             beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
-            beside(*(none(run, 4) if run.inputs.gain is None else run.inputs.gain for run in runs)),
+            beside(*(none(run, len(WHEELS)) if run.inputs.gain is None else run.inputs.gain for run in runs)),
             beside(*(_varying(run, varied, places) for run in runs)),
             at_once(*(run.parameters for run in runs)),
         ]
