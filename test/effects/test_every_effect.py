@@ -174,8 +174,8 @@ def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     swinging, omega, share = having(bare, Effects(sloshing_load={"mass": 1.0, "frequency": 4.0})), 4.0, 0.2
     mass = bare.physics.chassis.mass
     car, h = car_of(swinging), 1e-4
-    arguments = [car.q, car.u, car.memory, car.disturbances, car.inputs, car.p]
-    moved = ca.Function("moved", arguments, [car.remember(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
+    arguments = [car.q, car.u, car.internal_state, car.disturbances, car.inputs, car.p]
+    moved = ca.Function("moved", arguments, [car.next_internal_state(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
     q, u = rolling_straight(swinging, 20.0)
     parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()
     for roll, place in ((0.0, 0.05), (0.03, 0.0)):
@@ -204,7 +204,7 @@ def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
     car = car_of(bare)
     terms = Unmodelled(longitudinal_force_constant=300.0, lateral_force_yaw_rate=5000.0, roll_moment_lateral=10.0)
     force = ca.Function(
-        "force", [car.q, car.u, car.inputs, car.p], [terms.chassis_force(ca.SX.zeros(6), car, car.memory)]
+        "force", [car.q, car.u, car.inputs, car.p], [terms.chassis_force(ca.SX.zeros(6), car, car.internal_state)]
     )
     q, u = rolling_straight(bare, 20.0)
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
@@ -235,7 +235,7 @@ def test_terms_between_the_wheels_of_an_axle_take_from_the_left_what_they_give_t
 
 def test_terms_of_the_front_wheels_turn_them_by_more_the_further_they_are_steered(bare):
     car = car_of(bare)
-    angle = Unmodelled(front_angle_steering_squared=0.5).front_angle(ca.SX(0), car, car.memory)
+    angle = Unmodelled(front_angle_steering_squared=0.5).front_angle(ca.SX(0), car, car.internal_state)
     turned = ca.Function("turned", [car.inputs], [angle])
     for side in (1.0, -1.0):
         assert float(turned([side * 0.1, 0, 0, 0, 0])) == pytest.approx(side * 0.5 * 0.01)

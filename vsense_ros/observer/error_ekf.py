@@ -97,7 +97,7 @@ class Prior:
             drift[part] = [b.drift for b in biases]
             time_constant[part] = [b.time_constant for b in biases]
         usual = np.zeros(where.size)
-        usual[SURROUND][:2] = np.sum([effect.usual_slope for effect in vehicle.physics.effects.present()], axis=0)
+        usual[SURROUND][:2] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), usual)
 
 
@@ -147,7 +147,7 @@ class ErrorEkf:
         functions = model_functions(car)
         inputs, jacobians = len(INPUTS), functions["linearize"].nnz_out()
         physical = vehicle.parameter_vector()
-        lengths = [n, inputs, n * n, car.memory.numel(), jacobians, len(physical), extra, n - U.stop, SURVEYED]
+        lengths = [n, inputs, n * n, car.internal_state.numel(), jacobians, len(physical), extra, n - U.stop, SURVEYED]
         self.memory = np.zeros(sum(lengths))
         parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
         self.state, self.inputs, covariance, self._effects, linearization, *parts = parts
@@ -167,7 +167,7 @@ class ErrorEkf:
         self._h = np.zeros(1)
         flat = [m.reshape(-1, order="F") for m in (self._kalman.inverse, by_q)]
         self._advance = Kernel(functions["advance"], [*arguments, self._h, *flat])
-        self._remember = Kernel(functions["remember"], [*arguments, self._h]) if self._effects.size else None
+        self._remember = Kernel(functions["internal_state"], [*arguments, self._h]) if self._effects.size else None
         self._error = self._kalman.error
         self._force = Kernel(
             functions["force"], [q, self.inputs, around, self.parameters, self._effects, self._error[FORCE]]

@@ -21,5 +21,5 @@ class TailWind(Effect):
 
     force: float = size("N", "force, positive from behind", typical=100.0, high=5000.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         return force + ca.vertcat(0, 0, 0, self.force, 0, 0)
