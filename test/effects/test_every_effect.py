@@ -26,7 +26,43 @@ from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 from vsense_ros.model.vehicle import Vehicle
 
 DURATION, STEP = 6.0, 0.005
-IDS = sorted(BY_ID)
+PROMISED = [
+    "aero_drag",
+    "aero_downforce",
+    "road_grade",
+    "road_bank",
+    "rolling_resistance",
+    "crosswind",
+    "steering_offset",
+    "steering_ratio",
+    "steering_compliance",
+    "roll_steer",
+    "toe_compliance",
+    "camber_thrust",
+    "tyre_conicity",
+    "tyre_relaxation",
+    "tyre_load_sensitivity",
+    "tyre_heating",
+    "tyre_underinflation",
+    "wheel_radius",
+    "friction_change",
+    "brake_drag",
+    "limited_slip_differential",
+    "suspension_friction",
+    "bump_stop",
+    "payload_offset",
+    "sloshing_load",
+    "body_roll_in_accelerometer",
+    "imu_roll_misalignment",
+    "imu_pitch_misalignment",
+    "imu_yaw_misalignment",
+    "imu_lever_arm",
+    "gnss_lever_arm",
+    "gyro_bias",
+    "gyro_scale",
+    "accelerometer_bias",
+    "sensor_delay",
+]
 UNKNOWN = {"unmodelled", "unmodelled_reading"}  # effects without known physics
 
 
@@ -70,6 +106,10 @@ def sizes(id: str) -> dict[str, float]:
     return found
 
 
+def test_the_library_has_all_the_effects_that_are_promised():
+    assert set(PROMISED) <= set(BY_ID)
+
+
 def test_every_file_of_the_folder_is_an_effect_of_its_name():
     files = {path.stem for path in Path(effects.__file__).parent.glob("*.py")} - {"__init__", "base"}
     assert set(EVERY) == files
@@ -86,7 +126,7 @@ def test_nothing_that_looks_for_a_mismatch_names_an_effect():
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     assert len(literals) > 100
-    assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in IDS}
+    assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in BY_ID}
 
 
 @pytest.mark.slow
@@ -96,7 +136,7 @@ def test_effects_of_size_zero_change_nothing(bare, full):
     assert_allclose(present.q, without.q, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", sorted(BY_ID))
 def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
     changes = sizes(id)
     with_it = full.with_parameters(changes)
@@ -106,7 +146,7 @@ def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
     assert moved + read + sloped == 1
 
 
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", sorted(BY_ID))
 def test_an_effect_names_its_kin_and_explains_itself(id):
     effect = BY_ID[id]
     assert effect.id == id
@@ -120,7 +160,7 @@ def test_an_effect_names_its_kin_and_explains_itself(id):
         assert extra["typical"] > 0, name
 
 
-@pytest.mark.parametrize("id", [i for i in IDS if i != "tyre_relaxation"])
+@pytest.mark.parametrize("id", [i for i in sorted(BY_ID) if i != "tyre_relaxation"])
 def test_the_motion_with_an_effect_does_not_depend_on_the_step(full, id):
     changes = sizes(id)
     coarse = driven(full, changes)

@@ -1,4 +1,4 @@
-"""A new effect is one file: the schema, the equations of the car and the simulation find it there."""
+"""A new effect is one file: vehicle files, the equations of the car and the mismatch search find it there."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from vsense_ros.files.installed import vehicle_path
-from vsense_ros.files.vehicle import load_vehicle
 
 HERE = Path(__file__).parent
-FORCE = 1500.0  # [N]
+TORQUE = 60.0  # [N m]
 pytestmark = pytest.mark.slow
 
 
-def drive(vehicle_file: Path, effects: Path = HERE / "more_effects") -> subprocess.CompletedProcess[str]:
-    script = HERE.parent / "model/drive_with_more_files.py"
+def coast(vehicle_file: Path, torque: float, effects: Path = HERE / "more_effects") -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, str(script), "vsense_ros.model.effects", str(effects), str(vehicle_file)],
+        [sys.executable, str(HERE / "drive_with_more_effects.py"), str(effects), str(vehicle_file), str(torque)],
         env={**os.environ, "VSENSE_COMPILE": "0", "PYTHONPATH": str(HERE.parents[1])},
         capture_output=True,
         text=True,
@@ -29,26 +28,27 @@ def drive(vehicle_file: Path, effects: Path = HERE / "more_effects") -> subproce
     )
 
 
-def with_push(folder: Path, force: float) -> Path:
-    """The Genesis with a push from behind [N]."""
-    text = vehicle_path("genesis").read_text(encoding="utf-8")
-    path = folder / f"pushed_{force:g}.yaml"
-    path.write_text(text.replace("physics:\n", f"physics:\n  effects: {{tail_wind: {{force: {force}}}}}\n", 1))
-    return path
+@pytest.fixture
+def dry(tmp_path: Path) -> Path:
+    """The file of a Genesis with the effect."""
+    yaml = YAML()
+    content = yaml.load(vehicle_path("genesis"))
+    content["physics"]["effects"] = {"dry_bearings": {"torque": TORQUE}}
+    yaml.dump(content, tmp_path / "dry.yaml")
+    return tmp_path / "dry.yaml"
 
 
-def test_a_car_has_an_effect_that_one_file_defines(tmp_path: Path):
-    """What the force adds to the speed in two seconds is its impulse over the mass, with that of the turning wheels."""
-    pushed, alone = (drive(with_push(tmp_path, force)) for force in (FORCE, 0.0))
-    assert pushed.stderr == alone.stderr == ""
-    gained = json.loads(pushed.stdout)["speed"] - json.loads(alone.stdout)["speed"]
-    physics = load_vehicle(vehicle_path("genesis")).physics
-    turning = sum(2 * axle.wheel_spin_inertia / axle.unloaded_radius**2 for axle in (physics.front, physics.rear))
-    assert gained == pytest.approx(FORCE * 2.0 / (physics.chassis.mass + turning), rel=0.02)
+def test_a_car_has_the_effect_that_one_file_defines_and_the_search_tries_it(dry: Path) -> None:
+    found, known = coast(dry, 0.0), coast(vehicle_path("genesis"), -TORQUE)
+    assert found.stderr == known.stderr == ""
+    result, braked = json.loads(found.stdout), json.loads(known.stdout)
+    assert braked["speed"] < 17.5
+    assert result["speed"] == pytest.approx(braked["speed"], rel=1e-12)
+    assert any("dry_bearings" in one for one in result["searched"])
 
 
-def test_without_its_file_the_effect_is_refused_by_its_name(tmp_path: Path):
+def test_without_its_file_a_vehicle_file_that_lists_it_is_refused(dry: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    refused = drive(with_push(tmp_path, FORCE), tmp_path / "empty")
+    refused = coast(dry, 0.0, tmp_path / "empty")
     assert refused.returncode != 0
-    assert "tail_wind" in refused.stderr
+    assert "dry_bearings" in refused.stderr
