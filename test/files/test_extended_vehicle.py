@@ -107,7 +107,7 @@ def test_every_effect_of_the_library_reaches_the_observer_or_is_told_to_be_left_
     """By what the equations depend on: the motion, the sensors, or the slope that the road goes back to."""
     every = with_all_effects(bare)
     car = car_of(every)
-    moving = {symbol.name() for symbol in ca.symvar(ca.vertcat(car.dynamics, car.remember(ca.SX(0.01))))}
+    moving = {symbol.name() for symbol in ca.symvar(ca.vertcat(car.dynamics, car.next_internal_state(ca.SX(0.01))))}
     of = dict(zip(car.parameter_names, (symbol.name() for symbol in ca.vertsplit(car.p)), strict=True))
     for id, kind in EVERY.items():
         for name, field in kind.model_fields.items():

@@ -55,7 +55,7 @@ def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
             "disturbances": random.uniform(-1, 1, 4) * np.array([0.1, 0.05, 0.02, 0.005]),
             "inputs": np.array([random.uniform(-0.5, 0.5), *random.uniform(-1500, 1500, 4)]),
             "p": vehicle.parameter_vector(),
-            "memory": np.zeros(0),
+            "internal_state": np.zeros(0),
         }
 
     return state

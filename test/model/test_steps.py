@@ -142,7 +142,7 @@ def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, car,
     state = driving(seed)
     wish = np.random.default_rng(seed).normal(size=14)
     dynamics = dynamics_function(car)
-    arguments = [state[k] for k in ("q", "inputs", "disturbances", "p", "memory")]
+    arguments = [state[k] for k in ("q", "inputs", "disturbances", "p", "internal_state")]
     more = np.asarray(force_function(car)(*arguments, wish))[:, 0]
 
     before = np.asarray(dynamics(*state.values())[0])[:, 0]

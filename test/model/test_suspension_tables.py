@@ -242,7 +242,7 @@ def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dic
         "disturbances": np.zeros(4),
         "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4)]),
         "p": vehicle.parameter_vector(),
-        "memory": np.zeros(0),
+        "internal_state": np.zeros(0),
     }
 
 
@@ -336,7 +336,7 @@ def differentiated(tabled_car: Car) -> ca.Function:
     car = tabled_car
     by_q = ca.jacobian(car.dynamics, car.q)[:, list(DYNAMIC_COORDINATES)]
     by_others = [ca.jacobian(car.dynamics, symbols) for symbols in (car.u, car.disturbances)]
-    arguments = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.memory]
+    arguments = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
     return ca.Function("differentiated", arguments, [by_q, *by_others])
 
 
@@ -362,7 +362,7 @@ def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height,
 def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, tabled, tabled_car, dynamics):
     state = state_of(tabled, seed, 0.1, 0.5)
     wish = np.random.default_rng(seed).normal(size=14)
-    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "disturbances", "p", "memory")), wish)
+    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "disturbances", "p", "internal_state")), wish)
     before = np.asarray(dynamics(*state.values())[0])[:, 0]
     state["force"] = state["force"] + np.asarray(more)[:, 0]
     after = np.asarray(dynamics(*state.values())[0])[:, 0]

@@ -259,7 +259,7 @@ def test_a_car_runs_on_every_tyre_and_tells_it_side_and_inclination(genesis):
         axles = {a: getattr(physics, a).model_copy(update={"tyre": tyre}) for a in ("front", "rear")}
         vehicle = genesis.model_copy(update={"physics": physics.model_copy(update=axles)})
         car = Car(vehicle)
-        inputs = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.memory]
+        inputs = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
         outputs = ca.Function("outputs", inputs, [car.wheel_outputs, car.dynamics])
         q, u = rolling_straight(vehicle, 20.0)
         q[2] -= 0.02

@@ -44,7 +44,7 @@ _ARGUMENTS = {
     "disturbances": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
-    "memory": "v->effects",
+    "internal_state": "v->effects",
     "h": "&h",
     "inverse": "inverse",
     "by_q": "v->by_q",
@@ -58,7 +58,7 @@ _RESULTS = {
     "advance": ("q", "u"),
     "kinematics": ("by_angles", "by_velocity"),
     "force": ("by",),
-    "remember": ("effects",),
+    "internal_state": ("effects",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
@@ -154,7 +154,7 @@ class Observer:
             "state": size,
             "inputs": len(INPUTS),
             "covariance": size * size,
-            **({"effects": car.memory.numel()} if car.memory.numel() else {}),
+            **({"effects": car.internal_state.numel()} if car.internal_state.numel() else {}),
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
@@ -224,8 +224,8 @@ class _Contents:
             steps.kinematics_function(self.car),
             steps.force_function(self.car),
         ]
-        if self.car.memory.numel():
-            self.functions.append(steps.remember_function(self.car))
+        if self.car.internal_state.numel():
+            self.functions.append(steps.internal_state_function(self.car))
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
@@ -366,12 +366,12 @@ class _Contents:
         """The `ParameterFilter.arguments` in C."""
         names = ("q", "u", "force", "disturbances", "inputs", "p")
         linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
-        memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
+        memory = _ARGUMENTS["internal_state"] if self.car.internal_state.numel() else "0"
         places = [_ARGUMENTS[name] for name in names]
         return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
 
     def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
-        places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
+        places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
 

@@ -97,15 +97,15 @@ def base_parameters(
     sensors tell their speeds but not their torques, and what every car has a little of, except for effects out of
     reach."""
     values = vehicle.values()
-    usual = [
+    expected = [
         replace(_knob(effect, field, values), deviation=deviation)
         for effect, kind in BY_ID.items()
         if effect not in beyond
-        for field, deviation in kind.usual(vehicle).items()
+        for field, deviation in kind.prior(vehicle).items()
         if deviation > 0
     ]
     shared = UNKNOWN_TORQUES if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
-    return (*BASE, *shared, *usual)
+    return (*BASE, *shared, *expected)
 
 
 @dataclass(frozen=True)

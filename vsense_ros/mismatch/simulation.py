@@ -285,7 +285,7 @@ class Predictor:
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
         """Names of parameters that the motion does not depend on."""
-        moving = ca.vertcat(self.car.dynamics, self.car.remember(ca.SX(STEP)))
+        moving = ca.vertcat(self.car.dynamics, self.car.next_internal_state(ca.SX(STEP)))
         used = {symbol.name() for symbol in ca.symvar(moving)}
         return frozenset(
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
@@ -297,15 +297,15 @@ class Predictor:
         as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
         of what this car does in a window in which it gets lost."""
         windows = self.dataset.windows
-        found = [np.zeros(self.car.memory.numel()) for _ in windows]
+        found = [np.zeros(self.car.internal_state.numel()) for _ in windows]
         in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.dataset.places_by_recording()]
         ways = self._ways(self.start, self._sensors(self.start))
         for place in range(max(map(len, in_order), default=0) - 1):
             pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
             runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
             for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
-                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.memory).all()
-                memory = found[before] if lost else motion.memory
+                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.internal_state).all()
+                memory = found[before] if lost else motion.internal_state
                 found[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
         return found
 
@@ -317,8 +317,8 @@ class Predictor:
     def _rested(self, memory: Array, duration: float) -> Array:
         """What lasts of the memory of all effects after a while [s] that no window tells of."""
         found = memory.copy()
-        for id, part in self.car.remembering.items():
-            found[part] = self.start.effect(id).rested(memory[part], duration)
+        for id, part in self.car.internal_state_slices.items():
+            found[part] = self.start.effect(id).relaxed(memory[part], duration)
         return found
 
     def _run(self, index: int, way: _Driving, memory: Array) -> Run:

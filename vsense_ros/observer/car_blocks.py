@@ -97,7 +97,7 @@ class CarBlocks:
             "mean": n,
             "inputs": len(INPUTS),
             "covariance": n * n,
-            "effects": self.car.memory.numel(),
+            "effects": self.car.internal_state.numel(),
             "linearization": jacobians,
             "parameters": len(physical),
             "extra": extra,
@@ -127,7 +127,7 @@ class CarBlocks:
         self.kinematics = Kernel(functions["kinematics"], [q, u])
         flat = [m.reshape(-1, order="F") for m in (self.inverse, self.by_q)]
         self.advanced = Kernel(functions["advance"], [*self.arguments, self.h, *flat])
-        self.remembered = Kernel(functions["remember"], [*self.arguments, self.h]) if self.effects.size else None
+        self.remembered = Kernel(functions["internal_state"], [*self.arguments, self.h]) if self.effects.size else None
         self.forces = Kernel(
             functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
         )

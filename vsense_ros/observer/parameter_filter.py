@@ -63,7 +63,7 @@ class ParameterFilter(ABC):
         act elsewhere if there are any."""
         model = [self.udot, self.by_q, self.by_u, self.by_surroundings]
         others = [self.others] if self.elsewhere else []
-        return [*self.state, *model, self.sensitivity, self.covariance, self.car.memory, *others]
+        return [*self.state, *model, self.sensitivity, self.covariance, self.car.internal_state, *others]
 
     @property
     def elsewhere(self) -> int:

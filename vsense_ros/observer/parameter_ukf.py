@@ -52,7 +52,7 @@ class ParameterUkf(ParameterFilter):
         for i, column in enumerate(self.columns):
             names[column, i] = 1
         q, u, force, around, inputs, parameters = (ca.repmat(a, 1, p) for a in arguments[:6])
-        dynamics = ca.Function("f", [*self.state, self.car.memory], [self.car.dynamics], {"cse": True})
+        dynamics = ca.Function("f", [*self.state, self.car.internal_state], [self.car.dynamics], {"cse": True})
         return dynamics.map(p)(
             q + of_state[Q, :],
             u + of_state[U, :],

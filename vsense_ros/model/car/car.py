@@ -131,8 +131,8 @@ class Car:
     """Symbolic equations of motion of a vehicle's *structure*; the values of its parameters stay symbols.
 
     Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
-    its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
-    `remember` moves on between steps.
+    its compiled code. `internal_state` holds those of the effects that depend on the past: a time step leaves it as it
+    is, `next_internal_state` moves it on between steps.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -145,18 +145,19 @@ class Car:
         self.disturbances = ca.SX.sym("disturbances", len(DISTURBANCES))
         self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
         self._effects = present = self.parameters.effects.present()
-        self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
-        ends = np.cumsum([len(effect.memory) for effect in present]).tolist()
-        self._memories = tuple(
-            self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
+        self.internal_state = ca.SX.sym("internal_state", sum(len(effect.internal_state) for effect in present))
+        ends = np.cumsum([len(effect.internal_state) for effect in present]).tolist()
+        self._internal_states = tuple(
+            self.internal_state[end - len(effect.internal_state) : end]
+            for effect, end in zip(present, ends, strict=True)
         )
 
     @property
-    def remembering(self) -> dict[str, slice]:
-        """Where in `memory` that of each effect is that has one, by id."""
+    def internal_state_slices(self) -> dict[str, slice]:
+        """Where in `internal_state` the part of each effect is that has one, by id."""
         found, first = {}, 0
-        for effect in (effect for effect in self._effects if effect.memory):
-            found[effect.id] = slice(first, first := first + len(effect.memory))
+        for effect in (effect for effect in self._effects if effect.internal_state):
+            found[effect.id] = slice(first, first := first + len(effect.internal_state))
         return found
 
     @cached_property
@@ -186,15 +187,15 @@ class Car:
     def _road_wheel_angle(self) -> ca.SX:
         """Mean of both front wheels [rad]."""
         angle = self.inputs[STEERING] - self.disturbances[STEERING_OFFSET]
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            angle = effect.front_angle(angle, self, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            angle = effect.front_angle(angle, self, state)
         return angle
 
     def _toed(self, corner: Corner, hub: HubMotion) -> HubMotion:
         """A hub with its axle turned about the vertical by what the effects do to it."""
         toe = ca.SX(0)
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            toe = effect.toe(toe, corner, self, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            toe = effect.toe(toe, corner, self, state)
         return hub if toe.is_zero() else replace(hub, axle=spatial.rotation_z(toe) @ hub.axle)
 
     def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
@@ -295,8 +296,8 @@ class Car:
         """A column of `tyre_motions`."""
         speed_y = touch.speed_y * corner.axle.cornering_scale
         if lagging:
-            for effect, memory in zip(self._effects, self._memories, strict=True):
-                speed_y = effect.lateral_speed(speed_y, corner, memory)
+            for effect, state in zip(self._effects, self._internal_states, strict=True):
+                speed_y = effect.lateral_speed(speed_y, corner, state)
         rolling = rolling_speed + (corner.axle.longitudinal_scale - 1) * (rolling_speed - touch.speed_x)
         return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling, touch.inclination)
 
@@ -304,8 +305,8 @@ class Car:
         """Forces and slips of a tyre by a column of `tyre_motions`."""
         load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
         friction = ca.SX(self.parameters.road.friction * corner.axle.grip_scale)
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            friction = effect.friction(friction, corner, load, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            friction = effect.friction(friction, corner, load, state)
         thrust = self._slip_of_thrust(corner, load, inclination)
         speed_y -= thrust * transport_speed(speed_x, corner.axle.tyre.standstill_speed)
         wheel = TyreInput(load, speed_x, speed_y, rolling_speed, friction, inclination, corner.side)
@@ -359,8 +360,8 @@ class Car:
         speed = self.u[SPEED_X]
         drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * speed * ca.fabs(speed)
         force = ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            force = effect.chassis_force(force, self, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            force = effect.chassis_force(force, self, state)
         return force
 
     def _loads(self, contacts: Sequence[TyreContact]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
@@ -471,10 +472,10 @@ class Car:
             foreseen.append((1 - sticks) * _within(sliding, *STEADY) * by_car)
         return ca.horzcat(*responses), ca.vertcat(*slopes), ca.vertcat(*foreseen)
 
-    def remember(self, h: ca.SX) -> ca.SX:
-        """The memory for a step of `h` [s] that begins now, from that of the last step."""
-        parts = zip(self._effects, self._memories, strict=True)
-        return ca.vertcat(*(effect.remember(memory, self, h) for effect, memory in parts if effect.memory))
+    def next_internal_state(self, h: ca.SX) -> ca.SX:
+        """The internal state for a step of `h` [s] that begins now, from that of the last step."""
+        parts = zip(self._effects, self._internal_states, strict=True)
+        return ca.vertcat(*(effect.update(state, self, h) for effect, state in parts if effect.internal_state))
 
     @cached_property
     def wheel_outputs(self) -> ca.SX:

@@ -34,12 +34,12 @@ from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
-_STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "memory")
+_STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "internal_state")
 _STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(DISTURBANCES))  # of what `linearize` derives by
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.memory]
+    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -47,7 +47,7 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 
 def dynamics_function(car: Car) -> ca.Function:
-    """(q, u, force, disturbances, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
+    """(q, u, force, disturbances, inputs, p, internal_state) → derivatives of u (14), wheel outputs (7×4)."""
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
 
 
@@ -142,20 +142,20 @@ def kinematics_function(car: Car) -> ca.Function:
 
 
 def force_function(car: Car) -> ca.Function:
-    """(q, inputs, disturbances, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
+    """(q, inputs, disturbances, p, internal_state, acceleration) → generalized force M(q) · acceleration (14)."""
     acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.disturbances, car.p, car.memory, acceleration],
+        [car.q, car.inputs, car.disturbances, car.p, car.internal_state, acceleration],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "disturbances", "p", "memory", "acceleration"),
+        ("q", "inputs", "disturbances", "p", "internal_state", "acceleration"),
     )
 
 
-def remember_function(car: Car) -> ca.Function:
-    """(…, h) → the memory of the effects for a step of `h` [s] that begins now."""
+def internal_state_function(car: Car) -> ca.Function:
+    """(…, h) → the internal state of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
-    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_STATE_NAMES, "h"))
+    return codegen.function("internal_state", [*_arguments(car), h], [car.next_internal_state(h)], (*_STATE_NAMES, "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
@@ -183,8 +183,8 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    if car.memory.numel():
-        functions.append(remember_function(car))
+    if car.internal_state.numel():
+        functions.append(internal_state_function(car))
     return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
 
 

@@ -24,7 +24,7 @@ class AeroDownforce(Effect):
     front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)
     rear: float = size("m²", "downforce coefficient of the rear axle times area", typical=0.3, low=-3.0, high=8.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         pressure = 0.5 * AIR_DENSITY * car.u[SPEED_X] ** 2
         chassis = car.parameters.chassis
         front, rear = pressure * self.front, pressure * self.rear

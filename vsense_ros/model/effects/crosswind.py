@@ -35,7 +35,7 @@ class Crosswind(Effect):
     )
     ahead: float = shape("m", "centre of pressure ahead of cog", default=0.4, typical=0.2, low=-2.0, high=3.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         yaw = car.q[YAW]
         along = self.east * ca.cos(yaw) + self.north * ca.sin(yaw)
         across = self.north * ca.cos(yaw) - self.east * ca.sin(yaw)

@@ -23,7 +23,7 @@ class RollSteer(Effect):
     front: float = size("rad/rad", "steer to the left per roll to the right, front", typical=0.05, high=0.6)
     rear: float = size("rad/rad", "steer to the left per roll to the right, rear", typical=0.05, high=0.6)
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
         travel, left = car.q[TRAVEL], min(corner.index, corner.opposite)
         roll = (travel[left + 1] - travel[left]) / corner.axle.track
         return angle + of_axle(self, corner) * roll

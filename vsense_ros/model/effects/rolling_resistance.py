@@ -21,7 +21,7 @@ class RollingResistance(Effect):
     coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.008, high=0.3)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"coefficient": 0.0007}  # a twentieth of what tyres have
 
     def wheel(self, wheel: int, axle: Axle) -> Axle:

@@ -26,16 +26,16 @@ class Channel:
     words: str
     unit: str
     row: int  # of moments and forces on the chassis; of a suspension, of its travel among the coordinates; of an axle
-    typical: float  # size where its feature has its usual size
+    typical: float  # size where its feature has its typical size
 
 
 @dataclass(frozen=True)
 class Feature:
-    """What a term follows; `usual` is a size it often has, in `unit`."""
+    """What a term follows; `typical` is a size it often has, in `unit`."""
 
     words: str
     unit: str  # of what the term is divided by; empty for none
-    usual: float
+    typical: float
     value: Callable[[Car], ca.SX]
     by_torque: bool = False  # whether it needs the wheel torques
 
@@ -143,7 +143,7 @@ TERMS = (
 def _field(channel: Channel, feature: Feature) -> Any:
     per = f"({feature.unit})" if "/" in feature.unit else feature.unit
     unit = f"{channel.unit}/{per}" if per else channel.unit
-    typical = channel.typical / feature.usual
+    typical = channel.typical / feature.typical
     return float, size(unit, f"{channel.words} {feature.words}", typical=typical, high=100 * typical)
 
 
@@ -155,13 +155,13 @@ class _Unmodelled(Effect):
     sentence: ClassVar[str] = "a force for which no physics is known"
     known: ClassVar[bool] = False
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         added = ca.SX.zeros(6)
         for name, channel in CHASSIS.items():
             added[channel.row] += self._sum(name, car)
         return force + added
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         return angle + self._sum(STEERING_ANGLE, car)
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:

@@ -131,16 +131,17 @@ def simulate(
     road = vehicle.physics.effects.present()
     car = car_of(vehicle)
     functions = model_functions(car)
-    memory = np.zeros(car.memory.numel())
-    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector(), memory]
+    internal_state = np.zeros(car.internal_state.numel())
+    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector(), internal_state]
     linearize = Kernel(functions["linearize"], arguments)
     outputs = Kernel(functions["dynamics"], arguments)
     udot, by_q, by_u, _, by_q_rates = linearize.results
     inverse = np.zeros(COORDINATES**2)
     h = np.array([step])
     advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
-    between = np.zeros(len(INPUTS))  # the memory belongs to the beginning of a step, inputs to its middle
-    remember = Kernel(functions["remember"], [*arguments[:4], between, *arguments[5:], h]) if memory.size else None
+    between = np.zeros(len(INPUTS))  # the internal state belongs to the beginning of a step, inputs to its middle
+    beginning = [*arguments[:4], between, *arguments[5:], h]
+    move_on = Kernel(functions["internal_state"], beginning) if internal_state.size else None
     unit = np.eye(COORDINATES)
 
     steps = round(duration / step)
@@ -155,9 +156,9 @@ def simulate(
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
         between[:] = (between + inputs) / 2 if i else inputs
-        if remember is not None:
-            remember.call()
-            memory[:] = remember.results[0][:, 0]
+        if move_on is not None:
+            move_on.call()
+            internal_state[:] = move_on.results[0][:, 0]
         linearize.call()
         if i % keep_every == 0:
             outputs.call()
