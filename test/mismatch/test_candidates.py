@@ -21,7 +21,7 @@ def test_an_effect_that_is_turned_to_its_bound_is_one_that_a_vehicle_file_may_ha
     parameter = KNOBS[name]
     offset = parameter.high if share == 1.0 else parameter.low + share * (parameter.high - parameter.low)
     effects: dict[str, dict[str, float]] = {}
-    for dotted, value in parameter.turn(VALUES, offset).items():
+    for dotted, value in parameter.apply(VALUES, offset).items():
         _, effect, field = dotted.split(".")
         effects.setdefault(effect, {})[field] = value
     assert TypeAdapter(Effects).validate_python(effects)

@@ -50,14 +50,14 @@ def test_all_that_is_known_is_in_the_parts_and_nothing_twice(seed, speed, durati
     windows = [window(0, 0.0, duration, speed, 3e5), window(0, duration, 2 * duration, speed, 3e5 + duration * speed)]
     for parts_of, some in ((by_pieces, windows), (by_stretches, windows[:1]), (by_windows, windows)):
         whole = fit_of(some, seed, free_parameters)
-        left_out = parts_of(residuals_of(some), whole)
-        parts, known = left_out.apart(whole).equations, whole.equations
-        assert sorted(i for group in left_out.groups for i in group) == list(range(len(parts.rows)))
-        assert left_out.rows.sum() == known.rows.sum()
+        folds = parts_of(residuals_of(some), whole)
+        parts, known = folds.apart(whole).equations, whole.equations
+        assert sorted(i for group in folds.groups for i in group) == list(range(len(parts.rows)))
+        assert folds.rows.sum() == known.rows.sum()
         assert parts.normal.sum(axis=0) == pytest.approx(known.normal.sum(axis=0))
         assert parts.right.sum(axis=0) == pytest.approx(known.right.sum(axis=0))
-        assert left_out.own.sum() == pytest.approx(whole.value)
-        assert left_out.gains(parts, whole.value) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert folds.own.sum() == pytest.approx(whole.value)
+        assert folds.gains(parts, whole.value) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 def test_of_two_neighbouring_pieces_of_a_road_one_is_left_out():

@@ -86,7 +86,7 @@ def stacked(at: Fit, windows: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """A matrix and a right side whose least squares are the change that fits some windows."""
     unit = np.sqrt(at.weight) * np.eye(len(at.free_parameters))
     matrix = np.vstack([*(at.slopes[i] for i in windows), unit])
-    return matrix, -np.concatenate([*(at.residuals[i] for i in windows), unit @ at.prior])
+    return matrix, -np.concatenate([*(at.residuals[i] for i in windows), unit @ at.scaled_offsets])
 
 
 @given(st.integers(0, 10_000))
@@ -108,8 +108,8 @@ def test_what_is_left_out_is_judged_by_what_fits_the_rest(seed, group):
     change, *_ = np.linalg.lstsq(*stacked(at, rest))
     off = np.concatenate([at.residuals[i] + at.slopes[i] @ change for i in group])
     share = len(off) / sum(map(len, at.residuals))
-    expected = off @ off + share * at.weight * np.sum((at.prior + change) ** 2)
-    assert at.equations.left_out(sorted(group)) == pytest.approx(expected)
+    expected = off @ off + share * at.weight * np.sum((at.scaled_offsets + change) ** 2)
+    assert at.equations.out_of_sample(sorted(group)) == pytest.approx(expected)
 
 
 @given(st.integers(0, 10_000))
@@ -121,5 +121,5 @@ def test_a_signature_keeps_what_the_other_knobs_cannot_stand_in_for(seed):
     signature = np.append(rows[:, -1], np.zeros(len(others)))
     change, *_ = np.linalg.lstsq(matrix, signature)
     left = rows[:, -1] - rows[:, :-1] @ change
-    assert at.equations.keeps([new]) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(rows[:, -1]))
-    assert at.equations.only(range(len(others))).keeps([new]) == 0.0
+    assert at.equations.independent_share([new]) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(rows[:, -1]))
+    assert at.equations.only(range(len(others))).independent_share([new]) == 0.0

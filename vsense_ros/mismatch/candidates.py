@@ -25,7 +25,7 @@ class FreeParameter:
     deviation: float
     low: float
     high: float
-    turn: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
+    apply: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
     form: str = ""  # of the effect
     place: tuple[str, float] | None = None  # what is turned at one place on the road alone: size and abscissa [m]
     step: float = (
@@ -39,10 +39,10 @@ class FreeParameter:
 
 
 def _relative(name: str, deviation: float, *parameters: str) -> FreeParameter:
-    def turn(values: Values, offset: float) -> dict[str, float]:
+    def apply(values: Values, offset: float) -> dict[str, float]:
         return {p: values[p] * (1 + offset) for p in parameters}
 
-    return FreeParameter(name, "-", deviation, -0.6, 1.5, turn)
+    return FreeParameter(name, "-", deviation, -0.6, 1.5, apply)
 
 
 def _shifted(values: Values, offset: float) -> dict[str, float]:
@@ -98,7 +98,7 @@ def base_parameters(
     reach."""
     values = vehicle.values()
     usual = [
-        replace(_knob(effect, field, values), deviation=deviation)
+        replace(_size(effect, field, values), deviation=deviation)
         for effect, kind in BY_ID.items()
         if effect not in beyond
         for field, deviation in kind.usual(vehicle).items()
@@ -127,7 +127,7 @@ class Candidate:
         return any(parameter.place for parameter in self.free_parameters)
 
 
-def _knob(effect: str, field: str, values: Values, form: str = "") -> FreeParameter:
+def _size(effect: str, field: str, values: Values, form: str = "") -> FreeParameter:
     """What is added to the value that a car has already."""
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
@@ -145,7 +145,7 @@ def _knob(effect: str, field: str, values: Values, form: str = "") -> FreeParame
 def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
     """What else of an effect may be another, once it has a size: turned from what it is."""
     id, kind = candidate.effect, EVERY[candidate.effect]
-    found = tuple(_knob(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
+    found = tuple(_size(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
     return (*found, FOLLOWING) if candidate.along_road and kind.slope is not Effect.slope else found
 
 
@@ -172,7 +172,7 @@ def terms(values: Values) -> tuple[Candidate, ...]:
     arm."""
     found = []
     for effect in EVERY.keys() - BY_ID.keys():
-        free_parameters = {field: _knob(effect, field, values) for field in EVERY[effect].model_fields}
+        free_parameters = {field: _size(effect, field, values) for field in EVERY[effect].model_fields}
         words = {field: str(info.description) for field, info in EVERY[effect].model_fields.items()}
         found += [Candidate(effect, field, (parameter,), words[field]) for field, parameter in free_parameters.items()]
         for field, parameter in free_parameters.items():
@@ -195,7 +195,7 @@ def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[
     for abscissa in abscissae:
         name = point(parameter.name, abscissa)
         yield replace(
-            parameter, name=name, turn=_added(name), place=(parameter.name, abscissa), deviation=deviation,
+            parameter, name=name, apply=_added(name), place=(parameter.name, abscissa), deviation=deviation,
             step=parameter.deviation,
         )  # fmt: skip
 
@@ -207,12 +207,12 @@ def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyTyp
     for effect, kind in BY_ID.items():
         sizes = [name for name, field in kind.model_fields.items() if role(field) == "size"]
         if len(sizes) > 1:
-            found += [Candidate(effect, name, (_knob(effect, name, values),), kind.sentence) for name in sizes]
+            found += [Candidate(effect, name, (_size(effect, name, values),), kind.sentence) for name in sizes]
         if len(sizes) <= 2:
             where = "" if len(sizes) == 1 else " and ".join(sizes)
-            found.append(Candidate(effect, where, tuple(_knob(effect, name, values) for name in sizes), kind.sentence))
+            found.append(Candidate(effect, where, tuple(_size(effect, name, values) for name in sizes), kind.sentence))
         for form in ("", *kind.variants):
-            free_parameters = tuple(_knob(effect, name, values, form) for name in sizes)
+            free_parameters = tuple(_size(effect, name, values, form) for name in sizes)
             if form:
                 found.append(Candidate(effect, form, free_parameters, kind.sentence))
             if abscissae and issubclass(kind, RoadEffect):

@@ -23,7 +23,7 @@ PIECES = 10  # least number of places of a road, in each recording, that is prov
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class Folds:
     """How a fit is taken apart, which parts are left out together, and what the base fit leaves of them."""
 
     apart: Callable[[Fit], Fit]
@@ -33,18 +33,18 @@ class LeftOut:
     rows: NDArray[np.int64]  # (groups,) numbers of residuals
 
     @classmethod
-    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> LeftOut:
+    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> Folds:
         equations = apart(base).equations
         own, rows = (
             np.array([of[list(group)].sum() for group in groups]) for of in (equations.values(), equations.rows)
         )
-        return cls(apart, groups, own, np.array([equations.left_out(group) for group in groups]), rows)
+        return cls(apart, groups, own, np.array([equations.out_of_sample(group) for group in groups]), rows)
 
     def gains(self, fitted: Equations, whole: float) -> tuple[float, float]:
         """How much less than the base a fit, taken apart, leaves of each group that it does not see: over a `whole`,
         and over what the base leaves of them, together. What is predicted linearly may be far off where one group alone
         holds a parameter: over the whole none of them may count for more than it costs itself."""
-        falls = self.unseen - [fitted.left_out(group) for group in self.groups]
+        falls = self.unseen - [fitted.out_of_sample(group) for group in self.groups]
         most = np.maximum(self.unseen, self.own)
         share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, self.rows))
         return float(np.sum(np.clip(falls, -self.own, self.own))) / whole, float(share)
@@ -55,13 +55,13 @@ def as_it_is(fitted: Fit) -> Fit:
     return fitted
 
 
-def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
+def by_windows(residuals: Residuals, base: Fit) -> Folds:
     """Recordings, or windows where there is one recording."""
     groups = residuals.predictor.dataset.places_by_recording()
-    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
+    return Folds.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
 
 
-def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
+def by_stretches(residuals: Residuals, base: Fit) -> Folds:
     """Stretches of the only window."""
     (names,) = residuals.layout
 
@@ -73,13 +73,13 @@ def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
         (rest,), (slopes,) = fitted.residuals, fitted.slopes
         return replace(fitted, residuals=cut(rest), slopes=cut(slopes))
 
-    return LeftOut.of(base, apart, [[i] for i in range(STRETCHES)])
+    return Folds.of(base, apart, [[i] for i in range(STRETCHES)])
 
 
-def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
+def by_pieces(residuals: Residuals, base: Fit) -> Folds:
     """Each second piece of the road, in all windows, then all others: a road follows from its neighbouring pieces."""
     n = len(residuals.layout)
-    return LeftOut.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
+    return Folds.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
 
 
 def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:

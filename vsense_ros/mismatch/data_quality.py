@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from vsense_ros.bag.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
+from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, prior_weight, solve
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window, in_axes_of_car, turned_to_car
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -109,7 +109,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     own = []
     for rows in residuals.predictor.dataset.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
-        own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
+        own.append(base.scaled_offsets + solve(slopes, left, base.scaled_offsets, prior_weight(left)))
     for name in LASTING:
         at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]

@@ -35,7 +35,7 @@ from vsense_ros.mismatch.candidates import (
     candidates,
     out_of_reach,
 )
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, prior_weight, slopes_by, solve, with_offsets
 from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
 from vsense_ros.mismatch.picture import label
 from vsense_ros.mismatch.simulation import ParameterSet, Predictor
@@ -269,7 +269,7 @@ def _separation(
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
     start = ParameterSet.of(vehicle)
-    fitted = turned(start, common, offsets)
+    fitted = with_offsets(start, common, offsets)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
     dataset = build_dataset([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
@@ -286,7 +286,7 @@ def _separation(
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
         off = [x - y for x, y in zip(wrong.residuals, true.residuals, strict=True)]
-        weight = strength(off)
+        weight = prior_weight(off)
         # In units in which the interval of a size weighs as much as a deviation of a base parameter.
         certain = [rivals[b].deviations[k.name] / k.deviation * np.sqrt(weight) for k in wrong.free_parameters]
         slopes = [
@@ -312,7 +312,7 @@ def _rival(
     """The car with a rival, and what its sizes do."""
     turning = tuple(free_parameters[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
-    parameter_set = turned(fitted, turning, sizes)
+    parameter_set = with_offsets(fitted, turning, sizes)
     fit = Fit(parameter_set, turning, sizes, residuals(parameter_set), [], 0.0)
     columns = slopes_by(residuals, fitted, fit, turning)
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])

@@ -22,7 +22,7 @@ class Equations:
     windows."""
 
     free_parameters: tuple[FreeParameter, ...]
-    prior: Array  # (k,) where the free parameters are [deviations]
+    scaled_offsets: Array  # (k,) where the free parameters are [deviations]
     weight: float  # what a free parameter that is one deviation off costs
     normal: Array  # (windows, k, k) products of the slopes
     right: Array  # (windows, k) of the slopes and the residuals
@@ -34,12 +34,12 @@ class Equations:
         windows."""
         chosen = slice(None) if windows is None else list(windows)
         normal, right = self.normal[chosen].sum(axis=0), self.right[chosen].sum(axis=0)
-        return least(normal, right, self.prior, self.weight)
+        return least(normal, right, self.scaled_offsets, self.weight)
 
     def values(self, change: Array | None = None) -> Array:
         """(windows,) what is minimised, after a change of the free parameters [deviations], by window. Where the free
         parameters are costs each as much as its share of all residuals says."""
-        moved, prior = self.costs, self.prior
+        moved, prior = self.costs, self.scaled_offsets
         if change is not None:
             moved = moved + 2 * self.right @ change + (self.normal @ change) @ change
             prior = prior + change
@@ -52,7 +52,7 @@ class Equations:
         inverse = np.linalg.inv(normal + self.weight * np.eye(len(normal)))
         return np.asarray(np.sqrt(self.weight * np.diag(inverse)))
 
-    def left_out(self, group: Sequence[int]) -> float:
+    def out_of_sample(self, group: Sequence[int]) -> float:
         """The value of a group of windows after a fit to all others; where there are no others, as they are."""
         rest = [i for i in range(len(self.rows)) if i not in group]
         return float(self.values(self.change(rest) if rest else None)[list(group)].sum())
@@ -63,12 +63,12 @@ class Equations:
         return replace(
             self,
             free_parameters=tuple(self.free_parameters[i] for i in stay),
-            prior=self.prior[stay],
+            scaled_offsets=self.scaled_offsets[stay],
             normal=self.normal[:, stay][:, :, stay],
             right=self.right[:, stay],
         )
 
-    def keeps(self, free_parameters: Sequence[FreeParameter]) -> float:
+    def independent_share(self, free_parameters: Sequence[FreeParameter]) -> float:
         """Share of what some of the free parameters do that is left when all others are fitted to it, in the norm of
         the residuals."""
         names = {parameter.name for parameter in free_parameters}

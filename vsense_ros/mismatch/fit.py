@@ -165,7 +165,7 @@ class Fit:
     converged: bool = True
 
     @property
-    def prior(self) -> Array:
+    def scaled_offsets(self) -> Array:
         """Where the free parameters are, in deviations."""
         return self.offsets / np.array([parameter.deviation for parameter in self.free_parameters])
 
@@ -173,18 +173,18 @@ class Fit:
     def value(self) -> float:
         """What is minimised: the squared residuals, and what it costs that free parameters are not where they were
         expected."""
-        return cost(self.residuals) + self.paid
+        return cost(self.residuals) + self.prior_cost
 
     @property
-    def paid(self) -> float:
+    def prior_cost(self) -> float:
         """What it costs that free parameters are not where they were expected, in squared deviations."""
-        return self.weight * float(self.prior @ self.prior)
+        return self.weight * float(self.scaled_offsets @ self.scaled_offsets)
 
     @cached_property
     def equations(self) -> Equations:
         """Its normal equations."""
         return Equations(
-            self.free_parameters, self.prior, self.weight,
+            self.free_parameters, self.scaled_offsets, self.weight,
             np.array([s.T @ s for s in self.slopes]),
             np.array([s.T @ r for s, r in zip(self.slopes, self.residuals, strict=True)]),
             np.array([r @ r for r in self.residuals]),
@@ -197,10 +197,10 @@ def cost(residuals: Sequence[Array]) -> float:
     return float(sum(r @ r for r in residuals))
 
 
-def turned(start: ParameterSet, free_parameters: Sequence[FreeParameter], offsets: Array) -> ParameterSet:
+def with_offsets(start: ParameterSet, free_parameters: Sequence[FreeParameter], offsets: Array) -> ParameterSet:
     """The setting with all free parameters turned, one after the other."""
     for parameter, offset in zip(free_parameters, offsets, strict=True):
-        start = start.changed(parameter.turn(start.values, float(offset)))
+        start = start.changed(parameter.apply(start.values, float(offset)))
     return start
 
 
@@ -245,7 +245,7 @@ def _attempts(
         by = share * step * parameter.likely
         if parameter.low <= present + by <= parameter.high:
             offsets[parameter.name] = present + by
-            yield by, turned(start, free_parameters, np.array([offsets[known.name] for known in free_parameters]))
+            yield by, with_offsets(start, free_parameters, np.array([offsets[known.name] for known in free_parameters]))
 
 
 def solve(
@@ -260,7 +260,7 @@ def solve(
     return least(normal, right, prior, strength)
 
 
-def strength(residuals: Sequence[Array]) -> float:
+def prior_weight(residuals: Sequence[Array]) -> float:
     """How much a free parameter that is one deviation off costs: as much as a misfit of `PRIOR` of the data set.
 
     Residuals of neighbouring instants err together, so that many say little more than few.
@@ -290,12 +290,12 @@ def fit(
         offsets = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
     elif begin is None:
         offsets = _likeliest(residuals, start, free_parameters, offsets)
-    parameter_set = turned(start, free_parameters, offsets)
+    parameter_set = with_offsets(start, free_parameters, offsets)
     best = Fit(parameter_set, tuple(free_parameters), offsets, residuals(parameter_set, instead), [], 0.0)
     best = replace(best, slopes=first.slopes if first else slopes_at(residuals, start, best, progress))
     fall = 0.0
     for iteration in range(iterations):
-        at = replace(best, weight=first.weight if first else strength(best.residuals))
+        at = replace(best, weight=first.weight if first else prior_weight(best.residuals))
         best = _stepped(residuals, start, at, instead)
         fall = 1 - best.value / max(at.value, 1e-12)
         progress()
@@ -303,7 +303,7 @@ def fit(
             break
         if first is None and iteration in (0, 2, 4):
             best = replace(best, slopes=slopes_at(residuals, start, best, progress))
-    weight = first.weight if first else strength(best.residuals)
+    weight = first.weight if first else prior_weight(best.residuals)
     return replace(best, weight=weight, converged=fall < UNSETTLED)
 
 
@@ -317,22 +317,22 @@ def _stepped(residuals: Residuals, start: ParameterSet, at: Fit, instead: Sequen
     low, high = np.array([k.low for k in at.free_parameters]), np.array([k.high for k in at.free_parameters])
     best = at
     for caution, shares in CAUTION:
-        step = solve(at.slopes, at.residuals, at.prior, at.weight, caution)
+        step = solve(at.slopes, at.residuals, at.scaled_offsets, at.weight, caution)
         line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
-        promised = at.value - cost(line) - at.weight * float((at.prior + step) @ (at.prior + step))
+        promised = at.value - cost(line) - at.weight * float((at.scaled_offsets + step) @ (at.scaled_offsets + step))
         if promised < SETTLED * at.value:
             break
         bend = np.zeros(len(step))
         for share in shares:
             offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
-            parameter_set = turned(start, at.free_parameters, offsets)
+            parameter_set = with_offsets(start, at.free_parameters, offsets)
             try:
                 tried = replace(
                     at, parameter_set=parameter_set, offsets=offsets, residuals=residuals(parameter_set, instead)
                 )
             except DivergedError:
                 continue
-            moved = tried.prior - at.prior
+            moved = tried.scaled_offsets - at.scaled_offsets
             missed = [
                 new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)
             ]
@@ -359,7 +359,7 @@ def _likeliest(
             ]
         )
         try:
-            found.append((cost(residuals(turned(start, free_parameters, tried))), change, tried))
+            found.append((cost(residuals(with_offsets(start, free_parameters, tried))), change, tried))
         except DivergedError:
             continue
     if not found:

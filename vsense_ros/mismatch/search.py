@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.candidates import Candidate, FreeParameter, shapes, terms
 from vsense_ros.mismatch.cross_validation import (
-    LeftOut,
+    Folds,
     as_it_is,
     by_pieces,
     by_stretches,
@@ -27,7 +27,7 @@ from vsense_ros.mismatch.cross_validation import (
     tells_its_pieces,
 )
 from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
+from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, with_offsets
 from vsense_ros.mismatch.road import profile
 from vsense_ros.mismatch.simulation import ParameterSet
 
@@ -43,7 +43,7 @@ MOST = 3  # effects at once
 ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 # Least gain of explanations that are fitted again with secants of their own: an effect that base parameters have taken
 # up is found by degrees.
-WORTH_POLISHING = 0.01
+WORTH_REFINING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
 FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
@@ -58,15 +58,17 @@ class Signature:
     # The fit with their free parameters besides, not turned yet: made anew each time, for those of all would take
     # gigabytes.
     joint: Callable[[], Fit]
-    keep: float  # share of the signature that is left after the other free parameters have been fitted to it [-]
+    independent_share: (
+        float  # share of the signature that is left after the other free parameters have been fitted to it [-]
+    )
     gain: float  # relative fall of the base's value, linearly
-    left_out: float  # the same of what was left out of the fit in turn
+    cv_gain: float  # the same of what was left out of the fit in turn
     # The gain without the window that promises most: where a car is at its limit, lines promise what no fit keeps.
     elsewhere: float
 
     @property
     def score(self) -> float:
-        return min(self.gain, self.left_out)
+        return min(self.gain, self.cv_gain)
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,10 @@ class Hypothesis:
 
     candidates: tuple[Candidate, ...]
     fit: Fit
-    keep: float  # of the last one
+    independent_share: float  # of the last one
     gain: float  # relative fall of the base's value
-    left_out: float  # the same fall of what was left out in turn, over the same value
-    left_out_share: float  # that fall over what the base leaves where it was left out
+    cv_gain: float  # the same fall of what was left out in turn, over the same value
+    cv_share: float  # that fall over what the base leaves where it was left out
     spoilt: float  # what windows that fit worse than the base lose, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
 
@@ -94,7 +96,7 @@ class Hypothesis:
     @property
     def score(self) -> float:
         """What chance must not reach: the smaller gain."""
-        return min(self.gain, self.left_out)
+        return min(self.gain, self.cv_gain)
 
     @property
     def sizes(self) -> dict[str, float]:
@@ -119,7 +121,7 @@ class Search:
         progress: Callable[[], None] = lambda: None,
     ) -> None:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
-        self._along_the_road: dict[int, tuple[Hypothesis, Hypothesis | None]] = {}  # by id of the first
+        self._with_profile: dict[int, tuple[Hypothesis, Hypothesis | None]] = {}  # by id of the first
         self._varying: set[str] = set()  # names of candidates with another size at every place that are worth it alone
         self._progress = progress
         # What gains are relative to: residuals below what sensors and models can do are no data set.
@@ -140,11 +142,11 @@ class Search:
             if any(np.abs(p).max(initial=0.0) * k.likely > TRACE for k in c.free_parameters for p in self._column(k))
         )  # fmt: skip
 
-    def singles(self) -> list[Hypothesis]:
+    def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
         self._varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
-        return sorted(map(self.polished, found), key=lambda e: e.score, reverse=True)
+        return sorted(map(self.refined, found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The explanations, the best of them with their shapes fitted besides."""
@@ -159,7 +161,7 @@ class Search:
         columns = slopes_by(self.residuals, self.start, at, free_parameters)
         slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
         return self._explanation(
-            hypothesis.candidates, self._fit(_joined(at, free_parameters, slopes)), hypothesis.keep
+            hypothesis.candidates, self._fit(_joined(at, free_parameters, slopes)), hypothesis.independent_share
         )
 
     def better_base(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
@@ -181,7 +183,7 @@ class Search:
                     for parameter, offset in zip(self.base.free_parameters, self.base.offsets, strict=True)
                 ]
             )
-            parameter_set = turned(self.start, self.base.free_parameters, offsets)
+            parameter_set = with_offsets(self.start, self.base.free_parameters, offsets)
             tried = replace(self.base, offsets=offsets, residuals=self.residuals(parameter_set, self.base.residuals))
             if tried.value < least:
                 least, begin = tried.value, offsets
@@ -210,7 +212,7 @@ class Search:
                     promised = known + adds, signature
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
-        fitted = map(self.polished, self._fitted([signature for _, signature in likeliest]))
+        fitted = map(self.refined, self._fitted([signature for _, signature in likeliest]))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def described(self) -> list[Hypothesis]:
@@ -220,7 +222,7 @@ class Search:
         found = [self._signature(self.base, (), (term,)) for term in every]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
-    def united(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def joint(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The first of the explanations with what each other one has besides: what they add to one another."""
         first, *others = hypotheses
         besides: dict[frozenset[str], tuple[Candidate, ...]] = {}
@@ -229,16 +231,16 @@ class Search:
             besides.setdefault(frozenset(c.effect for c in new), new)
         likeliest = [new for new in besides.values() if new][:BEAM]
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
-        return [self.polished(e) for e in fitted]
+        return [self.refined(e) for e in fitted]
 
-    def along_the_road(self, hypothesis: Hypothesis) -> Hypothesis | None:
+    def with_profile(self, hypothesis: Hypothesis) -> Hypothesis | None:
         """An explanation that holds an effect of the road with one size for all places, with another size at every
         place, if that explains more. None without such an effect."""
-        if id(hypothesis) not in self._along_the_road:
-            self._along_the_road[id(hypothesis)] = hypothesis, self._freed(hypothesis)
-        return self._along_the_road[id(hypothesis)][1]
+        if id(hypothesis) not in self._with_profile:
+            self._with_profile[id(hypothesis)] = hypothesis, self._profiled(hypothesis)
+        return self._with_profile[id(hypothesis)][1]
 
-    def _freed(self, hypothesis: Hypothesis) -> Hypothesis | None:
+    def _profiled(self, hypothesis: Hypothesis) -> Hypothesis | None:
         profiles = {_first(c): c for c in self.offered if c.along_road}
         single = next((c for c in hypothesis.candidates if _first(c) in profiles), None)
         if single is None or any(c.along_road for c in hypothesis.candidates):
@@ -254,7 +256,7 @@ class Search:
         if at.value - fitted.value < WORTH * self.whole:
             return None
         candidates = (*(c for c in hypothesis.candidates if c is not single), profile)
-        return self._with_shape(self._explanation(candidates, fitted, hypothesis.keep))
+        return self._with_shape(self._explanation(candidates, fitted, hypothesis.independent_share))
 
     def together(self, candidates: Sequence[Candidate]) -> list[Hypothesis]:
         """All candidates at once, without a search."""
@@ -267,7 +269,7 @@ class Search:
         self._simulate_new(self.offered)
         names = {candidate.effect for candidate in present}
         found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
-        found = [s for s in found if s.keep > 0]
+        found = [s for s in found if s.independent_share > 0]
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
@@ -323,11 +325,11 @@ class Search:
         equations = self._joined_equations(at, free_parameters)
         free, change = _within_bounds(equations, free_parameters)
         falls = self.base.equations.values() - free.values(change)
-        left_out = self._left_out_with((*present, *new))
-        known = free if left_out.apart is as_it_is else left_out.apart(joint()).equations
+        folds = self._folds_for((*present, *new))
+        known = free if folds.apart is as_it_is else folds.apart(joint()).equations
         return Signature(
-            (*present, *new), joint, equations.keeps(free_parameters), float(falls.sum()) / self.whole,
-            left_out.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
+            (*present, *new), joint, equations.independent_share(free_parameters), float(falls.sum()) / self.whole,
+            folds.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
         )  # fmt: skip
 
     def _joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> Equations:
@@ -343,8 +345,9 @@ class Search:
         return replace(
             rest,
             free_parameters=(*rest.free_parameters, *free_parameters),
-            prior=np.append(
-                rest.prior, [present.get(parameter.name, 0.0) / parameter.deviation for parameter in free_parameters]
+            scaled_offsets=np.append(
+                rest.scaled_offsets,
+                [present.get(parameter.name, 0.0) / parameter.deviation for parameter in free_parameters],
             ),
             normal=np.block([[rest.normal, across], [across.transpose(0, 2, 1), own]]),
             right=np.hstack([rest.right, [n.T @ r for n, r in zip(new, at.residuals, strict=True)]]),
@@ -382,35 +385,35 @@ class Search:
         """Whether another size at every place can be proven."""
         return not self._in_pieces or tells_its_pieces(self.residuals.predictor.dataset)
 
-    def _left_out_with(self, candidates: Sequence[Candidate]) -> LeftOut:
+    def _folds_for(self, candidates: Sequence[Candidate]) -> Folds:
         """What is left out of a fit with these candidates in turn."""
         if self._in_pieces and any(candidate.along_road for candidate in candidates):
             return self._pieces
-        return self.left_out
+        return self.folds
 
     @cached_property
-    def left_out(self) -> LeftOut:
+    def folds(self) -> Folds:
         """What is left out in turn where no size is another at every place."""
         return (by_stretches if len(self.base.residuals) == 1 else by_windows)(self.residuals, self.base)
 
     @cached_property
-    def _pieces(self) -> LeftOut:
+    def _pieces(self) -> Folds:
         return by_pieces(self.residuals, self.base)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Hypothesis]:
-        found = [self._explanation(s.candidates, self._fit(s.joint()), s.keep) for s in signatures]
+        found = [self._explanation(s.candidates, self._fit(s.joint()), s.independent_share) for s in signatures]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
-    def polished(self, hypothesis: Hypothesis) -> Hypothesis:
+    def refined(self, hypothesis: Hypothesis) -> Hypothesis:
         """The explanation fitted further with secants of its own: with those of the base fit, which an effect that is
         left out may have driven far off, it stops short."""
         if any(candidate.along_road for candidate in hypothesis.candidates):
             return hypothesis  # each place would cost a simulation
         at = hypothesis.fit
-        if hypothesis.gain > WORTH_POLISHING:
+        if hypothesis.gain > WORTH_REFINING:
             fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
             if fitted.value < at.value:
-                hypothesis = self._explanation(hypothesis.candidates, fitted, hypothesis.keep)
+                hypothesis = self._explanation(hypothesis.candidates, fitted, hypothesis.independent_share)
         return self._on_the_road(hypothesis)
 
     def _on_the_road(self, hypothesis: Hypothesis) -> Hypothesis:
@@ -431,9 +434,9 @@ class Search:
         )
         if sum(self.residuals.predictor.lost(found.parameter_set)) >= lost:
             return hypothesis
-        return self._explanation(hypothesis.candidates, replace(found, weight=at.weight), hypothesis.keep)
+        return self._explanation(hypothesis.candidates, replace(found, weight=at.weight), hypothesis.independent_share)
 
-    def settled(self, hypothesis: Hypothesis) -> Hypothesis:
+    def unshrunk(self, hypothesis: Hypothesis) -> Hypothesis:
         """The explanation with its sizes fitted once more, hardly drawn to zero any longer: what they cost has told the
         likely effects from the unlikely. What it gains is counted at the same costs as that of all others."""
         at, sizes = hypothesis.fit, hypothesis.sizes
@@ -451,7 +454,7 @@ class Search:
         fitted = self._fit(freed)
         at_same_costs = replace(fitted, free_parameters=at.free_parameters, slopes=at.slopes)
         return replace(
-            self._explanation(hypothesis.candidates, at_same_costs, hypothesis.keep),
+            self._explanation(hypothesis.candidates, at_same_costs, hypothesis.independent_share),
             deviations=self._deviations(hypothesis.candidates, fitted),
         )
 
@@ -460,13 +463,13 @@ class Search:
         self._progress()
         return fitted
 
-    def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Hypothesis:
+    def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, independent_share: float) -> Hypothesis:
         falls = self.base.equations.values() - fitted.equations.values()
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
-        left_out = self._left_out_with(candidates)
-        gains_left_out = left_out.gains(left_out.apart(fitted).equations, self.whole)
+        folds = self._folds_for(candidates)
+        cv_gains = folds.gains(folds.apart(fitted).equations, self.whole)
         return Hypothesis(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *gains_left_out,
+            candidates, fitted, independent_share, (self.base.value - fitted.value) / self.whole, *cv_gains,
             float(lost / max(gained, 1e-12)), self._deviations(candidates, fitted),
         )  # fmt: skip
 
@@ -475,7 +478,7 @@ class Search:
         spread between the parts of a fit says how much they tell, by a jackknife. What a size is everywhere that may be
         another at every place is known no better than all that shifts with it: sensors with an offset see the same, and
         only what is likely of them tells them apart."""
-        equations = self._left_out_with(candidates).apart(fitted).equations
+        equations = self._folds_for(candidates).apart(fitted).equations
         n = len(equations.rows)
         changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
         spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
@@ -540,20 +543,18 @@ def _joined(base: Fit, free_parameters: Sequence[FreeParameter], slopes: Sequenc
     )
 
 
-def _within_bounds(joint: Equations, free_parameters: Sequence[FreeParameter]) -> tuple[Equations, Array]:
+def _within_bounds(equations: Equations, free_parameters: Sequence[FreeParameter]) -> tuple[Equations, Array]:
     """The equations without those of the free parameters that are at a bound and would have to go beyond it, and the
     linear change of the others [deviations]."""
     asked = {parameter.name for parameter in free_parameters}
     while True:
-        change = joint.change()
+        change = equations.change()
         beyond = {
-            parameter.name for parameter, at, by in zip(joint.free_parameters, joint.prior, change, strict=True)
-            if parameter.name in asked
-            and (
-                (at <= parameter.low / parameter.deviation and by < 0)
-                or (at >= parameter.high / parameter.deviation and by > 0)
-            )
+            p.name for p, at, by in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
+            if p.name in asked and ((at <= p.low / p.deviation and by < 0) or (at >= p.high / p.deviation and by > 0))
         }  # fmt: skip
         if not beyond:
-            return joint, change
-        joint = joint.only([i for i, parameter in enumerate(joint.free_parameters) if parameter.name not in beyond])
+            return equations, change
+        equations = equations.only(
+            [i for i, parameter in enumerate(equations.free_parameters) if parameter.name not in beyond]
+        )
