@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.candidates import FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
-from vsense_ros.mismatch.fit import Fit
 from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Dataset, Readings
 from vsense_ros.observer.reading import Map
 

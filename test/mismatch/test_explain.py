@@ -18,7 +18,7 @@ from vsense_ros.mismatch.answer import NO_COURSE
 from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, answer
-from vsense_ros.mismatch.fit import Residuals
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.effects import BY_ID

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
-from vsense_ros.mismatch.candidates import FreeParameter, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, untempered, with_offsets
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import Fit, Settings, fit, slope
+from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach
+from vsense_ros.mismatch.residuals import ASTRAY_BEFORE, FAR, Residuals, tempered, untempered
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
@@ -115,8 +117,9 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     residuals = Residuals(predictor)
     beyond = out_of_reach({sensor.kind for sensor in dataset.sensors.values()})
     free_parameters = base_parameters(predictor.vehicle, beyond)
-    short = fit(residuals, predictor.start, free_parameters, begin=np.zeros(len(free_parameters)), iterations=0)
-    short = fit(residuals, predictor.start, free_parameters, first=short, iterations=0)
+    unmoved = Settings(iterations=0)
+    short = fit(residuals, predictor.start, free_parameters, begin=np.zeros(len(free_parameters)), settings=unmoved)
+    short = fit(residuals, predictor.start, free_parameters, first=short, settings=unmoved)
     whole = fit(residuals, predictor.start, free_parameters)
     offered = [c for c in candidates() if c.effect == "brake_drag"]
     search = Search(residuals, predictor.start, short, offered)

@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
-from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import Candidate
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.verdict import (
     ASTRAY,
     OUTDONE,

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.least_squares import Fit, cost
 from vsense_ros.mismatch.candidates import Candidate
-from vsense_ros.mismatch.fit import Fit, Residuals, cost
 from vsense_ros.mismatch.page import PLACES, in_words
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import SIGNALS, grid

@@ -2,63 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+from vsense_ros.identify.free_parameter import FreeParameter, added, scaled
+from vsense_ros.identify.parameter_set import Values
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import Effect, RoadEffect, bounds, role
 from vsense_ros.model.vehicle import Vehicle
 
-Values = Mapping[str, float]
-
 ALONG_ROAD = "along the road"  # where an effect is that has another size at every place
 
 
-@dataclass(frozen=True)
-class FreeParameter:
-    """One number that a fit may change: zero where the vehicle file is right, `deviation` what is likely."""
-
-    name: str
-    unit: str
-    deviation: float
-    low: float
-    high: float
-    apply: Callable[[Values, float], dict[str, float]]  # parameters by name, amount → changed parameters
-    form: str = ""  # of the effect
-    place: tuple[str, float] | None = None  # what is turned at one place on the road alone: size and abscissa [m]
-    step: float = (
-        0.0  # a likely amount of a free parameter that is one of many, of which each costs less; else the deviation
-    )
-
-    @property
-    def likely(self) -> float:
-        """An amount that shows what the free parameter does."""
-        return self.step or self.deviation
+def _relative(name: str, deviation: float, *parameters: str, starts: tuple[float, ...] = (0.0,)) -> FreeParameter:
+    return FreeParameter(name, "-", deviation, -0.6, 1.5, scaled(*parameters), starts=starts)
 
 
-def _relative(name: str, deviation: float, *parameters: str) -> FreeParameter:
-    def apply(values: Values, offset: float) -> dict[str, float]:
-        return {p: values[p] * (1 + offset) for p in parameters}
-
-    return FreeParameter(name, "-", deviation, -0.6, 1.5, apply)
-
-
-def _shifted(values: Values, offset: float) -> dict[str, float]:
+def _forward(values: Values, offset: float) -> dict[str, float]:
+    """The centre of gravity moved forward, over the wheelbase."""
     front, rear = values["chassis.cog_to_front_axle"], values["chassis.cog_to_rear_axle"]
     by = offset * (front + rear)
     return {"chassis.cog_to_front_axle": front - by, "chassis.cog_to_rear_axle": rear + by}
 
 
-def _added(name: str) -> Callable[[Values, float], dict[str, float]]:
-    return lambda values, offset: {name: values.get(name, 0.0) + offset}
-
+GRIP = (0.0, 0.2, -0.2)  # offsets of all grip from which to begin: a car that slides has a local minimum of its own
 
 # What a vehicle file is never sure of. Deviations are what catalogues, scales and tyre tests leave open.
 BASE = (
     _relative("mass", 0.1, "chassis.mass"),
-    FreeParameter("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _shifted),
+    FreeParameter("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _forward),
     _relative("height of the centre of gravity", 0.1, "chassis.cog_height"),
     _relative("yaw inertia", 0.1, "chassis.yaw_inertia"),
     _relative("roll inertia", 0.15, "chassis.roll_inertia"),
@@ -66,8 +40,8 @@ BASE = (
     _relative("cornering stiffness, rear", 0.15, "rear.cornering_scale"),
     _relative("longitudinal stiffness, front", 0.15, "front.longitudinal_scale"),
     _relative("longitudinal stiffness, rear", 0.15, "rear.longitudinal_scale"),
-    _relative("grip, front", 0.15, "front.grip_scale"),
-    _relative("grip, rear", 0.15, "rear.grip_scale"),
+    _relative("grip, front", 0.15, "front.grip_scale", starts=GRIP),
+    _relative("grip, rear", 0.15, "rear.grip_scale", starts=GRIP),
     _relative("roll stiffness, front", 0.15, "front.suspension_stiffness", "front.antiroll_stiffness"),
     _relative("roll stiffness, rear", 0.15, "rear.suspension_stiffness", "rear.antiroll_stiffness"),
     _relative("damping, front", 0.2, "front.suspension_damping"),
@@ -79,7 +53,7 @@ BASE = (
 # what is expected of a car of which nobody knows: driven anywhere, and braked at the front for the most part.
 TORQUE_SHARES = {"torque.driving_front": 0.5, "torque.braking_front": 0.65}
 UNKNOWN_TORQUES = tuple(
-    FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, _added(name))
+    FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, added(name))
     for (name, start), what, deviation in zip(TORQUE_SHARES.items(), ("driving", "braking"), (0.5, 0.1), strict=True)
 )
 
@@ -87,7 +61,7 @@ UNKNOWN_TORQUES = tuple(
 # Share of how fast a road tilts, from place to place, that the body of the car tilts by as well: all of it on a road,
 # nothing where gravity alone is tilted, in a simulation or by a sensor. Found once a road is.
 FOLLOWED = "road.followed"
-FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, _added(FOLLOWED))
+FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, added(FOLLOWED))
 
 
 def base_parameters(
@@ -195,7 +169,7 @@ def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[
     for abscissa in abscissae:
         name = point(parameter.name, abscissa)
         yield replace(
-            parameter, name=name, apply=_added(name), place=(parameter.name, abscissa), deviation=deviation,
+            parameter, name=name, apply=added(name), place=(parameter.name, abscissa), deviation=deviation,
             step=parameter.deviation,
         )  # fmt: skip
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import POINT
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Window
@@ -40,7 +41,7 @@ class Folds:
         )
         return cls(apart, groups, own, np.array([equations.out_of_sample(group) for group in groups]), rows)
 
-    def gains(self, fitted: Equations, whole: float) -> tuple[float, float]:
+    def gains(self, fitted: NormalEquations, whole: float) -> tuple[float, float]:
         """How much less than the base a fit, taken apart, leaves of each group that it does not see: over a `whole`,
         and over what the base leaves of them, together. What is predicted linearly may be far off where one group alone
         holds a parameter: over the whole none of them may count for more than it costs itself."""

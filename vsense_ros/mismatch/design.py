@@ -26,19 +26,16 @@ from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import DivergedError, Fit, cost, prior_weight, slopes_by, solve
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.mismatch.candidates import (
-    UNKNOWN_TORQUES,
-    FreeParameter,
-    base_parameters,
-    candidates,
-    out_of_reach,
-)
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, prior_weight, slopes_by, solve, with_offsets
+from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
 from vsense_ros.mismatch.picture import label
-from vsense_ros.mismatch.simulation import ParameterSet, Predictor
+from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.simulation import Predictor, parameters_of
 from vsense_ros.mismatch.verdict import NORMAL_90
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
 from vsense_ros.model.coordinates import YAW
@@ -174,7 +171,7 @@ def separations(
     Raises `InputError` for a size that no effect has.
     """
     vehicle, fitted = _as_recorded(vehicle, base)
-    library = candidates((), ParameterSet.of(vehicle).values)
+    library = candidates((), parameters_of(vehicle).values)
     free_parameters = {
         (parameter.name, parameter.form): parameter for candidate in library for parameter in candidate.free_parameters
     }
@@ -268,7 +265,7 @@ def _separation(
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    start = ParameterSet.of(vehicle)
+    start = parameters_of(vehicle)
     fitted = with_offsets(start, common, offsets)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)

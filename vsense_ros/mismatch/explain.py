@@ -21,22 +21,17 @@ from scipy.stats import chi2
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
-from vsense_ros.mismatch.candidates import (
-    BASE,
-    Candidate,
-    FreeParameter,
-    base_parameters,
-    candidates,
-    out_of_reach,
-)
+from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import ANSWER, NEXT
 from vsense_ros.mismatch.extension import extended
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor

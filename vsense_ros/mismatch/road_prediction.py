@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.free_parameter import with_offsets
+from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slope
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import in_pieces, odd
-from vsense_ros.mismatch.fit import Fit, Residuals, fit, prior_weight, slope, with_offsets
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import SECANT, at_place
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]

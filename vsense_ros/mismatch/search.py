@@ -15,7 +15,11 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter, shapes, terms
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import DivergedError, Fit, fit, slopes_at, slopes_by
+from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import Candidate, shapes, terms
 from vsense_ros.mismatch.cross_validation import (
     Folds,
     as_it_is,
@@ -26,10 +30,8 @@ from vsense_ros.mismatch.cross_validation import (
     places,
     tells_its_pieces,
 )
-from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, with_offsets
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import profile
-from vsense_ros.mismatch.simulation import ParameterSet
 
 Array = NDArray[np.float64]
 
@@ -332,7 +334,7 @@ class Search:
             folds.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
         )  # fmt: skip
 
-    def _joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> Equations:
+    def _joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> NormalEquations:
         """The equations of `_joined`, of which those of the fit are known."""
         known, names = at.equations, {parameter.name for parameter in free_parameters}
         stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
@@ -543,7 +545,9 @@ def _joined(base: Fit, free_parameters: Sequence[FreeParameter], slopes: Sequenc
     )
 
 
-def _within_bounds(equations: Equations, free_parameters: Sequence[FreeParameter]) -> tuple[Equations, Array]:
+def _within_bounds(
+    equations: NormalEquations, free_parameters: Sequence[FreeParameter]
+) -> tuple[NormalEquations, Array]:
     """The equations without those of the free parameters that are at a bound and would have to go beyond it, and the
     linear change of the others [deviations]."""
     asked = {parameter.name for parameter in free_parameters}

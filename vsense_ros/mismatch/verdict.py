@@ -9,9 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road_prediction import Survey, survey
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
@@ -309,7 +311,7 @@ class Proof:
                 start,
                 self.base.free_parameters,
                 begin=self.base.offsets,
-                iterations=JOINT,
+                settings=Settings(iterations=JOINT),
                 progress=self._progress,
             ).residuals
         except DivergedError:
