@@ -580,6 +580,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
     from vsense_ros.experiments.demo import dataset
     from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.vehicle import load_vehicle, save_vehicle
+    from vsense_ros.identify.parameter_set import of_vehicle
     from vsense_ros.model.vehicle import left_out_of_observer
 
     def show(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
@@ -613,11 +614,12 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
         found = job.identify(before, job.identification_laps(folder), done)
     identify.parent.mkdir(parents=True, exist_ok=True)
     save_vehicle(identify, found.vehicle)
-    numbers = [(knob.name, *(f"{knob.value(car):.4g}" for car in (before, found.vehicle))) for knob in job.KNOBS]
+    pair = [of_vehicle(car).values for car in (before, found.vehicle)]
+    numbers = [(free.name, *(f"{free.value(values):.4g}" for values in pair)) for free in job.FREE_PARAMETERS]
     yaw = ("mounting angle of the reference", *(f"{car.reference.yaw:.4g}" for car in (before, found.vehicle)))
     errors = [
-        (f"side slip RMSE on {name} [°]", *(f"{degrees(error):.3f}" for error in pair))
-        for name, *pair in zip(job.IDENTIFIED_FROM, found.before, found.after, strict=True)
+        (f"side slip RMSE on {name} [°]", *(f"{degrees(error):.3f}" for error in both))
+        for name, *both in zip(job.IDENTIFIED_FROM, found.before, found.after, strict=True)
     ]
     show(("identified", "start", "found"), [*numbers, yaw, *errors])
     say(f"Written to {identify}.")

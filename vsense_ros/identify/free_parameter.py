@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +58,7 @@ def multiplied(powers: Values) -> Change:
 
     def change(values: Values, offset: float) -> dict[str, float]:
         return {
-            number: values[number] * exp(power * offset)
+            number: values[number] * float(np.exp(power * offset))
             for name, power in powers.items()
             for number in _below(values, name)
         }

@@ -38,6 +38,11 @@ class NormalEquations:
         normal, right = self.normal[chosen].sum(axis=0), self.right[chosen].sum(axis=0)
         return minimiser(normal, right, self.scaled_offsets, self.weight)
 
+    @property
+    def gradient(self) -> Array:
+        """(k,) half the derivative of what is minimised, the prior included, by the free parameters [deviations]."""
+        return np.asarray(self.right.sum(axis=0) + self.weight * self.scaled_offsets)
+
     def values(self, change: Array | None = None) -> Array:
         """(blocks,) what is minimised, after a change of the free parameters [deviations]. Each block bears that share
         of the prior's cost which it has of all residuals."""
