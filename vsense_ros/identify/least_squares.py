@@ -90,6 +90,11 @@ class Fit:
         return self.offsets / np.array([parameter.deviation for parameter in self.free_parameters])
 
     @property
+    def offset_by_name(self) -> dict[str, float]:
+        """Offsets by the name of the free parameter."""
+        return {p.name: float(offset) for p, offset in zip(self.free_parameters, self.offsets, strict=True)}
+
+    @property
     def value(self) -> float:
         """What is minimised: the squared residuals and the prior's cost."""
         return cost(self.residuals) + self.prior_cost
@@ -109,6 +114,19 @@ class Fit:
             np.array([r @ r for r in self.residuals]),
             np.array([len(r) for r in self.residuals]),
         )  # fmt: skip
+
+    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Sequence[Array]) -> Fit:
+        """The fit with further free parameters, of which the slopes (rows, n) by block are given. One that it has
+        already, by name, is replaced where it is; all others are at zero."""
+        names, known = {parameter.name for parameter in free_parameters}, self.offset_by_name
+        stay = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
+        new = [known.get(parameter.name, 0.0) for parameter in free_parameters]
+        return replace(
+            self,
+            free_parameters=(*(self.free_parameters[i] for i in stay), *free_parameters),
+            offsets=np.append(self.offsets[stay], new),
+            slopes=[np.column_stack([own[:, stay], more]) for own, more in zip(self.slopes, slopes, strict=True)],
+        )
 
 
 def cost(residuals: Sequence[Array]) -> float:
@@ -165,8 +183,8 @@ def _attempts(
 ) -> Iterator[tuple[float, ParameterSet]]:
     """By how much the offset of a free parameter is changed for a secant, and the parameter set with that, the first
     choice first."""
-    offsets = dict(zip((known.name for known in fit.free_parameters), fit.offsets, strict=True))
-    present = float(offsets.get(parameter.name, 0.0))
+    offsets = fit.offset_by_name
+    present = offsets.get(parameter.name, 0.0)
     free_parameters = (*(known for known in fit.free_parameters if known.name != parameter.name), parameter)
     for share in STEPS:
         by = share * step * parameter.likely
@@ -246,7 +264,7 @@ def fit(
     the start cannot be simulated. `progress` is called after each slope and each iteration.
     """
     if first is not None:
-        known = dict(zip((parameter.name for parameter in first.free_parameters), first.offsets, strict=True))
+        known = first.offset_by_name
         begin = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
     elif begin is None:
         begin = _best_start(residuals, start, free_parameters)

@@ -74,6 +74,21 @@ class NormalEquations:
             right=self.right[:, stay],
         )
 
+    def within_bounds(self, names: Sequence[str]) -> tuple[NormalEquations, Array]:
+        """The equations without those of these free parameters that are at a bound and would go beyond it, and the
+        change of all others [deviations]."""
+        equations = self
+        while True:
+            change = equations.change()
+            beyond = {
+                p.name for p, at, by in zip(equations.free_parameters, equations.scaled_offsets, change, strict=True)
+                if p.name in names
+                and ((at <= p.low / p.deviation and by < 0) or (at >= p.high / p.deviation and by > 0))
+            }  # fmt: skip
+            if not beyond:
+                return equations, change
+            equations = equations.only([i for i, p in enumerate(equations.free_parameters) if p.name not in beyond])
+
     def independent_share(self, free_parameters: Sequence[FreeParameter]) -> float:
         """Share of what some of the free parameters do to the residuals that is left when all others are fitted to it,
         in the norm of the residuals: how far their slopes are from those of the others."""
