@@ -1,4 +1,4 @@
-"""What may be wrong: the parameters that are fitted anyway, and the effects that may be missing."""
+"""What may be wrong with a model: the parameters that are always fitted, and the effects that may be missing."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import Effect, RoadEffect, bounds, role
 from vsense_ros.model.vehicle import Vehicle
 
-ALONG_ROAD = "along the road"  # where an effect is that has another size at every place
+ALONG_ROAD = "along the road"  # where an effect is that has a profile: a size for every place
 
 
 def _relative(name: str, deviation: float, *parameters: str, starts: tuple[float, ...] = (0.0,)) -> FreeParameter:
+    """Physical parameters that grow by the same share."""
     return FreeParameter(name, "-", deviation, -0.6, 1.5, scaled(*parameters), starts=starts)
 
 
 def _forward(values: Values, offset: float) -> dict[str, float]:
-    """The centre of gravity moved forward, over the wheelbase."""
+    """The centre of gravity, forward by an offset over the wheelbase."""
     front, rear = values["chassis.cog_to_front_axle"], values["chassis.cog_to_rear_axle"]
     by = offset * (front + rear)
     return {"chassis.cog_to_front_axle": front - by, "chassis.cog_to_rear_axle": rear + by}
@@ -29,7 +30,7 @@ def _forward(values: Values, offset: float) -> dict[str, float]:
 
 GRIP = (0.0, 0.2, -0.2)  # offsets of all grip from which to begin: a car that slides has a local minimum of its own
 
-# What a vehicle file is never sure of. Deviations are what catalogues, scales and tyre tests leave open.
+# What a vehicle file never knows exactly. Deviations are what catalogues, scales and tyre tests leave open.
 BASE = (
     _relative("mass", 0.1, "chassis.mass"),
     FreeParameter("centre of gravity, forward over wheelbase", "-", 0.03, -0.15, 0.15, _forward),
@@ -49,8 +50,8 @@ BASE = (
     _relative("tyre radius", 0.01, "front.unloaded_radius", "rear.unloaded_radius"),
 )
 
-# Share of the front wheels in the torque that drives and in the torque that brakes, where no torques are measured, and
-# what is expected of a car of which nobody knows: driven anywhere, and braked at the front for the most part.
+# Share of the front wheels in the torque that drives and in the torque that brakes, where no torques are measured. The
+# nominal values are those of a car that is not known: driven by either axle, and braked mostly at the front.
 TORQUE_SHARES = {"torque.driving_front": 0.5, "torque.braking_front": 0.65}
 UNKNOWN_TORQUES = tuple(
     FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, added(name))
@@ -58,8 +59,8 @@ UNKNOWN_TORQUES = tuple(
 )
 
 
-# Share of how fast a road tilts, from place to place, that the body of the car tilts by as well: all of it on a road,
-# nothing where gravity alone is tilted, in a simulation or by a sensor. Found once a road is.
+# How fast the body of the car tilts where the road does, over how fast the road tilts from place to place: 1 on a road,
+# 0 where gravity alone is tilted, as a simulation or a sensor may have it. Fitted once a profile of the road is.
 FOLLOWED = "road.followed"
 FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, added(FOLLOWED))
 
@@ -67,11 +68,10 @@ FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5,
 def base_parameters(
     vehicle: Vehicle, beyond: Collection[str] = (), kinds: Collection[str] = ("wheel_torques",)
 ) -> tuple[FreeParameter, ...]:
-    """What is fitted before anything is said to be missing: `BASE`, which wheels drive and brake if the `kinds` of
-    sensors tell their speeds but not their torques, and what every car has a little of, except for effects out of
-    reach."""
+    """What is always fitted: `BASE`; which wheels drive and brake, if the `kinds` of sensors measure wheel speeds but
+    not wheel torques; and what every car has a little of, except for the effects `beyond` reach of the sensors."""
     values = vehicle.values()
-    usual = [
+    common = [
         replace(_size(effect, field, values), deviation=deviation)
         for effect, kind in BY_ID.items()
         if effect not in beyond
@@ -79,12 +79,12 @@ def base_parameters(
         if deviation > 0
     ]
     shared = UNKNOWN_TORQUES if "wheel_speeds" in kinds and "wheel_torques" not in kinds else ()
-    return (*BASE, *shared, *usual)
+    return (*BASE, *shared, *common)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at one place: the sizes that are fitted together, by dotted name."""
+    """An effect that may be missing, at one place of the car: its sizes, which are fitted together."""
 
     effect: str
     where: str  # the wheel, axle, axis or sensor; empty where the effect has one size
@@ -97,12 +97,12 @@ class Candidate:
 
     @property
     def along_road(self) -> bool:
-        """Whether sizes may be others at every place."""
+        """Whether it has a profile: a size for every place of the road."""
         return any(parameter.place for parameter in self.free_parameters)
 
 
 def _size(effect: str, field: str, values: Values, form: str = "") -> FreeParameter:
-    """What is added to the value that a car has already."""
+    """What is added to a number of an effect, in one of its forms, beyond the `values` that a car has already."""
     info = EVERY[effect].model_fields[field]
     extra = info.json_schema_extra
     assert isinstance(extra, dict)
@@ -117,7 +117,7 @@ def _size(effect: str, field: str, values: Values, form: str = "") -> FreeParame
 
 
 def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
-    """What else of an effect may be another, once it has a size: turned from what it is."""
+    """What is fitted besides its sizes once an effect is found: the numbers that give it its shape."""
     id, kind = candidate.effect, EVERY[candidate.effect]
     found = tuple(_size(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
     return (*found, FOLLOWING) if candidate.along_road and kind.slope is not Effect.slope else found
@@ -132,7 +132,7 @@ _SENSORS = {
 
 
 def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
-    """Effects by id of which nothing can be said with these kinds of sensors, with the reason."""
+    """Effects by id that recordings of these kinds of sensors can tell nothing about, with the reason."""
     missing = {id: [kind for kind in effect.needs if kind not in kinds] for id, effect in BY_ID.items()}
     return {
         id: f"it needs {' and '.join(_SENSORS[kind] for kind in lacking)}, which these recordings do not have"
@@ -142,8 +142,8 @@ def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
 
 
 def terms(values: Values) -> tuple[Candidate, ...]:
-    """Forces for which no physics is known, beyond what a car has of them: each alone, and lateral forces with a lever
-    arm."""
+    """Forces that stand for no known physics, beyond the `values` that a car has already: each alone, and lateral
+    forces together with their yaw moments."""
     found = []
     for effect in EVERY.keys() - BY_ID.keys():
         free_parameters = {field: _size(effect, field, values) for field in EVERY[effect].model_fields}
@@ -163,8 +163,8 @@ def size_of(effect: str) -> str:
 
 
 def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[FreeParameter]:
-    """What a size is at places, beyond what it is everywhere. Each place has its share of the data set: a likely size
-    at all of them costs as much as a likely size everywhere."""
+    """What a size is at places with these abscissae [m], beyond what it is everywhere. With their deviations a likely
+    size at all of them costs as much as a likely size everywhere."""
     deviation = parameter.deviation * len(abscissae) ** 0.5
     for abscissa in abscissae:
         name = point(parameter.name, abscissa)
@@ -175,8 +175,8 @@ def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[
 
 
 def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyType({})) -> tuple[Candidate, ...]:
-    """Each size of each known effect by itself, the sizes of an effect that has no more than two together, and what
-    belongs to the road at places with these abscissae [m]; beyond the `values` that a car has already."""
+    """Each size of each known effect by itself, the sizes of an effect that has no more than two together, and, for
+    effects of the road, a profile with points at these abscissae [m]; beyond the `values` that a car has already."""
     found = []
     for effect, kind in BY_ID.items():
         sizes = [name for name, field in kind.model_fields.items() if role(field) == "size"]

@@ -29,7 +29,7 @@ _FLOORS = {signal.name: signal.floor for signal in SIGNALS}
 
 
 class Residuals:
-    """Weighted differences of measurement and simulation, by window."""
+    """Weighted differences of measurement and simulation, by window: what `identify.least_squares` minimises."""
 
     def __init__(self, predictor: Predictor) -> None:
         self.predictor = predictor
@@ -74,11 +74,11 @@ class Residuals:
         ]
 
     def compared(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
-        """The same, of each window up to a time [s] alone."""
+        """The same, of each window until a time [s]."""
         return [rows.reshape(-1) for rows in self._until(parameter_set, until)]
 
     def _until(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
-        """Of each window (signals, instants) before it is `ASTRAY_BEFORE` a time [s]; nothing if those are few."""
+        """Of each window (signals, instants) until `ASTRAY_BEFORE` its time [s]; no instants if those are few."""
         result = []
         simulations = zip(self.predictor.measured, self.predictor.simulated(parameter_set), strict=True)
         for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):
@@ -99,8 +99,8 @@ class Residuals:
         return float(np.sqrt(cost(residuals) / max(sum(len(r) for r in residuals), 1)))
 
     def worst(self, residuals: Sequence[Array]) -> float:
-        """Root mean square of the worst signal's residuals, in standard deviations; of signals that a road shakes in
-        multiples of what that does."""
+        """Root mean square of the worst signal's residuals, in standard deviations; of signals that any road shakes,
+        over how much this one does."""
         return self.furthest(residuals)[1]
 
     def furthest(self, residuals: Sequence[Array]) -> tuple[str, float]:
@@ -110,8 +110,8 @@ class Residuals:
         return max(off.items(), key=itemgetter(1), default=("", 0.0))
 
     def good(self, residuals: Sequence[Array]) -> dict[str, float]:
-        """Root mean square of what a good model leaves of each signal, in standard deviations: more of those that any
-        road shakes, by how much this one does."""
+        """Root mean square that a good model leaves of each signal, in standard deviations: more of those that any road
+        shakes, by as much as this one does."""
         errors = self.deviations(residuals)
         road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
         return {name: road if name in _SHAKEN else 1.0 for name in errors}
@@ -135,7 +135,8 @@ class Residuals:
 
 
 def tempered(off: Array) -> Array:
-    """(signals, instants), shorter at instants where all signals together are far off."""
+    """Residuals (signals, instants) with those shortened at instants where all signals together are far off, by
+    Cauchy's loss."""
     far = np.maximum(np.mean(off**2, axis=0) / FAR**2, 1e-12)
     return np.asarray(off * np.sqrt(np.log1p(far) / far))
 
