@@ -98,7 +98,7 @@ def test_the_optimum_and_its_deviations_are_those_of_the_dense_density(walk: Arr
     assert np.all(np.abs(np.log(STARTS * np.exp(found) / (0.1, 1.0))) < 3 * deviation)
 
 
-def test_a_number_that_the_measurements_do_not_tell_stays(walk: Array):
+def test_a_number_that_the_measurements_say_nothing_about_stays(walk: Array):
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(walk, point[:2])] for point in points]
 
@@ -211,7 +211,7 @@ def test_the_noise_that_was_put_into_a_recording_is_found(
 ):
     """The file believes in sensors that are better or worse than those of the recording by a factor of two or three.
 
-    The steering angle is told as it is: it drives the model, which its noise shakes as if gyros were noisier.
+    The steering angle has no noise: it drives the model, which would be shaken as if gyros were noisier.
     """
     monkeypatch.setattr(sensing, "STEERING_NOISE", 0.0)
     drive = generate("double_lane_change", car, seed=3)

@@ -145,14 +145,14 @@ def biased(*manoeuvres: str) -> Search:
 
 
 @pytest.mark.slow
-def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
+def test_the_unshrunk_size_of_what_is_named_is_hardly_drawn_to_zero():
     search = biased("sweep", "slalom")
     (alone,) = search.single()
-    settled = search.unshrunk(alone)
+    unshrunk = search.unshrunk(alone)
     size = "effects.gyro_bias.x"
-    assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
-    assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
-    assert settled.gain == pytest.approx(alone.gain, abs=0.01)
+    assert abs(unshrunk.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
+    assert unshrunk.sizes[size] == pytest.approx(0.03, rel=0.01)
+    assert unshrunk.gain == pytest.approx(alone.gain, abs=0.01)
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
 
 
 @pytest.mark.slow
-def test_an_explanation_whose_car_gets_lost_is_found_on_the_road_again():
+def test_a_hypothesis_whose_car_gets_lost_is_fitted_anew_until_it_stays_on_the_road():
     search = biased("sweep", "slalom")
     (alone,) = search.single()
     at = alone.fit

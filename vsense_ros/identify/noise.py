@@ -1,10 +1,9 @@
 """Noise covariances of the observer, found by maximising the likelihood of recordings.
 
 The likelihood is that of the innovations of the errorEKF: the density of every message given all before it. It needs no
-reference. Unknowns are the logarithms of standard deviations, so none can become negative. The
-method is Fisher scoring (Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by
-differences, give the gradient and the information matrix together, and the inverse of the latter says how well each
-number is told.
+reference. Unknowns are the logarithms of standard deviations, so none can become negative. The method is Fisher scoring
+(Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by differences, give the gradient and
+the information matrix together, and the inverse of the latter says how well each number is determined.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from vsense_ros.evaluate.consistency import Consistency, Error, consistency, err
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
 from vsense_ros.identify.normal_equations import NormalEquations
-from vsense_ros.identify.parameter_set import of_vehicle, with_values
+from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.observer_settings import ForceErrors
@@ -42,7 +41,7 @@ STEEPEST = 3.0  # change of a whitened innovation by a logarithm: beyond that, a
 ITERATIONS = 8  # at most
 SHORTER = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried until one is an improvement
 LEAST_GAIN = 0.05  # in log-likelihood, of each number, that an iteration must promise; noise alone gives 0.5
-TOLD = 0.5  # a number is told whose standard deviation is this share of the prior's
+DETERMINED = 0.5  # a number is determined whose standard deviation is at most this share of the prior's
 DIGITS = 3  # that are kept of a number
 
 _NOISE = ("noise", "rate_noise", "force_noise")
@@ -89,9 +88,9 @@ class Found:
     deviation: float
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Whether the recordings say something about it."""
-        return self.deviation < TOLD * PRIOR
+        return self.deviation < DETERMINED * PRIOR
 
     @property
     def at_bound(self) -> bool:
@@ -129,7 +128,7 @@ class Tuning:
     def write(self, path: Path) -> None:
         """Everything but the vehicle as JSON."""
         content = {
-            "numbers": {f.path: asdict(f) | {"told": f.told, "at_bound": f.at_bound} for f in self.found},
+            "numbers": {f.path: asdict(f) | {"determined": f.determined, "at_bound": f.at_bound} for f in self.found},
             "before": asdict(self.before),
             "after": asdict(self.after),
         }
@@ -164,40 +163,43 @@ def tune(
     known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
     start = with_own_noise(known) if own_noise else known
     nominal, free_parameters = of_vehicle(start), [_free(name) for name in noise_numbers(vehicle)]
-    every = [*recordings, *held_out]
-    jobs = len(recordings) * (len(free_parameters) + 1)
+    every, count = [*recordings, *held_out], len(recordings)
+    jobs = count * (len(free_parameters) + 1)
     with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(every,)) as pool:
 
+        def cars(points: Sequence[Array], digits: int = EXACT) -> list[Vehicle]:
+            return [with_values(start, with_offsets(nominal, free_parameters, point), digits) for point in points]
+
         def evaluate(points: Sequence[Array], done: Progress | None) -> list[list[Innovations]]:
-            cars = [with_values(start, with_offsets(nominal, free_parameters, point)) for point in points]
-            asked = [[pool.submit(_innovations, i, car) for i in range(len(recordings))] for car in cars]
-            found: list[list[Innovations]] = []
-            for i, of_car in enumerate(asked):
-                found.append([one for job in of_car for one in job.result().values()])
-                if done is not None:
-                    done((i + 1) / len(asked))
-            return found
+            return _innovations_of(pool, cars(points), count, done)
 
         offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
-        tuned = with_values(start, with_offsets(nominal, free_parameters, offsets), DIGITS)
-        cars = (known, tuned)
-        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in cars]
-        results = [[job.result() for job in of_car] for of_car in judged]
-    first, last = results
-    count = len(recordings)
-    before, after = _figures(first[:count], first[:count]), _figures(last[:count], first[:count])
-    proof = None
-    if held_out:
-        proof = _figures(first[count:], first[count:]), _figures(last[count:], first[count:])
+        (tuned,) = cars([offsets], DIGITS)
+        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (known, tuned)]
+        first, last = ([job.result() for job in of_car] for of_car in judged)
+    before, after = (_figures(one[:count], first[:count]) for one in (first, last))
+    unseen = [_figures(one[count:], first[count:]) for one in (first, last) if held_out]
     values = of_vehicle(tuned).values
     found = tuple(
         Found(free.name, free.value(nominal.values), free.value(values), float(deviation))
         for free, deviation in zip(free_parameters, deviations, strict=True)
     )
-    result = tuned.model_copy(
-        update={"observer": tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})}
-    )
-    return Tuning(result, found, before, after, proof)
+    observer = tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})
+    result = tuned.model_copy(update={"observer": observer})
+    return Tuning(result, found, before, after, (unseen[0], unseen[1]) if held_out else None)
+
+
+def _innovations_of(
+    pool: Executor, cars: Sequence[Vehicle], recordings: int, progress: Progress | None
+) -> list[list[Innovations]]:
+    """Of each car, on the first so many recordings, by sensor and recording."""
+    asked = [[pool.submit(_innovations, i, car) for i in range(recordings)] for car in cars]
+    found: list[list[Innovations]] = []
+    for i, of_car in enumerate(asked):
+        found.append([one for job in of_car for one in job.result().values()])
+        if progress is not None:
+            progress((i + 1) / len(asked))
+    return found
 
 
 def _free(name: str) -> FreeParameter:
@@ -338,7 +340,7 @@ def _judged(index: int, vehicle: Vehicle) -> _Judged:
 
 
 def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:
-    """Over all recordings; which messages are credible is told by the `first` results, those before tuning."""
+    """Over all recordings; which messages are credible is decided by the `first` results, those before tuning."""
     names = list(dict.fromkeys(name for found, _ in results for name in found))
     pairs = [
         (name, found[name], before[name].credible())
