@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense_ros.estimation.reading import Map
 from vsense_ros.identify.free_parameter import FreeParameter, added
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
@@ -16,7 +17,6 @@ from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_win
 from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Readings
-from vsense_ros.observer.reading import Map
 
 UNKNOWNS = tuple(FreeParameter(name, "-", 0.1, -1.0, 1.0, added(name)) for name in ("mass", "drag", "slope"))
 SIGNALS = ["longitudinal_acceleration", "speed"]
