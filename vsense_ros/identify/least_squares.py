@@ -270,9 +270,8 @@ def fit(
         begin = _best_start(residuals, start, free_parameters)
     parameter_set = with_offsets(start, free_parameters, begin)
     best = Fit(parameter_set, tuple(free_parameters), begin, residuals(parameter_set, instead), [], 0.0)
-    best = replace(
-        best, slopes=first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
-    )  # fmt: skip
+    slopes = first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
+    best = replace(best, slopes=slopes)
     fall = 0.0
     for iteration in range(settings.iterations):
         at = replace(best, weight=_weight(settings, first, best))
@@ -312,7 +311,7 @@ def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameter
 def _stepped(
     residuals: ResidualFunction, start: ParameterSet, at: Fit, instead: Sequence[Array] | None, longest: float
 ) -> Fit:
-    """A fit one step further along the slopes, which learn from it (Broyden, 1965); the same fit if no step is better.
+    """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
 
     What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
     acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
@@ -322,8 +321,7 @@ def _stepped(
     best = at
     for caution, shares in CAUTION:
         step = solve(at.slopes, at.residuals, at.scaled_offsets, at.weight, caution, longest)
-        line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
-        promised = at.value - cost(line) - at.weight * float((at.scaled_offsets + step) @ (at.scaled_offsets + step))
+        promised = _promised(at, step)
         if promised < SETTLED * at.value:
             break
         bend = np.zeros(len(step))
@@ -331,20 +329,35 @@ def _stepped(
             offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
             parameter_set = with_offsets(start, at.free_parameters, offsets)
             try:
-                tried = replace(
-                    at, parameter_set=parameter_set, offsets=offsets, residuals=residuals(parameter_set, instead)
-                )
+                found = residuals(parameter_set, instead)
             except DivergedError:
                 continue
-            moved = tried.scaled_offsets - at.scaled_offsets
-            missed = [
-                new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)
-            ]
+            tried = replace(at, parameter_set=parameter_set, offsets=offsets, residuals=found)
+            missed = _missed(at, tried)
             if tried.value < best.value:
-                learnt = moved / float(moved @ moved)
-                best = replace(tried, slopes=[s + np.outer(m, learnt) for s, m in zip(at.slopes, missed, strict=True)])
+                best = _learnt(at, tried, missed)
             if at.value - tried.value > SUFFICIENT * share * (2 - share) * promised:
                 return best
             bend = solve(at.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), at.weight, caution)
             bend *= min(1.0, BENT * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
     return best
+
+
+def _promised(at: Fit, step: Array) -> float:
+    """How much less the value is after a step (k,) [deviations], if the residuals follow their slopes."""
+    line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
+    return at.value - cost(line) - at.weight * float((at.scaled_offsets + step) @ (at.scaled_offsets + step))
+
+
+def _missed(at: Fit, tried: Fit) -> list[Array]:
+    """By block, what residuals after a step are beyond what the slopes promised."""
+    moved = tried.scaled_offsets - at.scaled_offsets
+    return [new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)]
+
+
+def _learnt(at: Fit, tried: Fit, missed: Sequence[Array]) -> Fit:
+    """A fit after a step, with slopes that would have promised what it found and are otherwise as they were
+    (Broyden, 1965)."""
+    moved = tried.scaled_offsets - at.scaled_offsets
+    direction = moved / float(moved @ moved)
+    return replace(tried, slopes=[s + np.outer(m, direction) for s, m in zip(at.slopes, missed, strict=True)])

@@ -1,4 +1,4 @@
-"""What a car would have measured in the windows of the data set, as a function of everything that may be wrong."""
+"""What a car would have measured in the windows of the recordings, as a function of everything that may be wrong."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class _Driving:
 
 
 class Predictor:
-    """Simulates the data set; keeps the last motions, so that what concerns sensors alone costs little."""
+    """Simulates the windows; keeps the last motions, so that what concerns sensors alone costs little."""
 
     def __init__(self, vehicle: Vehicle, dataset: Dataset) -> None:
         self.vehicle = with_all_effects(vehicle)
@@ -114,7 +114,7 @@ class Predictor:
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
-        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # settings that are driven at once
+        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # parameter sets that are driven at once
         measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.kind in _MEASURING}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
@@ -136,7 +136,7 @@ class Predictor:
             yield window, readings, self.dataset.sensors, self.radius
 
     def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
-        """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
+        """Signals of each window as a car with these parameters would have them; empty where it left all bounds."""
         sensors = self._sensors(parameter_set)
         result = []
         for window, (motion, sensed, way) in zip(
@@ -186,20 +186,20 @@ class Predictor:
             found.append(slips)
         return found
 
-    def foresee(self, settings: Sequence[ParameterSet]) -> None:
-        """Drive the windows with up to `ahead` settings side by side; what then is asked of them is known."""
-        self._drive([self._ways(parameter_set, self._sensors(parameter_set)) for parameter_set in settings])
+    def foresee(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
+        self._drive([self._ways(one, self._sensors(one)) for one in parameter_sets])
 
     def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
         """By window."""
         profiles = [self._known, profiles_of(parameter_set)]
         return [self._driving(index, parameter_set, profiles, sensors) for index in range(len(self.dataset.windows))]
 
-    def _drive(self, settings: Sequence[Sequence[_Driving]]) -> None:
+    def _drive(self, several: Sequence[Sequence[_Driving]]) -> None:
         """Side by side what was not driven before."""
         new = {
             (index, way.key): way
-            for ways in settings
+            for ways in several
             for index, way in enumerate(ways)
             if way.key not in self._motions[index]
         }
@@ -249,7 +249,7 @@ class Predictor:
 
     @cached_property
     def _sensors_of_car(self) -> dict[str, SensorBase]:
-        """Those of the data set as they are without the effects of the vehicle file, which a setting has."""
+        """Those of the data set as they are without the effects of the vehicle file, which a parameter set has."""
         return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.dataset.sensors}
 
     def _driving(
@@ -393,7 +393,7 @@ def _physical(name: str) -> tuple[float, float]:
 
 
 def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Dataset) -> list[float | None]:
-    """Where on the road of the data set the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
+    """Where on the road of the recordings the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
     found = []
     for latitude, longitude, heading, _ in rows:
         fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
