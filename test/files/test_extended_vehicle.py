@@ -184,7 +184,7 @@ def test_the_observer_warns_in_its_diagnostics_of_what_it_leaves_out(extended: V
 def test_a_known_slope_is_what_the_filter_starts_with_and_goes_back_to(extended: Vehicle, way: str) -> None:
     ekf = FILTERS["dekf" if way == "whole state" else "error_ekf"].make(extended, sensors_of(extended))
     if way == "in Python":
-        ekf.operations = None
+        ekf._operations = None
     ekf.start_rolling(20.0)
     ekf.linearize()
     uphill = ekf.car.udot[X, 0]

@@ -18,7 +18,7 @@ def filters(vehicle: Vehicle) -> tuple[ErrorEkf, ErrorEkf]:
     if codegen.compiler() is None:
         pytest.skip("no C compiler here")
     made = [Observer(vehicle).filter for _ in range(2)]
-    made[1].operations = None
+    made[1]._operations = None
     for ekf in made:
         ekf.start_rolling(20.0)
         ekf.car.mean[[3, 4, 15, 19]] = 0.01, -0.005, 0.3, 0.2

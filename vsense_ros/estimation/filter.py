@@ -105,10 +105,6 @@ class Filter(ABC):
     def inflate(self) -> None:
         """Forget how errors belong together, and double their standard deviations: after something went wrong."""
 
-    @abstractmethod
-    def set_element(self, index: int, value: float, deviation: float) -> None:
-        """Set one element of the mean, whose error then has this standard deviation and no correlation."""
-
     def backup(self) -> Kept:
         """A place where the memory may be kept; what is in it is undefined."""
         memory = np.empty_like(self.memory)

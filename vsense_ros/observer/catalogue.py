@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
+from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
@@ -24,16 +24,6 @@ class MakeFilter(Protocol):
     """Makes a filter of a vehicle with sensors; by default `prior` is that of the vehicle file."""
 
     def __call__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter: ...
-
-
-@dataclass(frozen=True)
-class Family:
-    """Filters of one kind, in words, and how one is made for a vehicle and its sensors."""
-
-    title: str
-    states: str
-    when: str
-    make: MakeFilter
 
 
 def error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
@@ -81,33 +71,38 @@ def _room(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
     return numbers_kept(layout(sensors).size, len(settings))
 
 
-_STATES = "coordinates, velocities, disturbances, biases"
-FILTERS: Mapping[str, Family] = {
-    "error_ekf": Family(
-        "errorEKF",
-        f"errors of {_STATES}, and forces beyond the model's",
-        "the default: quick, and finds forces",
-        error_ekf,
-    ),
-    "spi": Family(
-        "SPI", "as errorEKF, and the parameters that the vehicle file lists", "mass or friction are not known", spi
-    ),
-    "dekf": Family("discrete EKF", _STATES, "a reference: no forces, full matrices", dekf),
-    "ukf": Family("UKF", _STATES, "a reference: sigma points instead of derivatives, 20 × slower", ukf),
-    "full_error_ekf": Family(
-        "errorEKF on the full car", "as errorEKF", "the linkages matter; the vehicle file has them", full_error_ekf
-    ),
-    "full_spi": Family("SPI on the full car", "as SPI", "the linkages matter, and parameters are not known", full_spi),
-}
+_WHOLE = ("coordinates", "velocities", "disturbances", "biases of the sensors")
+_WITH_FORCES = (*_WHOLE, "forces beyond the model's")
+_SENSORS = ("those of the vehicle file",)
+
+FILTERS = Catalogue(
+    [
+        FilterFamily(
+            "error_ekf", "errorEKF with force estimation", _WITH_FORCES, INPUTS, _SENSORS,
+            "nearly always: it is quick, and finds the forces that the model lacks", error_ekf,
+        ),
+        FilterFamily(
+            "spi", "SPI: state, parameters and inputs", (*_WITH_FORCES, "observer.parameters of the vehicle file"),
+            INPUTS, _SENSORS, "where mass, friction or another number of the car is not known well enough", spi,
+        ),
+        FilterFamily(
+            "dekf", "discrete EKF", _WHOLE, INPUTS, _SENSORS, "as a reference without forces, with full matrices", dekf
+        ),
+        FilterFamily(
+            "ukf", "UKF", _WHOLE, INPUTS, _SENSORS, "as a reference with sigma points, at twenty times the cost", ukf
+        ),
+        FilterFamily(
+            "full_error_ekf", "errorEKF on the full car", _WITH_FORCES, INPUTS, _SENSORS,
+            "where the linkages matter, which the vehicle file then describes", full_error_ekf,
+        ),
+        FilterFamily(
+            "full_spi", "SPI on the full car", (*_WITH_FORCES, "observer.parameters of the vehicle file"), INPUTS,
+            _SENSORS, "where the linkages matter and a number of the car is not known well enough", full_spi,
+        ),
+    ]
+)  # fmt: skip
 
 
 def default_filter(vehicle: Vehicle) -> MakeFilter:
     """The SPI where the vehicle file lists parameters, else the errorEKF."""
     return FILTERS["spi" if vehicle.observer.parameters else "error_ekf"].make
-
-
-def filter_named(name: str) -> MakeFilter:
-    """Raises `InputError` for an unknown name."""
-    if name not in FILTERS:
-        raise InputError(f"there is no filter {name!r}; known are {', '.join(FILTERS)} (`vsense filters` tells more)")
-    return FILTERS[name].make

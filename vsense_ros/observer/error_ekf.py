@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Filter
 from vsense_ros.observer.car_blocks import CarBlocks
@@ -16,6 +18,10 @@ class CarFilter(Filter):
         """Begin as a car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
         self.car.forget()
         self.start(self.car.rolling(speed))
+
+    @abstractmethod
+    def set_element(self, index: int, value: float, deviation: float) -> None:
+        """Set one element of the mean, whose error then has this standard deviation and no correlation."""
 
     def linearize(self) -> None:
         """At the present state, once somebody has changed it."""

@@ -99,7 +99,7 @@ class Spi(CarFilter):
         self._bind()
         self._operations = car.compiled
         if car.compiled is not None and not self._compile(car.compiled.compiled):
-            self._operations = self._state_filter.operations = None
+            self._operations = self._state_filter._operations = None
         self._refuse_what_cannot_be_told()
 
     def _take_settings(self) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen import Kernel
 from vsense_ros.estimation.ekf import Ekf
-from vsense_ros.estimation.filter import Innovation
+from vsense_ros.estimation.gaussian import whiten
 from vsense_ros.model.car.steps import sensor_functions
 from vsense_ros.observer.dekf import WholeCar
 from vsense_ros.observer.error_ekf import CarFilter
@@ -79,30 +79,17 @@ class Ukf(Ekf, CarFilter):
         self.covariance.reshape(-1)[U.start * (len(self.mean) + 1) :: len(self.mean) + 1] += car.noise(h)
         car.linearize()
 
-    def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> Innovation:
+    def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
         """With the covariances of the sigma points in place of P Hᵀ and H P Hᵀ."""
-        m = len(value)
-        whitened, whole = np.full(m, np.nan), np.eye(m)
         expected, across, spread = self._expect(sensor)
-        present = np.isfinite(value)
-        if not present.any():
-            return Innovation(whitened, whole, -1.0, False)
-        total = scale * (spread[np.ix_(present, present)] + np.diag(variance[present]))
-        try:
-            factor = np.linalg.cholesky(total)
-        except np.linalg.LinAlgError:
-            return Innovation(whitened, whole, float("nan"), False)
-        weights = np.linalg.solve(factor, (value - expected)[present])
-        projected = np.linalg.solve(factor, across[:, present].T)
-        whitened[present], whole[np.ix_(present, present)] = weights, factor
-        nis = float(weights @ weights)
-        if not nis <= limit:
-            return Innovation(whitened, whole, nis, False)
-        self.mean[self.kept] += weights @ projected
-        left = self.covariance[self._block] - projected.T @ projected
-        self.covariance[self._block] = 0.5 * (left + left.T)
-        self.car.linearize()  # what the next sensor is compared with
-        return Innovation(whitened, whole, nis, True)
+        found = whiten(value - expected, scale * (spread + np.diag(variance)), across.T)
+        found.write(self._whitened, self._factor)
+        if 0.0 <= found.nis <= limit:
+            self.mean[self.kept] += found.error
+            left = self.covariance[self._block] - found.projected.T @ found.projected
+            self.covariance[self._block] = 0.5 * (left + left.T)
+            self.car.linearize()  # what the next sensor is compared with
+        return found.nis
 
     def _expect(self, sensor: str) -> tuple[Array, Array, Array]:
         """What a sensor should measure (m,), covariance with the state (k, m), and its own (m, m) without noise."""
