@@ -109,7 +109,7 @@ class Prior:
             drift[part] = [b.drift for b in biases]
             time_constant[part] = [b.time_constant for b in biases]
         reversion_mean = np.zeros(where.size)
-        reversion_mean[SLOPES] = np.sum([effect.prior_slope for effect in vehicle.physics.effects.present()], axis=0)
+        reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), reversion_mean)
 
     def placed(self) -> Prior:
