@@ -90,6 +90,10 @@ SALOON = {
 }  # fmt: skip
 
 
+STIFFNESS = ("front_stiffness", "rear_stiffness")
+REST = {name: value for name, value in SALOON.items() if name not in STIFFNESS}
+
+
 class Pendulum(StateSpace):
     """A nonlinear one: angle [rad] and rate of a pendulum with damping, in the semi-implicit Euler form."""
 

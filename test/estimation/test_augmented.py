@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from systems import IMU, LINEAR, SALOON, SingleTrack, VelocityKkf, drive, measured
+from systems import IMU, LINEAR, REST, SALOON, STIFFNESS, SingleTrack, VelocityKkf, drive, measured
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.augmented import Augmented
 from vsense_ros.estimation.dense import Dense
@@ -19,10 +19,8 @@ from vsense_ros.estimation.separate_bias import SeparateBias
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
 from vsense_ros.estimation.ukf import Ukf
 
-STIFFNESS = ("front_stiffness", "rear_stiffness")
 WRONG = np.array([0.0, 0.0, 120e3, 180e3])
 PRIOR = Gaussian(WRONG, np.diag(np.square([0.3, 0.1, 3e4, 3e4])))
-REST = {name: value for name, value in SALOON.items() if name not in STIFFNESS}
 
 
 class Biased(StateSpace):

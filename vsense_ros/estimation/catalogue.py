@@ -68,8 +68,8 @@ class Catalogue:
         found = self._families.get(name)
         if found is None:
             near = get_close_matches(name, self._families, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}")
+            hint = f"; did you mean {near[0]!r}?" if near else "."
+            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}.")
         return found
 
     def check_sensors(self, name: str, present: Iterable[str]) -> None:

@@ -22,7 +22,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import UNLIMITED, sensing
 from vsense_ros.estimation.filter import Array, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -156,6 +156,7 @@ class Cekf(GaussianFilter):
         held, m = self._values[sensor], len(self._values[sensor])
         if len(value) != m:
             raise InputError(f"a measurement of {sensor!r} has {m} components, but got {len(value)}")
+        check_variances(sensor, value, variance)
         held[:], self._variances[sensor][:] = value, np.asarray(variance) * scale
         self._x[:] = self.mean
         self._sense[sensor].call()
