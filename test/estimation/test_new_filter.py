@@ -96,7 +96,7 @@ def test_the_catalogue_tells_what_a_filter_needs_and_names_what_is_missing() -> 
     families.check_sensors("wheel_heading", ["course", "gnss_speed", "imu"])
     with pytest.raises(InputError, match="'wheel_heading' needs the sensor 'gnss_speed', which is not there"):
         families.check_sensors("wheel_heading", ["course"])
-    with pytest.raises(InputError, match="no filter 'wheel_headin'; did you mean 'wheel_heading'\\?"):
+    with pytest.raises(InputError, match="no filter 'wheel_headin', did you mean 'wheel_heading'\\?"):
         families["wheel_headin"]
     with pytest.raises(InputError, match=r"no filter 'particle'\. There are: wheel_heading"):
         families["particle"]

@@ -21,7 +21,7 @@ class FilterFamily:
     inputs: tuple[str, ...]
     sensors: tuple[str, ...]
     when: str  # to take which: one sentence
-    make: Callable[..., Any] | None = field(default=None, compare=False)
+    make: Callable[..., Any] = field(compare=False)
 
     @classmethod
     def of(
@@ -31,7 +31,7 @@ class FilterFamily:
         when: str,
         system: StateSpace,
         measurements: Iterable[Measurement],
-        make: Callable[..., Any] | None = None,
+        make: Callable[..., Any],
     ) -> FilterFamily:
         """Of a filter of one state space: its states, inputs and sensors are read from that."""
         return cls(name, title, system.names, system.inputs, tuple(one.name for one in measurements), when, make)
@@ -68,8 +68,8 @@ class Catalogue:
         found = self._families.get(name)
         if found is None:
             near = get_close_matches(name, self._families, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else "."
-            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}.")
+            hint = f", did you mean {near[0]!r}?" if near else "."
+            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}")
         return found
 
     def check_sensors(self, name: str, present: Iterable[str]) -> None:

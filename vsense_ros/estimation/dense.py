@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Array, Given, Measured, Step
+from vsense_ros.estimation.filter import Array, Gaussian, Given, Measured, Step
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.estimation.state_space import (
     Measurement,
@@ -81,6 +81,10 @@ class Dense:
     def noise(self) -> Array:
         """Q (e, e) of the last step."""
         return self._kernels.noise()
+
+    def start(self, belief: Gaussian) -> None:
+        """Begin anew at a mean and a covariance."""
+        self.mean[:], self.covariance[:] = belief.mean, belief.covariance
 
     def linearize(self) -> None:
         """There is nothing to prepare: a step and a measurement linearise at the mean themselves. This tries both.
@@ -329,7 +333,7 @@ class DenseOperations:
     def advance(self, step: Step) -> bool:
         """As `Filter.advance`."""
         kept, steps, h = step
-        return bool(self._advance(self._address, kept.ctypes.data, steps, h))
+        return bool(self._advance(self._address, kept.address, steps, h))
 
     def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
         """As `Filter.repeat`."""
@@ -337,7 +341,7 @@ class DenseOperations:
             return 0, False, []
         rows, values, variances = [], [], []
         for step, event in events:
-            kept, steps, h = (0, 0, 0.0) if step is None else (step.kept.ctypes.data, step.steps, step.h)
+            kept, steps, h = (0, 0, 0.0) if step is None else (step.kept.address, step.steps, step.h)
             value = np.asarray(event.value, dtype=float)
             if isinstance(event, Measured):
                 self._kernels.of(event.sensor).measured(value)

@@ -38,7 +38,8 @@ class Ekf(GaussianFilter):
 
     def start(self, belief: Gaussian) -> None:
         """As `GaussianFilter.start`; inputs that the system needs must be there before."""
-        super().start(belief)
+        self.check(belief)
+        self.system.start(belief)
         self.system.linearize()
 
     def predict(self, h: float) -> None:

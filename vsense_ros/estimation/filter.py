@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Gaussian:
+class Gaussian(NamedTuple):
     """A normal distribution of a state: `mean` (n,) and `covariance` (e, e) of its error."""
 
     mean: Array
@@ -38,10 +36,17 @@ class Innovation(NamedTuple):
     accepted: bool
 
 
+class Kept(NamedTuple):
+    """A copy of a filter's memory, and the address of the array for C."""
+
+    memory: Array
+    address: int
+
+
 class Step(NamedTuple):
     """The way to a time: `steps` predictions of `h` [s] each, before which the memory is copied to `kept`."""
 
-    kept: Array
+    kept: Kept
     steps: int
     h: float
 
@@ -100,16 +105,21 @@ class Filter(ABC):
     def inflate(self) -> None:
         """Forget how errors belong together, and double their standard deviations: after something went wrong."""
 
+    def backup(self) -> Kept:
+        """A place where the memory may be kept; what is in it is undefined."""
+        memory = np.empty_like(self.memory)
+        return Kept(memory, memory.ctypes.data)
+
     def advance(self, step: Step) -> bool:
         """Keep the memory, then predict. False, and the filter is as it was, if it is not valid or cannot be moved."""
         if not self.is_valid():
             return False
-        step.kept[:] = self.memory
+        step.kept.memory[:] = self.memory
         try:
             for _ in range(step.steps):
                 self.predict(step.h)
         except (FloatingPointError, np.linalg.LinAlgError):
-            self.memory[:] = step.kept
+            self.memory[:] = step.kept.memory
             return False
         return True
 

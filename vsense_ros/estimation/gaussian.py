@@ -23,9 +23,20 @@ class GaussianFilter(Filter):
 
     def start(self, belief: Gaussian) -> None:
         """Begin anew. Raises `InputError` where mean or covariance do not fit the system, or it is singular there."""
+        self.check(belief)
+        self.mean[:], self.covariance[:] = belief.mean, belief.covariance
+
+    def check(self, belief: Gaussian) -> None:
+        """Raises `InputError` where mean or covariance do not fit the system."""
         mean, covariance = np.asarray(belief.mean, dtype=float), np.asarray(belief.covariance, dtype=float)
         check_belief(mean, covariance, len(self.mean), len(self.covariance))
-        self.mean[:], self.covariance[:] = mean, covariance
+
+    def set_element(self, index: int, value: float, deviation: float) -> None:
+        """Set one element of the mean, whose error then has this standard deviation and no correlation; of states whose
+        error is a difference."""
+        self.mean[index] = value
+        self.covariance[index, :] = self.covariance[:, index] = 0.0
+        self.covariance[index, index] = deviation**2
 
     def belief(self) -> Gaussian:
         """Mean and covariance, copied."""
