@@ -193,7 +193,7 @@ def measured(case: Case, steps: int, every: int = 5, seed: int = 0) -> list[tupl
 
 
 class Truth:
-    """A run of the system itself, with the noise that its filter assumes, of independent parts, and its measurements."""
+    """A run of the system itself, with the independent noises that its filter assumes, and its measurements."""
 
     def __init__(self, case: Case, random: np.random.Generator | None = None) -> None:
         self.case, self._filter = case, case.dense()
