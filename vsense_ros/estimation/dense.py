@@ -153,10 +153,7 @@ class Dense:
         """to (n,) ⊟ mean (n,), (e,)."""
         if self.system.is_flat:
             return to - mean
-        at = Symbols(self.system)
-        y = ca.SX.sym("y", len(mean))
-        function = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
-        return np.array(function(to, mean))[:, 0]
+        return np.array(self._kernels.functions.difference(to, mean))[:, 0]
 
     def is_valid(self) -> bool:
         """Whether the mean is finite and within its bounds, and no variance below zero."""
@@ -188,6 +185,8 @@ class Jacobians:
         made = [codegen.function("transition", [*at.now, at.h], results, ("x", "u", "p", "h"))]
         delta = ca.SX.sym("delta", self.errors)
         made.append(codegen.function("retract", [at.x.vector, delta], [at.retracted(delta)], ("x", "d")))
+        y = ca.SX.sym("y", len(system.names))
+        self.difference = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
         made += [sensing(at, one, i) for i, one in enumerate(measurements)]
         self.transition, self.retract, *self.sense = codegen.compiled(f"filter_{title(system)}", made)
 

@@ -13,8 +13,8 @@ parameters stay the filter's own: δθ goes at once into both, so that the next 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -30,7 +30,7 @@ from vsense_ros.estimation.state_space import Symbols, title
 
 
 class Sensitivity(Protocol):
-    """What parameters change in one system. `values` (p,) are those that it works with, a part of its memory or not."""
+    """What parameters change in one system, which has their values in its memory."""
 
     names: tuple[str, ...]
 
@@ -54,14 +54,15 @@ class SeparateBias(Filter):
     """An `Ekf`, and beside it a filter of some of its parameters, each with the standard deviation
     [unit of the parameter/√s] by which it drifts: 0 for a constant.
 
-    `names` are those of the filter, then of the parameters; so are mean and covariance of `start` and `belief`.
+    `names` are those of the filter, then of the parameters; so are mean and covariance of `start` and `belief`. What
+    parameters change is made by `sensitivity` of the filter's system and their names; of a state space it is derived.
     """
 
     def __init__(
         self,
         filter: Ekf,
         drifts: Mapping[str, float],
-        sensitivity: Sensitivity | None = None,
+        sensitivity: Callable[[Any, tuple[str, ...]], Sensitivity] | None = None,
         memory: Array | None = None,
     ) -> None:
         e, p = len(filter.covariance), len(drifts)
@@ -71,7 +72,8 @@ class SeparateBias(Filter):
         self.filter = filter.at(own)
         self.inputs, self.sensors = self.filter.inputs, filter.sensors
         self.v, self.bias_covariance = v.reshape(e, p), m.reshape(p, p)
-        self.sensitivity = _of(self.filter, tuple(drifts)) if sensitivity is None else sensitivity
+        self._made: Callable[[Any, tuple[str, ...]], Sensitivity] = sensitivity or DenseSensitivity
+        self.sensitivity = self._made(self.filter.system, tuple(drifts))
         self.names = filter.names + self.sensitivity.names
         self._drifts, self._density = dict(drifts), np.square(list(drifts.values()))
         self._whitened, self._factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
@@ -79,7 +81,7 @@ class SeparateBias(Filter):
     def at(self, memory: Array) -> SeparateBias:
         """The same, with its memory in this array (s,)."""
         memory[:] = self.memory
-        return SeparateBias(self.filter, self._drifts, None, memory)
+        return SeparateBias(self.filter, self._drifts, self._made, memory)
 
     def start(self, belief: Gaussian) -> None:
         """Begin anew, at the mean (n + p,) and the covariance (e + p, e + p) of state and parameters."""
@@ -164,17 +166,12 @@ class SeparateBias(Filter):
         self.filter.covariance[:], self.bias_covariance[:] = covariance[:e, :e], covariance[e:, e:]
 
 
-def _of(filter: Ekf, names: Sequence[str]) -> Sensitivity:
-    """How parameters change the system of a filter that is made of a state space."""
-    if not isinstance(filter.system, Dense):
-        raise InputError(f"how parameters change a {type(filter.system).__name__} must be told: give a `Sensitivity`")
-    return DenseSensitivity(filter.system, tuple(names))
-
-
 class DenseSensitivity:
     """Derivatives of a state space by some of its parameters."""
 
     def __init__(self, dense: Dense, names: tuple[str, ...]) -> None:
+        if not isinstance(dense, Dense):
+            raise InputError(f"what parameters change in {type(dense).__name__} must be told: give a `sensitivity`")
         if unknown := [name for name in names if name not in dense.system.parameters]:
             known = ", ".join(dense.system.parameters) or "none"
             raise InputError(f"{title(dense.system)} has no parameter {unknown[0]!r}; it has: {known}")
@@ -195,7 +192,7 @@ class DenseSensitivity:
             return ca.jacobian(found, at.theta.vector)[:, chosen]
 
         moved = at.moved()
-        inward = ca.SX.eye(moved.numel()) if system.is_flat else ca.substitute(at.inward(), at.x.vector, moved)
+        inward = ca.SX.eye(moved.numel()) if system.is_flat else at.inward(moved)
         made = [codegen.function("step", [*at.now, at.h], [inward @ by_parameters(moved)], ("x", "u", "p", "h"))]
         for i, one in enumerate(self.dense.measurements.values()):
             found = by_parameters(at.measured(one)[0])
