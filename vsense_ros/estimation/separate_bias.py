@@ -25,7 +25,15 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, check_belief, check_variances, inflate, is_definite, whiten
+from vsense_ros.estimation.gaussian import (
+    COMPONENTS,
+    Whitened,
+    check_belief,
+    check_variances,
+    inflate,
+    is_definite,
+    whiten,
+)
 from vsense_ros.estimation.state_space import Symbols, title
 
 
@@ -72,7 +80,7 @@ class SeparateBias(Filter):
         self.filter = filter.at(own)
         self.inputs, self.sensors = self.filter.inputs, filter.sensors
         self.v, self.bias_covariance = v.reshape(e, p), m.reshape(p, p)
-        self._made: Callable[[Any, tuple[str, ...]], Sensitivity] = sensitivity or DenseSensitivity
+        self._made = _of_a_state_space if sensitivity is None else sensitivity
         self.sensitivity = self._made(self.filter.system, tuple(drifts))
         self.names = filter.names + self.sensitivity.names
         self._drifts, self._density = dict(drifts), np.square(list(drifts.values()))
@@ -114,30 +122,34 @@ class SeparateBias(Filter):
     ) -> Innovation:
         """As `Filter.correct`: the innovation is that of state and parameters together."""
         check_variances(sensor, value, variance)
-        own, m = self.filter.covariance, self.bias_covariance
         residual, h = self.filter.system.sense(sensor, value)
         s = h @ self.v + self.sensitivity.sense(sensor)
-        across, of_bias = h @ own, s @ m
-        known = across @ h.T + np.diag(variance)  # covariance of the innovation if the parameters were known
-        total = scale * (known + of_bias @ s.T)
+        across, of_bias = h @ self.filter.covariance, s @ self.bias_covariance
+        by_bias = of_bias @ s.T
+        total = scale * (across @ h.T + np.diag(variance) + by_bias)
         found = whiten(residual, total, np.column_stack([across + of_bias @ self.v.T, of_bias]))
         found.write(self._whitened, self._factor)
         if 0.0 <= found.nis <= limit:
             present = found.present
-            gain = np.linalg.solve((total - of_bias @ s.T)[np.ix_(present, present)], across[present])
-            self.v -= gain.T @ s[present]
-            removed = gain.T @ across[present]
-            own -= 0.5 * (removed + removed.T)
-            e = len(own)
-            m -= found.projected[:, e:].T @ found.projected[:, e:]
-            error = found.error
-            self.sensitivity.put(self.sensitivity.get() + error[e:])
-            self.filter.system.retract(error[:e])
+            self._accept(found, s[present], across[present], (total - by_bias)[np.ix_(present, present)])
         elif found.nis != found.nis:
             self._recover(sensor)
-        size = len(value)
-        factor = self._factor[: size * size].reshape(size, size)
-        return Innovation(self._whitened[:size], factor, found.nis, 0.0 <= found.nis <= limit)
+        m = len(value)
+        factor = self._factor[: m * m].reshape(m, m)
+        return Innovation(self._whitened[:m], factor, found.nis, 0.0 <= found.nis <= limit)
+
+    def _accept(self, found: Whitened, s: Array, across: Array, known: Array) -> None:
+        """Correct by an innovation: S (m, p), H P̃ (m, e), and its covariance (m, m) if the parameters were known."""
+        e, own = len(self.v), self.filter.covariance
+        gain = np.linalg.solve(known, across)  # K̃ᵀ
+        self.v -= gain.T @ s
+        removed = gain.T @ across
+        own -= 0.5 * (removed + removed.T)
+        by_bias = found.projected[:, e:]
+        self.bias_covariance -= by_bias.T @ by_bias
+        error = found.error
+        self.sensitivity.put(self.sensitivity.get() + error[e:])
+        self.filter.system.retract(error[:e])
 
     def _recover(self, sensor: str) -> None:
         """Begin the covariances anew, and say so, if they were what spoilt a correction."""
@@ -166,12 +178,17 @@ class SeparateBias(Filter):
         self.filter.covariance[:], self.bias_covariance[:] = covariance[:e, :e], covariance[e:, e:]
 
 
+def _of_a_state_space(system: Any, names: tuple[str, ...]) -> Sensitivity:
+    """What parameters change in a `Dense`. Raises `InputError` for other systems."""
+    if not isinstance(system, Dense):
+        raise InputError(f"what parameters change in {type(system).__name__} must be told: give a `sensitivity`")
+    return DenseSensitivity(system, names)
+
+
 class DenseSensitivity:
     """Derivatives of a state space by some of its parameters."""
 
     def __init__(self, dense: Dense, names: tuple[str, ...]) -> None:
-        if not isinstance(dense, Dense):
-            raise InputError(f"what parameters change in {type(dense).__name__} must be told: give a `sensitivity`")
         if unknown := [name for name in names if name not in dense.system.parameters]:
             known = ", ".join(dense.system.parameters) or "none"
             raise InputError(f"{title(dense.system)} has no parameter {unknown[0]!r}; it has: {known}")
