@@ -36,10 +36,10 @@ from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.state import SURROUND, Prior
+from vsense_ros.observer.state import DISTURB, Prior
 
 DRAG, GRADE, BIAS, DELAY = 0.4, 0.03, 0.03, 0.02  # [m²], [rad], [rad/s], [s]
-GRADE_STATE = SURROUND.start + DISTURBANCES.index("grade")
+GRADE_STATE = DISTURB.start + DISTURBANCES.index("grade")
 PLACE = (43.5, -8.2, 0.0, 0.05)
 
 

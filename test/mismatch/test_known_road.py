@@ -18,10 +18,10 @@ from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.road_map import NEAR, SPACING, Profile, RoadMap
-from vsense_ros.observer.state import SURROUND
+from vsense_ros.observer.state import DISTURB
 
 ORIGIN = (43.5, -8.2, 50.0)
-BANK = SURROUND.start + DISTURBANCES.index("bank")
+BANK = DISTURB.start + DISTURBANCES.index("bank")
 EAST = np.arange(-50.0, 651.0, SPACING)
 
 

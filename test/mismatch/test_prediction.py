@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype
-from vsense_ros.mismatch.fit import Residuals
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor, turning
 from vsense_ros.mismatch.windows import RUN_IN, build_dataset
 

@@ -63,7 +63,7 @@ _RESULTS = {
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
 _FIELDS = {
-    "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
+    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
     "inputs": "what drives the model",
     "covariance": "of the errors of the state, row-major",
     "effects": "what physical effects remember of the past",

@@ -19,7 +19,7 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.state import FORCE, SURROUND, Prior, Q, U
+from vsense_ros.observer.state import DISTURB, FORCE, Prior, Q, U
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class FullCarBlocks(CarBlocks):
         """Puts the full car where the filter is."""
         plant = self.plant
         self._take_numbers()
-        plant.force[:], plant.disturbances[:] = self.mean[FORCE], self.mean[SURROUND]
+        plant.force[:], plant.disturbances[:] = self.mean[FORCE], self.mean[DISTURB]
         try:
             plant.recall(self._kept, self.inputs)
             plant.correct(self.mean[Q], self.mean[U])
