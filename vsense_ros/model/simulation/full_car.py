@@ -40,9 +40,9 @@ NEAR = 1e-6  # opening of the linkages [m] before the last iteration: after it t
 class FullCarPlant:
     """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
 
-    `q`, `u`, `udot` (14) are those of `model.coordinates` at the present time; write `force` (14, generalized forces beyond the
-    model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
-    that it takes at design height.
+    `q`, `u`, `udot` (14) are those of `model.coordinates` at the present time; write `force` (14, generalized forces
+    beyond the model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean
+    road-wheel angle that it takes at design height.
     """
 
     def __init__(
