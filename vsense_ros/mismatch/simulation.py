@@ -192,7 +192,7 @@ class Predictor:
 
     def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
         """By window."""
-        profiles = [self.known_profiles, profiles_of(parameter_set)]
+        profiles = [self._known, profiles_of(parameter_set)]
         return [self._driving(index, parameter_set, profiles, sensors) for index in range(len(self.dataset.windows))]
 
     def _drive(self, several: Sequence[Sequence[_Driving]]) -> None:
@@ -231,7 +231,7 @@ class Predictor:
         ]
 
     @cached_property
-    def known_profiles(self) -> Profiles:
+    def _known(self) -> Profiles:
         """The profiles of the vehicle file, on the road of the data."""
         found: dict[str, dict[float, float]] = {}
         for id in BY_ID:
