@@ -13,7 +13,7 @@ from functools import cache
 import casadi as ca
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Car, Motion, kinematics
+from vsense_ros.model.car.car import Car, kinematics, motion_of
 from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, Z
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
@@ -148,7 +148,7 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     udot = ca.SX.sym("udot", 14)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)
+    value = sensor.equation(motion_of(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
         [car.q, car.u, udot, car.surroundings, car.inputs, biases, mounting],

@@ -173,9 +173,9 @@ class Effect(Part):
         """What of it a simulation on a road of its own cannot have, in words; empty for nothing."""
         return ""
 
-    def left_out_of_observer(self, kinds: Collection[str]) -> str:
-        """What of it an observer with these kinds of sensors cannot have, in words; empty for nothing."""
-        if self.on_map and self.has_size and not ON_MAP & set(kinds):
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
+        """What of it an observer with these sensors cannot have, in words; empty for nothing."""
+        if self.on_map and self.has_size and not any(sensor.on_map for sensor in sensors):
             return "its direction on the map, as no sensor knows north"
         return ""
 
@@ -194,10 +194,10 @@ class RoadEffect(Effect):
     def left_out_of_simulation(self) -> str:
         return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
 
-    def left_out_of_observer(self, kinds: Collection[str]) -> str:
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
         if self.profile and self._is_plane:
             return self._without([_PROFILE])
-        unplaced = self.profile and "gnss_position" not in kinds
+        unplaced = self.profile and not any("position" in sensor.tells for sensor in sensors)
         return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
 
     @classmethod
