@@ -117,11 +117,14 @@ def test_the_observer_uses_it_and_estimates_the_height_better(vehicle: Vehicle, 
     assert known < 0.8 * unknown
 
 
-def test_run_takes_its_messages_from_a_bag(bag: Path, file: Path, tmp_path: Path):
-    result = CliRunner().invoke(main, ["run", str(bag), "--vehicle", str(file), "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
-    said = json.loads(next(tmp_path.rglob("*.json")).read_text(encoding="utf-8"))
-    assert "heights" in json.dumps(said)
+def test_run_uses_it_if_the_file_has_it(bag: Path, file: Path, tmp_path: Path):
+    figures = []
+    for vehicle in (str(file), "prototype_real"):
+        result = CliRunner().invoke(main, ["run", str(bag), "--vehicle", vehicle, "--out", str(tmp_path / vehicle[-5:])])
+        assert result.exit_code == 0, result.output
+        (found,) = json.loads(next((tmp_path / vehicle[-5:]).rglob("*.json")).read_text(encoding="utf-8")).values()
+        figures.append(found["signals"]["pitch"]["rmse"])
+    assert figures[0] < figures[1]
 
 
 def test_the_monitor_watches_its_components(vehicle: Vehicle):
