@@ -24,6 +24,7 @@ from vsense_ros.mismatch.data_quality import hindrance
 from vsense_ros.mismatch.signals import difference
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import build_dataset
+from vsense_ros.model.coordinates import Z
 from vsense_ros.model.sensors import KINDS
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import load_limits
@@ -107,7 +108,7 @@ def test_the_observer_uses_it_and_estimates_the_height_better(vehicle: Vehicle, 
         observer = Observer(car)
         for sample in recording.samples():
             observer.add(sample)
-        return observer, float(np.sqrt(observer.filter.estimated()[1][2, 2]))
+        return observer, float(np.sqrt(observer.filter.belief().covariance[Z, Z]))
 
     with_it, known = height_deviation(vehicle)
     bare = {name: sensor for name, sensor in vehicle.sensors.items() if name != "heights"}
@@ -119,10 +120,10 @@ def test_the_observer_uses_it_and_estimates_the_height_better(vehicle: Vehicle, 
 
 def test_run_uses_it_if_the_file_has_it(bag: Path, file: Path, tmp_path: Path):
     figures = []
-    for vehicle in (str(file), "prototype_real"):
-        result = CliRunner().invoke(main, ["run", str(bag), "--vehicle", vehicle, "--out", str(tmp_path / vehicle[-5:])])
+    for vehicle, out in ((str(file), tmp_path / "with"), ("prototype_real", tmp_path / "without")):
+        result = CliRunner().invoke(main, ["run", str(bag), "--vehicle", vehicle, "--out", str(out)])
         assert result.exit_code == 0, result.output
-        (found,) = json.loads(next((tmp_path / vehicle[-5:]).rglob("*.json")).read_text(encoding="utf-8")).values()
+        (found,) = json.loads(next(out.rglob("*.json")).read_text(encoding="utf-8")).values()
         figures.append(found["signals"]["pitch"]["rmse"])
     assert figures[0] < figures[1]
 
