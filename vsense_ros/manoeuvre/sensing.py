@@ -22,10 +22,10 @@ from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import sensor_functions
 from vsense_ros.model.coordinates import (
     ATTITUDE,
+    DISTURBANCES,
     MOMENT,
     POSITION,
     RATES,
-    SURROUNDINGS,
     VELOCITY,
     WHEEL_FORCES,
     WHEELS,
@@ -92,8 +92,8 @@ def _truth(trajectory: Trajectory, vehicle: Vehicle, sensor: SensorBase, rows: n
     if sensor.inputs is not None:
         return trajectory.inputs[rows, sensor.inputs]
     function = sensor_functions(car_of(vehicle), (sensor,))[sensor.kind].map(len(rows))
-    known = trajectory.surroundings
-    around = np.zeros((len(SURROUNDINGS), 1)) if known is None else known[rows].T
+    known = trajectory.disturbances
+    around = np.zeros((len(DISTURBANCES), 1)) if known is None else known[rows].T
     biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
     motion = (values[rows].T for values in (trajectory.q, trajectory.u, trajectory.udot))
     result = function(*motion, around, trajectory.inputs[rows].T, biases, mounting)[0]

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
 from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -76,7 +77,7 @@ def misfit(base: Fit, residuals: Residuals) -> str:
 def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     level = residuals.level(base.residuals)
     if level > 1 and not base.converged:
-        yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
+        yield f"the base parameters do not settle: after {DEFAULT.iterations} steps the fit is still changing"
     offsets = dict(zip((parameter.name for parameter in base.free_parameters), base.offsets, strict=True))
     outside = [k for k in BASE if k.name in offsets and not k.low < offsets[k.name] < k.high]
     # One stiffness may stand in for the physics that is missing.
@@ -93,7 +94,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     own = []
     for rows in residuals.predictor.dataset.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
-        own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
+        own.append(base.scaled_offsets + solve(slopes, left, base.scaled_offsets, prior_weight(left)))
     for name in LASTING:
         at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]

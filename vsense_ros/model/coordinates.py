@@ -14,6 +14,7 @@ __all__ = [
     "ATTITUDE",
     "BANK",
     "COORDINATES",
+    "DISTURBANCES",
     "DYNAMIC_COORDINATES",
     "FORCE_X",
     "FORCE_Y",
@@ -35,7 +36,6 @@ __all__ = [
     "SPIN",
     "STEERING",
     "STEERING_OFFSET",
-    "SURROUNDINGS",
     "TORQUES",
     "TRAVEL",
     "TWIST",
@@ -70,7 +70,7 @@ TORQUES = slice(1, 5)
 # Slowly varying quantities that enter the dynamics: slope of the road along and across the car (positive uphill, and
 # positive where the left side is higher) [rad], offset of the measured road-wheel angle [rad], relative error of the
 # tyre radius [-].
-SURROUNDINGS = ("grade", "bank", "steering_offset", "radius_error")
+DISTURBANCES = ("grade", "bank", "steering_offset", "radius_error")
 GRADE, BANK, STEERING_OFFSET, RADIUS_ERROR = range(4)
 
 # Coordinates that the dynamics depend on: not where the car is, not its heading, not how far the wheels have turned.

@@ -25,7 +25,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.state import FORCE, FORWARD, SURROUND
+from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
 
 Array = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ class Monitor:
         known = any("torques" in sensor.tells for sensor in sensors.values())
         slow = [*_FORCES, *(_TORQUES if known else ())]
         biases = {f"{name}.{bias.name}": bias.unit for name, sensor in sensors.items() for bias in sensor.biases()}
-        for index in range(SURROUND.start, car.layout.size):
+        for index in range(DISTURB.start, car.layout.size):
             name = car.layout.names[index]
             unit = biases.get(name, _unit(name))
             slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", unit)))
