@@ -24,7 +24,6 @@ CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "re
 AXLES = ("front", "rear")
 _PROFILE = "its profile along the road"
 SPACING = 50.0  # [m] from one row of a profile to the next; so far beyond its last one a road is as everywhere
-ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # kinds of sensors that know north
 
 # What of a car an effect acts on, by the method with which it does.
 _ACTS_ON = {
