@@ -65,6 +65,8 @@ def bag(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         main, ["simulate", "double_lane_change", "--vehicle", str(file), "--out", str(path)], catch_exceptions=False
     )
     assert result.exit_code == 0, result.output
+    assert TOPIC in result.output
+    assert "nothing reads it" not in result.output
     return path
 
 

@@ -35,7 +35,7 @@ from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
 from vsense_ros.model.sensors import SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
-from vsense_ros.model.simulation.open_loop import Inputs, Motion, OpenLoop, Run
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run, StateHistory
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ class Predictor:
         self.names = self.car.parameter_names
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
-        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
+        self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
         self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # parameter sets that are driven at once
         measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.signals}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
@@ -169,7 +169,7 @@ class Predictor:
         moved = self._all_moved(parameter_set, self._sensors(parameter_set))
         return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
 
-    def _lost_from(self, index: int, motion: Motion) -> float:
+    def _lost_from(self, index: int, motion: StateHistory) -> float:
         """The same of one window."""
         begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
@@ -221,7 +221,7 @@ class Predictor:
 
     def _all_moved(
         self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]
-    ) -> list[tuple[Motion, dict[int, dict[str, Array]], _Driving]]:
+    ) -> list[tuple[StateHistory, dict[int, dict[str, Array]], _Driving]]:
         """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
         ways = self._ways(parameter_set, sensors)
         self._drive([ways])
@@ -380,7 +380,7 @@ class Predictor:
         return speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration
 
     def _signals(
-        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], way: _Driving
+        self, window: Window, motion: StateHistory, sensors: Mapping[str, SensorBase], way: _Driving
     ) -> dict[str, Array]:
         if not _in_bounds(motion):
             return {}
@@ -456,7 +456,7 @@ def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Arr
     return q, u
 
 
-def _in_bounds(motion: Motion) -> bool:
+def _in_bounds(motion: StateHistory) -> bool:
     return bool(np.isfinite(motion.u[-1]).all())
 
 
@@ -477,7 +477,7 @@ class _Sensing:
         self._equation = equation
         self._kernels: dict[int, tuple[list[Array], Kernel]] = {}
 
-    def __call__(self, motion: Motion, around: Array, mounting: Array) -> Array:
+    def __call__(self, motion: StateHistory, around: Array, mounting: Array) -> Array:
         """(rows, components)."""
         rows = len(motion.t)
         if rows not in self._kernels:

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from vsense_ros.messages.topics import TOPICS, Topic
 from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Response, SensorBase, Tells
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
@@ -56,6 +57,15 @@ def compared_signals() -> dict[str, ComparedSignal]:
     return {signal.name: signal for kind in KINDS.values() for signal in kind.signals}
 
 
+def known_topics() -> dict[str, Topic]:
+    """What the topics of a recording carry: those of the project, and those of kinds that were added."""
+    own = {}
+    for kind in KINDS.values():
+        topic, frame = (kind.model_fields[name].default for name in ("topic", "frame_id"))
+        own[topic] = Topic(kind.message, frame, names=kind.joints)
+    return {**own, **TOPICS}
+
+
 def words_of(kind: str) -> str:
     """What a kind of sensor gives, after "it needs"."""
     return KINDS[kind].words or kind.replace("_", " ")
@@ -90,6 +100,7 @@ __all__ = [
     "WheelTorques",
     "any_sensor",
     "compared_signals",
+    "known_topics",
     "telling",
     "words_of",
 ]
