@@ -56,7 +56,8 @@ class Beginning:
         kinds = {self._kinds[i]: e for i, e in self._first.items()}
         speeds = self._speeds(kinds.values())
         waited = (stamp - self._first_stamp) * 1e-9
-        if not speeds or any(waited < s.awaited for s in self._intake.sensors if s.kind not in kinds):
+        missing = (sensor for sensor in self._intake.sensors if sensor.kind not in kinds)
+        if not speeds or any(sensor.awaited and waited < sensor.awaited for sensor in missing):
             return None
         if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < LONGEST_GAP:
             return None
