@@ -26,6 +26,8 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
+from vsense_ros.codegen import native
+
 # Below -O2 GCC leaves the upper halves of vector registers dirty, after which the functions of libm run at a quarter of
 # their speed on some processors.
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
@@ -111,19 +113,29 @@ def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = Fals
     """
     if compiler() is None:
         return list(functions)
-    generator = ca.CodeGenerator("model.c", {"with_header": False})
-    for function in functions:
-        generator.add(expanded(function) if expand else function)
-    built = library(name, generator.dump())
-    if built is None:
-        return list(functions)
     try:
-        loaded = [ca.external(function.name(), str(built)) for function in functions]
+        text = native.source(functions)
+    except ValueError:  # solves linear equations, say
+        generator = ca.CodeGenerator("model.c", {"with_header": False})
+        for function in functions:
+            generator.add(expanded(function) if expand else function)
+        text = generator.dump()
+    return loaded(name, text, functions) or list(functions)
+
+
+def loaded(name: str, source: str, functions: Sequence[ca.Function]) -> list[ca.Function] | None:
+    """What C `source` makes of these functions, in a library that is compiled if it is not yet in the cache; None where
+    that is impossible."""
+    built = library(name, source)
+    if built is None:
+        return None
+    try:
+        made = [ca.external(function.name(), str(built)) for function in functions]
     except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
         log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
-        return list(functions)
-    _libraries.update(dict.fromkeys(loaded, built))
-    return loaded
+        return None
+    _libraries.update(dict.fromkeys(made, built))
+    return made
 
 
 class Entry(ctypes.Structure):

@@ -47,6 +47,9 @@ from vsense_ros.model.vehicle import Vehicle
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
 STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
+# Of each wheel its side, 1 on the left and -1 on the right; of each axle whether it is steered, and 1 ahead of `cog` and
+# -1 behind it: all that the equations of one corner differ in from those of another, besides values of parameters.
+PLACEMENT = (1.0, -1.0, 1.0, -1.0, 1.0, 0.0, 1.0, -1.0)
 LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 
 
@@ -90,7 +93,7 @@ class Corner:
     index: int
     axle: SimpleNamespace  # symbols of its `Axle`
     tyre: str
-    side: int  # 1 on the left, -1 on the right
+    side: ca.SX  # 1 on the left, -1 on the right
     centre: ca.SX  # of the wheel in the design position (3×1) [m]
     static_load: ca.SX  # [N]
     loaded_radius: ca.SX  # under that load [m]
@@ -102,7 +105,7 @@ class Corner:
     @property
     def opposite(self) -> int:
         """The other wheel of the axle."""
-        return self.index + self.side
+        return self.index ^ 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +126,13 @@ class Car:
 
     Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
     its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
-    `remember` moves on between steps.
+    `remember` moves on between steps. With `corners_alike` the corners have the same equations, down to each operation:
+    what they differ in are then symbols, `placement`, that stand for the numbers `PLACEMENT`.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, corners_alike: bool = False) -> None:
+        self._vehicle = vehicle
+        self.placement = ca.SX.sym("placement", len(PLACEMENT)) if corners_alike else ca.SX(ca.DM(PLACEMENT))
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self.parameters = symbols(vehicle.physics)
         self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
@@ -145,6 +151,11 @@ class Car:
         self._memories = tuple(
             self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
         )
+
+    @cached_property
+    def corners_alike(self) -> Car:
+        """The same car, with corners that have the same equations down to each operation."""
+        return Car(self._vehicle, corners_alike=True)
 
     @property
     def remembering(self) -> dict[str, slice]:
@@ -165,9 +176,9 @@ class Car:
         weight = chassis.mass * GRAVITY
         corners = []
         for i in range(len(WHEELS)):
-            front, side = i < 2, 1 - 2 * (i % 2)
+            front, side, ahead = i < 2, self.placement[i], self.placement[6 + i // 2]
             axle = self.parameters.front if front else self.parameters.rear
-            arm = chassis.cog_to_front_axle if front else -chassis.cog_to_rear_axle
+            arm = ahead * (chassis.cog_to_front_axle if front else chassis.cog_to_rear_axle)
             other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
             static_load = weight * other / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
@@ -196,8 +207,10 @@ class Car:
     def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
         """Angle of a wheel on a straight guide for a mean `angle` of the front wheels [rad]: from parallel to full
         Ackermann."""
-        if not corner.front:
+        steered = self.placement[4 + corner.index // 2]
+        if steered.is_zero():
             return ca.SX(0)
+        angle = steered * angle
         share, tangent = self.parameters.steering.ackermann, ca.tan(angle)
         turning = ca.atan2(self._wheelbase * tangent, self._wheelbase - corner.side * corner.axle.track / 2 * tangent)
         return (1 - share) * angle + share * turning

@@ -8,13 +8,15 @@ against wheel slip (`Car.stiffening`): a change of rank four, made within the st
 
 from __future__ import annotations
 
+import re
+from collections.abc import Hashable, Sequence
 from functools import cache
 
 import casadi as ca
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Car, Motion, kinematics
-from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, Z
+from vsense_ros.model.car.car import PLACEMENT, Car, Motion, kinematics
+from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, WHEELS, Z
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
 
@@ -24,7 +26,17 @@ _STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
+    placement = [] if car.placement.is_constant() else [car.placement]
+    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory, *placement]
+
+
+def _names(car: Car) -> list[str]:
+    return [*_STATE_NAMES, "placement"][: len(_arguments(car))]
+
+
+def _symbols(car: Car) -> list[ca.MX]:
+    """The same for matrix expressions."""
+    return [ca.MX.sym(name, argument.shape) for name, argument in zip(_names(car), _arguments(car), strict=True)]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -33,7 +45,7 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 def dynamics_function(car: Car) -> ca.Function:
     """(q, u, force, surroundings, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
-    return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
+    return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _names(car))
 
 
 def linearize_function(car: Car) -> ca.Function:
@@ -42,15 +54,23 @@ def linearize_function(car: Car) -> ca.Function:
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
     the equations of motion, M ∂u̇ = -∂r with r(u̇, tyre forces) = 0, where the forces of each tyre depend on few
-    quantities. The virtual machine multiplies the sparse factors as matrices, in a third of the time that it would need
-    for their elements one by one.
+    quantities. Products of matrices stay products: the virtual machine and compilers are quick with them.
     """
-    state = [ca.MX.sym(name, argument.shape) for name, argument in zip(_STATE_NAMES, _arguments(car), strict=True)]
-    udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
-    jacobian = -inverse @ (direct + by_forces @ (by_motions @ motions + beside))
+    state = _symbols(car)
+    udot, inverse, missing, rates = _missing_function(car)(*state)
+    jacobian = ca.mac(inverse, missing, ca.MX.zeros(14, 25))
     by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, 7, 21, 25])
-    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_surroundings, by_q @ rates))]
-    return ca.Function("linearize", state, results, _STATE_NAMES, [f"r{i}" for i in range(len(results))])
+    results = [udot, by_q, by_u, by_surroundings, ca.mac(by_q, rates, ca.MX.zeros(14, 14))]
+    return ca.Function("linearize", state, results, _names(car), [f"r{i}" for i in range(len(results))])
+
+
+def _missing_function(car: Car) -> ca.Function:
+    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×25,
+    sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
+    state = _symbols(car)
+    udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
+    missing = -(direct + by_forces @ (by_motions @ motions + beside))
+    return ca.Function("missing", state, [udot, inverse, missing, rates], _names(car), ["r0", "r1", "r2", "r3"])
 
 
 def _factors_function(car: Car) -> ca.Function:
@@ -72,9 +92,9 @@ def _factors_function(car: Car) -> ca.Function:
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
     order = [*(i for corner in range(4) for i in (SPIN.start + corner, TRAVEL.start + corner)), *range(6)]
     back = sorted(range(14), key=order.__getitem__)
-    inverse = inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back]
+    inverse = ca.densify(inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back])
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
-    results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
+    results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
     return ca.Function("factors", arguments, results, {"cse": True})
 
 
@@ -83,38 +103,81 @@ def advance_function(car: Car) -> ca.Function:
 
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
-    h = ca.SX.sym("h")
-    inverse = ca.SX.sym("inverse", 14, 14)
-    by_q = ca.SX.sym("by_q", 14, 7)
-    dynamics = ca.Function("f", _arguments(car), [car.dynamics])
-    q, u = car.q, car.u
-    rest = _arguments(car)[2:]
+    state, h = _symbols(car), ca.MX.sym("h")
+    inverse, by_q = ca.MX.sym("inverse", 14, 14), ca.MX.sym("by_q", 14, 7)
+    (q, u), rest = state[:2], state[2:]
+    rate, rate_u, moved, *stiffening = _first_stage(car)(*state, h)
+    responses, rows, known = stiffening
+    plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(14, 1))
     # Inverse of the stiffened matrix by Woodbury's identity.
-    responses, slopes, foreseen = car.stiffening
-    columns, rows = inverse @ responses, GAMMA * h * slopes
-    reduced = ca.SX.eye(4) - rows @ columns
+    columns = ca.mac(inverse, responses, ca.MX.zeros(14, 4))
+    first_q, first_u, middle_q, middle_u = _middle(q, u, h, rate, plain, columns, rows, known)
+    middle_rate_u = _accelerations_function(car)(middle_q, middle_u, *rest)
+    right_q, right_u, moved = _second_stage(h, first_q, first_u, middle_q, middle_u, middle_rate_u)
+    plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(14, 1))
+    results = _end(q, u, h, first_q, first_u, right_q, plain, columns, rows, known)
+    arguments = [*state, h, inverse, by_q]
+    return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
 
-    def solve(right: ca.SX, known: ca.SX) -> ca.SX:
-        """A stage without the stiffening that its `known` part (4) would cause."""
-        plain = inverse @ right
-        return plain + columns @ solve_dominant(reduced, rows @ plain - known)
 
-    rate, rate_u = kinematics(q, u), dynamics(q, u, *rest)
-    # A second stage begins as minus the first: with opposite signs, whatever is known leaves the step of second order.
-    known = GAMMA * h * (foreseen @ rate_u)
-    first_u = solve(rate_u + GAMMA * h * (by_q @ _dynamic(rate)), known)
-    first_q = rate + GAMMA * h * kinematics(q, first_u)
-    middle_q, middle_u = q + h * first_q, u + h * first_u
-    right_q = kinematics(middle_q, middle_u) - 2 * first_q
-    right_u = dynamics(middle_q, middle_u, *rest) - 2 * first_u
-    second_u = solve(right_u + GAMMA * h * (by_q @ _dynamic(right_q)), -known)
-    second_q = right_q + GAMMA * h * kinematics(q, second_u)
-    return codegen.function(
-        "advance",
-        [*_arguments(car), h, inverse, by_q],
-        [q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)],
-        (*_STATE_NAMES, "h", "inverse", "by_q"),
+def _accelerations_function(car: Car) -> ca.Function:
+    """(…) → derivatives of u (14)."""
+    return ca.Function(
+        "accelerations", _arguments(car), [ca.densify(car.dynamics)], _names(car), ["udot"], {"cse": True}
     )
+
+
+def _first_stage(car: Car) -> ca.Function:
+    """(…, h) → derivatives of q and u; γ h times those of the dynamic coordinates; of the stiffening the responses
+    (14×4), γ h times the slopes (4×14), and what the rates at the beginning of the step cause of it (4)."""
+    h = ca.SX.sym("h")
+    rate, (responses, slopes, foreseen) = kinematics(car.q, car.u), car.stiffening
+    known = GAMMA * h * (foreseen @ car.dynamics)
+    results = [rate, car.dynamics, GAMMA * h * _dynamic(rate), responses, GAMMA * h * slopes, known]
+    dense = [ca.densify(result) for result in results]
+    names = ["rate", "rate_u", "moved", "responses", "rows", "known"]
+    return ca.Function("first_stage", [*_arguments(car), h], dense, [*_names(car), "h"], names, {"cse": True})
+
+
+def _stiffened(plain: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX) -> ca.SX:
+    """A stage without the part of the stiffening that is `known` (4), from the stage `plain` without any (14)."""
+    return plain + columns @ solve_dominant(ca.SX.eye(4) - rows @ columns, rows @ plain - known)
+
+
+def _middle(*given: ca.MX) -> list[ca.MX]:
+    """(q, u, h, rate of q, plain stage, columns, rows, known) → first stage of q and u; q and u where the second is."""
+    q, u, h, rate, plain, columns, rows, known = symbols = _like(given)
+    first_u = _stiffened(plain, columns, rows, known)
+    first_q = rate + GAMMA * h * kinematics(q, first_u)
+    return _called("middle", symbols, [first_q, first_u, q + h * first_q, u + h * first_u], given)
+
+
+def _second_stage(*given: ca.MX) -> list[ca.MX]:
+    """(h, first stage of q and u, q and u where the second is, derivatives of u there) → right sides of the second stage
+    of q and u, γ h times the former's dynamic coordinates. The stage begins as minus the first."""
+    h, first_q, first_u, q, u, rate_u = symbols = _like(given)
+    right_q = kinematics(q, u) - 2 * first_q
+    return _called("second_stage", symbols, [right_q, rate_u - 2 * first_u, GAMMA * h * _dynamic(right_q)], given)
+
+
+def _end(*given: ca.MX) -> list[ca.MX]:
+    """(q, u, h, first stage of q and u, right side of the second of q, its plain stage, columns, rows, known) → q, u at
+    the end. With opposite signs in both stages, whatever is known leaves the step of second order."""
+    q, u, h, first_q, first_u, right_q, plain, columns, rows, known = symbols = _like(given)
+    second_u = _stiffened(plain, columns, rows, -known)
+    second_q = right_q + GAMMA * h * kinematics(q, second_u)
+    end_q, end_u = q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)
+    return _called("end", symbols, [end_q, end_u], given)
+
+
+def _like(given: Sequence[ca.MX]) -> list[ca.SX]:
+    return [ca.SX.sym(f"x{i}", *value.shape) for i, value in enumerate(given)]
+
+
+def _called(name: str, symbols: list[ca.SX], results: list[ca.SX], given: Sequence[ca.MX]) -> list[ca.MX]:
+    """A function of symbols, called with what is given."""
+    dense = [ca.densify(result) for result in results]
+    return list(ca.Function(name, symbols, dense, {"cse": True}).call(list(given)))
 
 
 def kinematics_function(car: Car) -> ca.Function:
@@ -130,16 +193,16 @@ def force_function(car: Car) -> ca.Function:
     acceleration = ca.SX.sym("acceleration", 14)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration],
+        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration, *_arguments(car)[7:]],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "surroundings", "p", "memory", "acceleration"),
+        ("q", "inputs", "surroundings", "p", "memory", "acceleration", *_names(car)[7:]),
     )
 
 
 def remember_function(car: Car) -> ca.Function:
     """(…, h) → the memory of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
-    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_STATE_NAMES, "h"))
+    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_names(car), "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
@@ -160,6 +223,11 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 @cache
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
+    functions = None if codegen.compiler() is None else _compiled(car)
+    return {f.name(): f for f in functions or _functions(car)}
+
+
+def _functions(car: Car) -> list[ca.Function]:
     functions = [
         dynamics_function(car),
         linearize_function(car),
@@ -167,9 +235,40 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    if car.memory.numel():
-        functions.append(remember_function(car))
-    return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
+    return [*functions, remember_function(car)] if car.memory.numel() else functions
+
+
+def _compiled(car: Car) -> list[ca.Function] | None:
+    """The functions compiled, with what the corners have in common done for all four at once."""
+    functions = _functions(car.corners_alike)
+    corners = codegen.Corners(_alike(car), {"placement": PLACEMENT})
+    return codegen.loaded("car", codegen.native_source(functions, corners), functions)
+
+
+def _alike(car: Car) -> codegen.Alike:
+    """What the elements of arguments are at each corner: names without the wheel or axle, and which corner it is."""
+    generic = dict.fromkeys(WHEELS, "wheel") | dict.fromkeys(("front", "rear"), "axle")
+    parameters = [".".join(generic.get(w, w) for w in name.split(".")) for name in car.parameter_names]
+    parameters = [re.sub("_to_(front|rear)_axle", "_to_axle", name) for name in parameters]
+    memories = {
+        part.start + i: ((effect, i % (size // 4)), i // (size // 4)) if size % 4 == 0 else ((effect, i), None)
+        for effect, part in car.remembering.items()
+        for size in (part.stop - part.start,)
+        for i in range(size)
+    }
+
+    def alike(argument: str, element: int) -> tuple[Hashable, int | None]:
+        if argument in ("p", "placement"):
+            return (parameters[element] if argument == "p" else f"placement_{len(PLACEMENT)}"), None
+        if argument == "memory":
+            return memories[element]
+        if argument == "inputs" and element:
+            return "torque", element - 1
+        if argument in ("q", "u", "force", "acceleration") and element >= TRAVEL.start:
+            return (argument, (element - TRAVEL.start) // 4), (element - TRAVEL.start) % 4
+        return (argument, element), None
+
+    return alike
 
 
 @cache

@@ -130,7 +130,7 @@ def straight_guide(design: ca.SX, direction: ca.SX, travel: ca.SX, toe: ca.SX) -
 
 
 def table_guide(
-    tables: SuspensionTables, axle: str, side: int, design: ca.SX, travel: ca.SX, steering: ca.SX
+    tables: SuspensionTables, axle: str, side: ca.SX, design: ca.SX, travel: ca.SX, steering: ca.SX
 ) -> HubMotion:
     """The hub of a wheel, `side` 1 on the left and -1 on the right, as the tables move it from `design` (3×1) [m]."""
     at = _evaluate(tables, getattr(tables, axle), travel, side * steering)
