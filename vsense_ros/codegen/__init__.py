@@ -11,6 +11,7 @@ from vsense_ros.codegen.compile import (
     function,
     library,
     loaded,
+    vector_math,
 )
 from vsense_ros.codegen.native import Corners
 from vsense_ros.codegen.native import source as native_source
@@ -30,4 +31,5 @@ __all__ = [
     "library",
     "loaded",
     "native_source",
+    "vector_math",
 ]

@@ -105,28 +105,27 @@ def expanded(function: ca.Function) -> ca.Function:
     return function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
 
 
-def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = False) -> list[ca.Function]:
-    """The same functions, compiled together into one library where that is possible, else as they are.
-
-    The virtual machine is quickest with matrix products as one instruction each (CasADi's MX), a compiler with straight
-    code: with `expand` matrix expressions become scalars before. Those with a linear solver inside cannot.
-    """
+def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
+    """The same functions, compiled together into one library where that is possible, else as they are."""
     if compiler() is None:
         return list(functions)
-    try:
-        text = native.source(functions)
-    except ValueError:  # solves linear equations, say
-        generator = ca.CodeGenerator("model.c", {"with_header": False})
-        for function in functions:
-            generator.add(expanded(function) if expand else function)
-        text = generator.dump()
+    ours, others = [], ca.CodeGenerator("others.c", {"with_header": False})
+    for function in functions:
+        (ours.append if native.can_write(function) else others.add)(function)
+    text = native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
     return loaded(name, text, functions) or list(functions)
+
+
+def vector_math() -> tuple[str, ...]:
+    """Flags with which simd.c uses sine and the like for vectors: glibc on x86 has them."""
+    present = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
+    return ("-DVECTOR_MATH", "-lmvec") if present else ()
 
 
 def loaded(name: str, source: str, functions: Sequence[ca.Function]) -> list[ca.Function] | None:
     """What C `source` makes of these functions, in a library that is compiled if it is not yet in the cache; None where
     that is impossible."""
-    built = library(name, source)
+    built = library(name, source, vector_math())
     if built is None:
         return None
     try:

@@ -68,6 +68,18 @@ def source(functions: Sequence[ca.Function], corners: Corners | None = None) -> 
     return "\n".join((f"#define LANES {CORNERS}", helpers, *written.values(), *interfaces))
 
 
+def can_write(function: ca.Function) -> bool:
+    """Whether `source` takes a function: others solve equations, say, or repeat a function in a loop, which is better
+    left to CasADi than written out."""
+    try:
+        if function.is_a("SXFunction", False) or _multiplies(function):
+            _write(function, None, {})
+            return True
+    except (ValueError, RuntimeError):
+        pass
+    return False
+
+
 def _write(function: ca.Function, corners: Corners | None, written: dict[str, str]) -> None:
     """Add the text of a function, and of those that it calls, to what is `written` by name."""
     if function.name() in written:
@@ -234,7 +246,8 @@ def number(value: float) -> str:
 def _matrices(function: ca.Function, corners: Corners | None, written: dict[str, str]) -> str:
     """A function that calls others and multiplies what they make."""
     known = _known(function, corners)
-    lines, names = [], {}  # of what CasADi's variables hold; "" is a matrix of zeros
+    lines: list[str] = []
+    names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
     for i in range(function.n_instructions()):
         operation, read = function.instruction_id(i), function.instruction_input(i)
         write, made = function.instruction_output(i), [f"m{i}_{k}" for k in range(len(function.instruction_output(i)))]
@@ -255,7 +268,8 @@ def _matrices(function: ca.Function, corners: Corners | None, written: dict[str,
             _write(called, corners, written)
             lines += _call(called, [names[k] for k in read], made)
         else:
-            lines += _product(function.instruction_MX(i), *(names[k] for k in read), made[0])
+            begin, left, right = (names[k] for k in read)
+            lines += _product(function.instruction_MX(i), begin, left, right, made[0])
         names |= dict(zip(write, made, strict=True))
     text = "\n".join((*lines, "(void)in;\n}\n"))
     return f"static void {function.name()}_of(const double *const *in, double *const *out) {{\n{text}"

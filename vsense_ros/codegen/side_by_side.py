@@ -164,8 +164,8 @@ def _kind(made: Packing, four: Four) -> Kind:
         return Kind.INPUTS
     if all(value in made.lanes for value in four) and len({made.lanes[value][0] for value in four}) == 1:
         return Kind.PERMUTED
-    differ = len(set(four)) == CORNERS and not any(value in made.lanes for value in four)
-    return Kind.OPERATION if differ and len(operations) == 1 else Kind.GATHERED
+    free = not any(value in made.lanes for value in four)
+    return Kind.OPERATION if free and len(operations) == 1 else Kind.GATHERED
 
 
 def _operands(values: Values, four: Four, shapes: list[int]) -> tuple[Four, ...]:

@@ -47,8 +47,8 @@ from vsense_ros.model.vehicle import Vehicle
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
 STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
-# Of each wheel its side, 1 on the left and -1 on the right; of each axle whether it is steered, and 1 ahead of `cog` and
-# -1 behind it: all that the equations of one corner differ in from those of another, besides values of parameters.
+# Of each wheel its side, 1 on the left and -1 on the right; of each axle whether it is steered; of each axle 1 ahead of
+# `cog` and -1 behind it. Besides values of parameters, nothing else differs between the equations of the corners.
 PLACEMENT = (1.0, -1.0, 1.0, -1.0, 1.0, 0.0, 1.0, -1.0)
 LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 

@@ -9,20 +9,24 @@ against wheel slip (`Car.stiffening`): a change of rank four, made within the st
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable
 from functools import cache
 
 import casadi as ca
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import PLACEMENT, Car, Motion, kinematics
-from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, WHEELS, Z
+from vsense_ros.model.coordinates import COORDINATES, DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, WHEELS, Z
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
 _STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
+# Arguments with a row for each coordinate.
+_BY_COORDINATE = frozenset(
+    ("q", "u", "force", "acceleration", "columns", "rate", "plain", "first_q", "first_u", "right_q", "rate_u")
+)
 
 
 def _arguments(car: Car) -> list[ca.SX]:
@@ -65,18 +69,21 @@ def linearize_function(car: Car) -> ca.Function:
 
 
 def _missing_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×25,
-    sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
+    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×25
+    and sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
     state = _symbols(car)
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
-    missing = -(direct + by_forces @ (by_motions @ motions + beside))
+    missing, by_state = direct, by_motions @ motions + beside
+    for tyre in (slice(4 * corner, 4 * corner + 4) for corner in range(4)):
+        missing += by_forces[:, tyre] @ by_state[tyre, :]
     return ca.Function("missing", state, [udot, inverse, missing, rates], _names(car), ["r0", "r1", "r2", "r3"])
 
 
 def _factors_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u; inverse of the mass matrix; the missing force's derivative by the state `z` (dynamic
-    coordinates, u, surroundings) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
-    forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic coordinates by u.
+    """(…) → derivatives of u; inverse of the mass matrix; minus the missing force's derivative by the state `z`, which
+    is dynamic coordinates, u, surroundings, at given accelerations and tyre forces, and by tyre forces; the derivative
+    of tyre forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic
+    coordinates by u.
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
@@ -85,7 +92,7 @@ def _factors_function(car: Car) -> ca.Function:
 
     arguments = _arguments(car)
     udot, forces, motions = ca.SX.sym("udot", 14), ca.SX.sym("forces", 4, 4), ca.SX.sym("motions", 5, 4)
-    missing, tyres = car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
+    missing, tyres = -car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
     *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
@@ -106,18 +113,33 @@ def advance_function(car: Car) -> ca.Function:
     state, h = _symbols(car), ca.MX.sym("h")
     inverse, by_q = ca.MX.sym("inverse", 14, 14), ca.MX.sym("by_q", 14, 7)
     (q, u), rest = state[:2], state[2:]
-    rate, rate_u, moved, *stiffening = _first_stage(car)(*state, h)
-    responses, rows, known = stiffening
+    rate, rate_u, moved, responses, rows, known = _first_stage(car)(*state, h)
+    # Stages without the stiffening are plain; Woodbury's identity brings it in.
     plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(14, 1))
-    # Inverse of the stiffened matrix by Woodbury's identity.
-    columns = ca.mac(inverse, responses, ca.MX.zeros(14, 4))
-    first_q, first_u, middle_q, middle_u = _middle(q, u, h, rate, plain, columns, rows, known)
-    middle_rate_u = _accelerations_function(car)(middle_q, middle_u, *rest)
-    right_q, right_u, moved = _second_stage(h, first_q, first_u, middle_q, middle_u, middle_rate_u)
+    given = {
+        "q": q,
+        "u": u,
+        "h": h,
+        "columns": ca.mac(inverse, responses, ca.MX.zeros(14, 4)),
+        "rows": rows,
+        "known": known,
+    }
+    first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
+    rate_u, first = _accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
+    right_q, right_u, moved = _called("second_stage", _second_stage, q=q, u=u, h=h, **first, rate_u=rate_u)
     plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(14, 1))
-    results = _end(q, u, h, first_q, first_u, right_q, plain, columns, rows, known)
+    results = _called("end", _end, **given, **first, reduced=reduced, right_q=right_q, plain=plain)
     arguments = [*state, h, inverse, by_q]
     return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
+
+
+def _called(name: str, make: Callable[..., list[ca.SX]], **given: ca.MX) -> list[ca.MX]:
+    """What a function that `make` makes of symbols gives for these arguments."""
+    symbols = {word: ca.SX.sym(word, value.sparsity()) for word, value in given.items()}
+    results = [ca.densify(result) for result in make(**symbols)]
+    names = [f"r{i}" for i in range(len(results))]
+    function = ca.Function(name, list(symbols.values()), results, list(symbols), names, {"cse": True})
+    return list(function.call(list(given.values())))
 
 
 def _accelerations_function(car: Car) -> ca.Function:
@@ -129,55 +151,42 @@ def _accelerations_function(car: Car) -> ca.Function:
 
 def _first_stage(car: Car) -> ca.Function:
     """(…, h) → derivatives of q and u; γ h times those of the dynamic coordinates; of the stiffening the responses
-    (14×4), γ h times the slopes (4×14), and what the rates at the beginning of the step cause of it (4)."""
+    (14×4, sparse), γ h times the slopes (4×14, sparse), and what the rates at the step's beginning cause of it (4)."""
     h = ca.SX.sym("h")
     rate, (responses, slopes, foreseen) = kinematics(car.q, car.u), car.stiffening
     known = GAMMA * h * (foreseen @ car.dynamics)
-    results = [rate, car.dynamics, GAMMA * h * _dynamic(rate), responses, GAMMA * h * slopes, known]
-    dense = [ca.densify(result) for result in results]
+    rates = [ca.densify(value) for value in (rate, car.dynamics, GAMMA * h * _dynamic(rate))]
+    results = [*rates, ca.sparsify(responses), ca.sparsify(GAMMA * h * slopes), ca.densify(known)]
     names = ["rate", "rate_u", "moved", "responses", "rows", "known"]
-    return ca.Function("first_stage", [*_arguments(car), h], dense, [*_names(car), "h"], names, {"cse": True})
+    return ca.Function("first_stage", [*_arguments(car), h], results, [*_names(car), "h"], names, {"cse": True})
 
 
-def _stiffened(plain: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX) -> ca.SX:
-    """A stage without the part of the stiffening that is `known` (4), from the stage `plain` without any (14)."""
-    return plain + columns @ solve_dominant(ca.SX.eye(4) - rows @ columns, rows @ plain - known)
-
-
-def _middle(*given: ca.MX) -> list[ca.MX]:
-    """(q, u, h, rate of q, plain stage, columns, rows, known) → first stage of q and u; q and u where the second is."""
-    q, u, h, rate, plain, columns, rows, known = symbols = _like(given)
-    first_u = _stiffened(plain, columns, rows, known)
+def _middle(
+    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, rate: ca.SX, plain: ca.SX
+) -> list[ca.SX]:
+    """First stage of q and u; q and u where the second is; the inverse of the matrix (4×4) to which Woodbury's identity
+    reduces the stiffened one."""
+    reduced = solve_dominant(ca.SX.eye(4) - rows @ columns, ca.SX.eye(4))
+    first_u = plain + columns @ (reduced @ (rows @ plain - known))
     first_q = rate + GAMMA * h * kinematics(q, first_u)
-    return _called("middle", symbols, [first_q, first_u, q + h * first_q, u + h * first_u], given)
+    return [first_q, first_u, q + h * first_q, u + h * first_u, reduced]
 
 
-def _second_stage(*given: ca.MX) -> list[ca.MX]:
-    """(h, first stage of q and u, q and u where the second is, derivatives of u there) → right sides of the second stage
-    of q and u, γ h times the former's dynamic coordinates. The stage begins as minus the first."""
-    h, first_q, first_u, q, u, rate_u = symbols = _like(given)
+def _second_stage(q: ca.SX, u: ca.SX, h: ca.SX, first_q: ca.SX, first_u: ca.SX, rate_u: ca.SX) -> list[ca.SX]:
+    """Right sides of the second stage of q and u, which begins as minus the first; γ h times those of the dynamic
+    coordinates."""
     right_q = kinematics(q, u) - 2 * first_q
-    return _called("second_stage", symbols, [right_q, rate_u - 2 * first_u, GAMMA * h * _dynamic(right_q)], given)
+    return [right_q, rate_u - 2 * first_u, GAMMA * h * _dynamic(right_q)]
 
 
-def _end(*given: ca.MX) -> list[ca.MX]:
-    """(q, u, h, first stage of q and u, right side of the second of q, its plain stage, columns, rows, known) → q, u at
-    the end. With opposite signs in both stages, whatever is known leaves the step of second order."""
-    q, u, h, first_q, first_u, right_q, plain, columns, rows, known = symbols = _like(given)
-    second_u = _stiffened(plain, columns, rows, -known)
+def _end(
+    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, reduced: ca.SX,
+    first_q: ca.SX, first_u: ca.SX, right_q: ca.SX, plain: ca.SX,
+) -> list[ca.SX]:  # fmt: skip
+    """q and u at the end. With opposite signs in both stages, whatever is known leaves the step of second order."""
+    second_u = plain + columns @ (reduced @ (rows @ plain + known))
     second_q = right_q + GAMMA * h * kinematics(q, second_u)
-    end_q, end_u = q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)
-    return _called("end", symbols, [end_q, end_u], given)
-
-
-def _like(given: Sequence[ca.MX]) -> list[ca.SX]:
-    return [ca.SX.sym(f"x{i}", *value.shape) for i, value in enumerate(given)]
-
-
-def _called(name: str, symbols: list[ca.SX], results: list[ca.SX], given: Sequence[ca.MX]) -> list[ca.MX]:
-    """A function of symbols, called with what is given."""
-    dense = [ca.densify(result) for result in results]
-    return list(ca.Function(name, symbols, dense, {"cse": True}).call(list(given)))
+    return [q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)]
 
 
 def kinematics_function(car: Car) -> ca.Function:
@@ -264,8 +273,9 @@ def _alike(car: Car) -> codegen.Alike:
             return memories[element]
         if argument == "inputs" and element:
             return "torque", element - 1
-        if argument in ("q", "u", "force", "acceleration") and element >= TRAVEL.start:
-            return (argument, (element - TRAVEL.start) // 4), (element - TRAVEL.start) % 4
+        column, row = divmod(element, COORDINATES)
+        if argument in _BY_COORDINATE and row >= TRAVEL.start:
+            return (argument, column, (row - TRAVEL.start) // 4), (row - TRAVEL.start) % 4
         return (argument, element), None
 
     return alike
