@@ -109,7 +109,8 @@ def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
     """The same functions, compiled together into one library where that is possible, else as they are."""
     if compiler() is None:
         return list(functions)
-    ours, others = [], ca.CodeGenerator("others.c", {"with_header": False})
+    ours: list[ca.Function] = []
+    others = ca.CodeGenerator("others.c", {"with_header": False})
     for function in functions:
         (ours.append if native.can_write(function) else others.add)(function)
     text = native.source(ours) + (others.dump() if len(ours) < len(functions) else "")

@@ -24,7 +24,14 @@ import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.car.contact import Contact, contact
-from vsense_ros.model.car.suspension import HubMotion, straight_guide, table_guide
+from vsense_ros.model.car.suspension import (
+    Coefficients,
+    HubMotion,
+    coefficients,
+    coefficients_in_one_form,
+    straight_guide,
+    table_guide,
+)
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import (
     COORDINATES,
@@ -127,16 +134,22 @@ class Car:
     Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
     its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
     `remember` moves on between steps. With `corners_alike` the corners have the same equations, down to each operation:
-    what they differ in are then symbols, `placement`, that stand for the numbers `PLACEMENT`.
+    what they differ in are then symbols, `placement`, that stand for the numbers `placed`.
     """
 
     def __init__(self, vehicle: Vehicle, corners_alike: bool = False) -> None:
         self._vehicle = vehicle
-        self.placement = ca.SX.sym("placement", len(PLACEMENT)) if corners_alike else ca.SX(ca.DM(PLACEMENT))
+        self._tables = vehicle.suspension
+        self._coefficients: dict[str, Coefficients] = {}
+        self.placed: tuple[float, ...] = PLACEMENT  # what `placement` stands for
+        self.placement = ca.SX(ca.DM(PLACEMENT))
+        if self._tables is not None:
+            self._coefficients = {axle: coefficients(self._tables, axle) for axle in ("front", "rear")}
+        if corners_alike:
+            self._make_corners_alike()
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self.parameters = symbols(vehicle.physics)
         self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
-        self._tables = vehicle.suspension
         self.q: ca.SX = ca.SX.sym("q", COORDINATES)
         self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
@@ -151,6 +164,22 @@ class Car:
         self._memories = tuple(
             self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
         )
+
+    def _make_corners_alike(self) -> None:
+        """Symbols take the place of what the corners differ in."""
+        symbols: list[ca.SX] = []
+
+        def symbol(value: float) -> ca.SX:
+            self.placed += (value,)
+            symbols.append(ca.SX.sym("placement"))
+            return symbols[-1]
+
+        self.placed = ()
+        for value in PLACEMENT:
+            symbol(value)
+        if self._tables is not None:
+            self._coefficients = coefficients_in_one_form(self._tables, symbol)
+        self.placement = ca.vertcat(*symbols)
 
     @cached_property
     def corners_alike(self) -> Car:
@@ -219,7 +248,7 @@ class Car:
         """How the hub moves at a `travel` [m] and a mean `angle` of the front wheels [rad]."""
         if self._tables is not None:
             axle = "front" if corner.front else "rear"
-            return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
+            return table_guide(self._tables, self._coefficients[axle], corner.side, corner.centre, travel, angle)
         # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
         slope = 2 * corner.axle.roll_centre_height / corner.axle.track
         direction = ca.vertcat(0, corner.side * slope, 1) / ca.sqrt(1 + slope**2)

@@ -249,8 +249,8 @@ def _functions(car: Car) -> list[ca.Function]:
 
 def _compiled(car: Car) -> list[ca.Function] | None:
     """The functions compiled, with what the corners have in common done for all four at once."""
-    functions = _functions(car.corners_alike)
-    corners = codegen.Corners(_alike(car), {"placement": PLACEMENT})
+    alike = car.corners_alike
+    functions, corners = _functions(alike), codegen.Corners(_alike(alike), {"placement": alike.placed})
     return codegen.loaded("car", codegen.native_source(functions, corners), functions)
 
 
@@ -266,9 +266,13 @@ def _alike(car: Car) -> codegen.Alike:
         for i in range(size)
     }
 
+    tables = max((len(car.placed) - len(PLACEMENT)) // 2, 1)  # numbers of an axle
+
     def alike(argument: str, element: int) -> tuple[Hashable, int | None]:
-        if argument in ("p", "placement"):
-            return (parameters[element] if argument == "p" else f"placement_{len(PLACEMENT)}"), None
+        if argument == "p":
+            return parameters[element], None
+        if argument == "placement":
+            return (argument, max(element - len(PLACEMENT), -1) % tables), None
         if argument == "memory":
             return memories[element]
         if argument == "inputs" and element:
