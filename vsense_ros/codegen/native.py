@@ -61,11 +61,28 @@ def source(functions: Sequence[ca.Function], corners: Corners | None = None) -> 
     Raises `ValueError` for functions with operations that have no counterpart here.
     """
     helpers = resources.files("vsense_ros.codegen").joinpath("simd.c").read_text(encoding="utf-8")
-    written: dict[str, str] = {}
-    for function in functions:
-        _write(function, corners, written)
-    interfaces = (_interface(function, corners) for function in functions)
-    return "\n".join((f"#define LANES {CORNERS}", helpers, *written.values(), *interfaces))
+    written = _Written(corners)
+    interfaces = [_interface(function, written.name(function), corners) for function in functions]
+    return "\n".join((f"#define LANES {CORNERS}", helpers, *written.texts, *interfaces))
+
+
+class _Written:
+    """The texts of functions, each after those that it calls."""
+
+    def __init__(self, corners: Corners | None) -> None:
+        self.corners = corners
+        self.texts: list[str] = []
+        self._names: dict[int, tuple[ca.Function, str]] = {}
+
+    def name(self, function: ca.Function) -> str:
+        """What a function is called in C, where it is written if it is not yet: several may have one name in CasADi."""
+        key = hash(function)
+        if key not in self._names:
+            name = f"{function.name()}_{len(self._names)}"
+            self._names[key] = function, name
+            make = _matrices if _multiplies(function) else _straight
+            self.texts.append(make(function, name, self))
+        return self._names[key][1]
 
 
 def can_write(function: ca.Function) -> bool:
@@ -73,19 +90,11 @@ def can_write(function: ca.Function) -> bool:
     left to CasADi than written out."""
     try:
         if function.is_a("SXFunction", False) or _multiplies(function):
-            _write(function, None, {})
+            _Written(None).name(function)
             return True
     except (ValueError, RuntimeError):
         pass
     return False
-
-
-def _write(function: ca.Function, corners: Corners | None, written: dict[str, str]) -> None:
-    """Add the text of a function, and of those that it calls, to what is `written` by name."""
-    if function.name() in written:
-        return
-    text = _matrices(function, corners, written) if _multiplies(function) else _straight(function, corners)
-    written[function.name()] = text
 
 
 def _multiplies(function: ca.Function) -> bool:
@@ -110,12 +119,13 @@ def _known(function: ca.Function, corners: Corners | None) -> dict[int, Sequence
     return {} if corners is None else {names.index(n): numbers for n, numbers in corners.known.items() if n in names}
 
 
-def _straight(function: ca.Function, corners: Corners | None) -> str:
+def _straight(function: ca.Function, name: str, written: _Written) -> str:
     """A function of scalars, in parts."""
     plain = function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
+    corners = written.corners
     values = values_of(plain, _known(plain, corners))
     names = [plain.name_in(i) for i in range(plain.n_in())]
-    return _Text(function.name(), packed(values, names, corners.alike) if corners else Packing(values)).function()
+    return _Text(name, packed(values, names, corners.alike) if corners else Packing(values)).function()
 
 
 class _Text:
@@ -243,9 +253,9 @@ def number(value: float) -> str:
     return repr(float(value)) if math.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
 
 
-def _matrices(function: ca.Function, corners: Corners | None, written: dict[str, str]) -> str:
+def _matrices(function: ca.Function, name: str, written: _Written) -> str:
     """A function that calls others and multiplies what they make."""
-    known = _known(function, corners)
+    known = _known(function, written.corners)
     lines: list[str] = []
     names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
     for i in range(function.n_instructions()):
@@ -265,24 +275,23 @@ def _matrices(function: ca.Function, corners: Corners | None, written: dict[str,
             made = [f"({names[read[0]]} + {sum(ends[:k])})" for k in range(len(ends))]
         elif operation == ca.OP_CALL:
             called = function.instruction_MX(i).which_function()
-            _write(called, corners, written)
-            lines += _call(called, [names[k] for k in read], made)
+            lines += _call(called, written.name(called), [names[k] for k in read], made)
         else:
             begin, left, right = (names[k] for k in read)
             lines += _product(function.instruction_MX(i), begin, left, right, made[0])
         names |= dict(zip(write, made, strict=True))
     text = "\n".join((*lines, "(void)in;\n}\n"))
-    return f"static void {function.name()}_of(const double *const *in, double *const *out) {{\n{text}"
+    return f"static void {name}_of(const double *const *in, double *const *out) {{\n{text}"
 
 
-def _call(called: ca.Function, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
+def _call(called: ca.Function, name: str, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
     sizes = [max(called.nnz_out(k), 1) for k in range(called.n_out())]
     zeros = (f"(const double[{max(called.nnz_in(k), 1)}]){{0}}" for k in range(called.n_in()))
     given = (argument or zero for argument, zero in zip(arguments, zeros, strict=True))
     names = f"{', '.join(given)}", f"{', '.join(results)}"
     return [
-        *(f"double {name}[{size}];" for name, size in zip(results, sizes, strict=True)),
-        f"{called.name()}_of((const double *const[]){{{names[0]}}}, (double *const[]){{{names[1]}}});",
+        *(f"double {result}[{size}];" for result, size in zip(results, sizes, strict=True)),
+        f"{name}_of((const double *const[]){{{names[0]}}}, (double *const[]){{{names[1]}}});",
     ]
 
 
@@ -311,7 +320,7 @@ def _product(result: ca.MX, begin: str, left: str, right: str, name: str) -> lis
     return [*declared, *sums, *loop, *stores, "}"]
 
 
-def _interface(function: ca.Function, corners: Corners | None) -> str:
+def _interface(function: ca.Function, inner: str, corners: Corners | None) -> str:
     """What CasADi asks a library for (casadi.external), and the function as it calls it: arguments that are missing are
     zero, results that are not wanted go nowhere."""
     name, known = function.name(), _known(function, corners)
@@ -336,7 +345,7 @@ def _interface(function: ca.Function, corners: Corners | None) -> str:
             f"    static const double zero[{zeros}];",
             f"    const double *const in[] = {{{', '.join(arguments)}}};",
             f"    double *const out[] = {{{', '.join(results)}}};",
-            f"    (void)iw, (void)mem;\n    {name}_of(in, out);\n    return 0;\n}}\n",
+            f"    (void)iw, (void)mem;\n    {inner}_of(in, out);\n    return 0;\n}}\n",
         )
     )
 
