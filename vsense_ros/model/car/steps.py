@@ -13,16 +13,31 @@ from collections.abc import Callable, Hashable
 from functools import cache
 
 import casadi as ca
+import numpy as np
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import PLACEMENT, Car, Motion, kinematics
-from vsense_ros.model.coordinates import COORDINATES, DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, WHEELS, Z
+from vsense_ros.model.coordinates import (
+    ATTITUDE,
+    COORDINATES,
+    DISTURBANCES,
+    DYNAMIC_COORDINATES,
+    PITCH,
+    POSE,
+    ROLL,
+    SPIN,
+    TRAVEL,
+    TWIST,
+    WHEELS,
+    Z,
+)
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
-_STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
+_STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "internal_state")
+_STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(DISTURBANCES))  # of what `linearize` derives by
 # Arguments with a row for each coordinate.
 _BY_COORDINATE = frozenset(
     ("q", "u", "force", "acceleration", "columns", "rate", "plain", "first_q", "first_u", "right_q", "rate_u")
@@ -31,7 +46,7 @@ _BY_COORDINATE = frozenset(
 
 def _arguments(car: Car) -> list[ca.SX]:
     placement = [] if car.placement.is_constant() else [car.placement]
-    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory, *placement]
+    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state, *placement]
 
 
 def _names(car: Car) -> list[str]:
@@ -48,12 +63,12 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 
 def dynamics_function(car: Car) -> ca.Function:
-    """(q, u, force, surroundings, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
+    """(q, u, force, disturbances, inputs, p, internal_state) → derivatives of u (14), wheel outputs (7×4)."""
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _names(car))
 
 
 def linearize_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), surroundings (14×4), and the
+    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×4), and the
     first of these times the rates of the dynamic coordinates by u (14×14).
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
@@ -62,9 +77,9 @@ def linearize_function(car: Car) -> ca.Function:
     """
     state = _symbols(car)
     udot, inverse, missing, rates = _missing_function(car)(*state)
-    jacobian = ca.mac(inverse, missing, ca.MX.zeros(14, 25))
-    by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, 7, 21, 25])
-    results = [udot, by_q, by_u, by_surroundings, ca.mac(by_q, rates, ca.MX.zeros(14, 14))]
+    jacobian = ca.mac(inverse, missing, ca.MX.zeros(COORDINATES, sum(_STATE_SIZES)))
+    by_q, by_u, by_disturbances = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
+    results = [udot, by_q, by_u, by_disturbances, ca.mac(by_q, rates, ca.MX.zeros(COORDINATES, COORDINATES))]
     return ca.Function("linearize", state, results, _names(car), [f"r{i}" for i in range(len(results))])
 
 
@@ -74,31 +89,33 @@ def _missing_function(car: Car) -> ca.Function:
     state = _symbols(car)
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
     missing, by_state = direct, by_motions @ motions + beside
-    for tyre in (slice(4 * corner, 4 * corner + 4) for corner in range(4)):
+    for tyre in (slice(4 * corner, 4 * corner + 4) for corner in range(len(WHEELS))):
         missing += by_forces[:, tyre] @ by_state[tyre, :]
     return ca.Function("missing", state, [udot, inverse, missing, rates], _names(car), ["r0", "r1", "r2", "r3"])
 
 
 def _factors_function(car: Car) -> ca.Function:
     """(…) → derivatives of u; inverse of the mass matrix; minus the missing force's derivative by the state `z`, which
-    is dynamic coordinates, u, surroundings, at given accelerations and tyre forces, and by tyre forces; the derivative
+    is dynamic coordinates, u, disturbances, at given accelerations and tyre forces, and by tyre forces; the derivative
     of tyre forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic
     coordinates by u.
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
-        columns = [*DYNAMIC_COORDINATES, *range(14, 32)]
-        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.surroundings))[:, columns]
+        columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(DISTURBANCES))]
+        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.disturbances))[:, columns]
 
     arguments = _arguments(car)
-    udot, forces, motions = ca.SX.sym("udot", 14), ca.SX.sym("forces", 4, 4), ca.SX.sym("motions", 5, 4)
+    udot = ca.SX.sym("udot", COORDINATES)
+    forces, motions = ca.SX.sym("forces", 4, len(WHEELS)), ca.SX.sym("motions", 5, len(WHEELS))
     missing, tyres = -car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
     *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
-    order = [*(i for corner in range(4) for i in (SPIN.start + corner, TRAVEL.start + corner)), *range(6)]
-    back = sorted(range(14), key=order.__getitem__)
+    joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
+    order = [*joints, *range(TWIST.stop)]
+    back = sorted(range(COORDINATES), key=order.__getitem__)
     inverse = ca.densify(inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back])
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
     results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
@@ -111,23 +128,24 @@ def advance_function(car: Car) -> ca.Function:
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
     state, h = _symbols(car), ca.MX.sym("h")
-    inverse, by_q = ca.MX.sym("inverse", 14, 14), ca.MX.sym("by_q", 14, 7)
+    inverse = ca.MX.sym("inverse", COORDINATES, COORDINATES)
+    by_q = ca.MX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
     (q, u), rest = state[:2], state[2:]
     rate, rate_u, moved, responses, rows, known = _first_stage(car)(*state, h)
     # Stages without the stiffening are plain; Woodbury's identity brings it in.
-    plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(14, 1))
+    plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(COORDINATES))
     given = {
         "q": q,
         "u": u,
         "h": h,
-        "columns": ca.mac(inverse, responses, ca.MX.zeros(14, 4)),
+        "columns": ca.mac(inverse, responses, ca.MX.zeros(COORDINATES, len(WHEELS))),
         "rows": rows,
         "known": known,
     }
     first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
     rate_u, first = _accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
     right_q, right_u, moved = _called("second_stage", _second_stage, q=q, u=u, h=h, **first, rate_u=rate_u)
-    plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(14, 1))
+    plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(COORDINATES))
     results = _called("end", _end, **given, **first, reduced=reduced, right_q=right_q, plain=plain)
     arguments = [*state, h, inverse, by_q]
     return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
@@ -166,7 +184,7 @@ def _middle(
 ) -> list[ca.SX]:
     """First stage of q and u; q and u where the second is; the inverse of the matrix (4×4) to which Woodbury's identity
     reduces the stiffened one."""
-    reduced = solve_dominant(ca.SX.eye(4) - rows @ columns, ca.SX.eye(4))
+    reduced = solve_dominant(ca.SX.eye(len(WHEELS)) - rows @ columns, ca.SX.eye(len(WHEELS)))
     first_u = plain + columns @ (reduced @ (rows @ plain - known))
     first_q = rate + GAMMA * h * kinematics(q, first_u)
     return [first_q, first_u, q + h * first_q, u + h * first_u, reduced]
@@ -191,41 +209,40 @@ def _end(
 
 def kinematics_function(car: Car) -> ca.Function:
     """(q, u) → ∂q̇/∂(roll, pitch, yaw) of the first six coordinates (6×3), ∂q̇/∂u of the first six (6×6)."""
-    rate = kinematics(car.q, car.u)[:6]
-    return codegen.function(
-        "kinematics", [car.q, car.u], [ca.jacobian(rate, car.q)[:, 3:6], ca.jacobian(rate, car.u)[:, :6]], ("q", "u")
-    )
+    rate = kinematics(car.q, car.u)[POSE]
+    by_attitude, by_twist = ca.jacobian(rate, car.q)[:, ATTITUDE], ca.jacobian(rate, car.u)[:, TWIST]
+    return codegen.function("kinematics", [car.q, car.u], [by_attitude, by_twist], ("q", "u"))
 
 
 def force_function(car: Car) -> ca.Function:
-    """(q, inputs, surroundings, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
-    acceleration = ca.SX.sym("acceleration", 14)
+    """(q, inputs, disturbances, p, internal_state, acceleration) → generalized force M(q) · acceleration (14)."""
+    acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration, *_arguments(car)[7:]],
+        [car.q, car.inputs, car.disturbances, car.p, car.internal_state, acceleration, *_arguments(car)[7:]],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "surroundings", "p", "memory", "acceleration", *_names(car)[7:]),
+        ("q", "inputs", "disturbances", "p", "internal_state", "acceleration", *_names(car)[7:]),
     )
 
 
-def remember_function(car: Car) -> ca.Function:
-    """(…, h) → the memory of the effects for a step of `h` [s] that begins now."""
+def internal_state_function(car: Car) -> ca.Function:
+    """(…, h) → the internal state of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
-    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_names(car), "h"))
+    return codegen.function("internal_state", [*_arguments(car), h], [car.next_internal_state(h)], (*_names(car), "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
-    udot (m×14), surroundings (m×4); by the biases it is the unit matrix if there are any."""
-    udot = ca.SX.sym("udot", 14)
+    """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
+    udot (m×14), disturbances (m×4); by the biases it is the unit matrix if there are any."""
+    udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)
+    value = sensor.equation(Motion(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
-        [car.q, car.u, udot, car.surroundings, car.inputs, biases, mounting],
-        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.surroundings))],
-        ("q", "u", "udot", "surroundings", "inputs", "biases", "mounting"),
+        [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],
+        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.disturbances))],
+        ("q", "u", "udot", "disturbances", "inputs", "biases", "mounting"),
     )
 
 
@@ -244,7 +261,7 @@ def _functions(car: Car) -> list[ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    return [*functions, remember_function(car)] if car.memory.numel() else functions
+    return [*functions, internal_state_function(car)] if car.internal_state.numel() else functions
 
 
 def _compiled(car: Car) -> list[ca.Function] | None:
@@ -259,22 +276,22 @@ def _alike(car: Car) -> codegen.Alike:
     generic = dict.fromkeys(WHEELS, "wheel") | dict.fromkeys(("front", "rear"), "axle")
     parameters = [".".join(generic.get(w, w) for w in name.split(".")) for name in car.parameter_names]
     parameters = [re.sub("_to_(front|rear)_axle", "_to_axle", name) for name in parameters]
-    memories = {
+    internal = {
         part.start + i: ((effect, i % (size // 4)), i // (size // 4)) if size % 4 == 0 else ((effect, i), None)
-        for effect, part in car.remembering.items()
+        for effect, part in car.internal_state_slices.items()
         for size in (part.stop - part.start,)
         for i in range(size)
     }
 
-    tables = max((len(car.placed) - len(PLACEMENT)) // 2, 1)  # numbers of an axle
+    axle = (len(car.placed) - len(PLACEMENT)) // 2  # numbers of an axle's tables
 
     def alike(argument: str, element: int) -> tuple[Hashable, int | None]:
         if argument == "p":
             return parameters[element], None
         if argument == "placement":
-            return (argument, max(element - len(PLACEMENT), -1) % tables), None
-        if argument == "memory":
-            return memories[element]
+            return (argument, (element - len(PLACEMENT)) % axle if element >= len(PLACEMENT) else -1), None
+        if argument == "internal_state":
+            return internal[element]
         if argument == "inputs" and element:
             return "torque", element - 1
         column, row = divmod(element, COORDINATES)
