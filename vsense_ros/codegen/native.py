@@ -8,7 +8,6 @@ a quarter of the time to compile, a fifth less to run. Corners that are computed
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,33 +15,12 @@ from importlib import resources
 
 import casadi as ca
 
+from vsense_ros.codegen.forms import SCALAR, VECTOR, number
 from vsense_ros.codegen.side_by_side import CORNERS, Alike, Four, Kind, Packing, Step, packed
 from vsense_ros.codegen.values import CONSTANT, INPUT, values_of
 
 PART = 1000  # statements in one C function: compilers take more than twice the time for twice as many
 
-_LIBRARY = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
-_ARITHMETIC = {
-    ca.OP_NEG: "-{0}", ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
-    ca.OP_INV: "1 / {0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "{0} + {0}",
-}  # fmt: skip
-_SCALAR = _ARITHMETIC | {
-    ca.OP_FABS: "fabs({0})", ca.OP_SIGN: "({0} > 0) - ({0} < 0)", ca.OP_FMIN: "{0} < {1} ? {0} : {1}",
-    ca.OP_FMAX: "{0} > {1} ? {0} : {1}", ca.OP_LT: "{0} < {1}", ca.OP_LE: "{0} <= {1}", ca.OP_EQ: "{0} == {1}",
-    ca.OP_NE: "{0} != {1}", ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}",
-    ca.OP_IF_ELSE_ZERO: "{0} != 0 ? {1} : 0",
-    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in _LIBRARY},
-    ca.OP_ATAN2: "atan2({0}, {1})", ca.OP_POW: "pow({0}, {1})", ca.OP_CONSTPOW: "pow({0}, {1})",
-}  # fmt: skip
-_VECTOR = _ARITHMETIC | {
-    ca.OP_FABS: "size_of({0})", ca.OP_SIGN: "sign_of({0})", ca.OP_FMIN: "smaller({0}, {1})",
-    ca.OP_FMAX: "greater({0}, {1})", ca.OP_LT: "one_where({0} < {1})", ca.OP_LE: "one_where({0} <= {1})",
-    ca.OP_EQ: "one_where({0} == {1})", ca.OP_NE: "one_where({0} != {1})", ca.OP_NOT: "one_where({0} == 0)",
-    ca.OP_AND: "one_where(({0} != 0) & ({1} != 0))", ca.OP_OR: "one_where(({0} != 0) | ({1} != 0))",
-    ca.OP_IF_ELSE_ZERO: "zero_unless({0} != 0, {1})",
-    **{getattr(ca, f"OP_{name.upper()}"): f"lanes_{name}({{0}})" for name in _LIBRARY},
-    ca.OP_ATAN2: "lanes_atan2({0}, {1})", ca.OP_POW: "lanes_pow({0}, {1})", ca.OP_CONSTPOW: "lanes_pow({0}, {1})",
-}  # fmt: skip
 _MATRIX = frozenset((ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CALL, ca.OP_MTIMES, ca.OP_HORZSPLIT))
 
 
@@ -80,7 +58,7 @@ class _Written:
         if key not in self._names:
             name = f"{function.name()}_{len(self._names)}"
             self._names[key] = function, name
-            make = _matrices if _multiplies(function) else _straight
+            make = _matrices if multiplies(function) else _straight
             self.texts.append(make(function, name, self))
         return self._names[key][1]
 
@@ -89,7 +67,7 @@ def can_write(function: ca.Function) -> bool:
     """Whether `source` takes a function: others solve equations, say, or repeat a function in a loop, which is better
     left to CasADi than written out."""
     try:
-        if function.is_a("SXFunction", False) or _multiplies(function):
+        if function.is_a("SXFunction", False) or multiplies(function):
             _Written(None).name(function)
             return True
     except (ValueError, RuntimeError):
@@ -97,7 +75,7 @@ def can_write(function: ca.Function) -> bool:
     return False
 
 
-def _multiplies(function: ca.Function) -> bool:
+def multiplies(function: ca.Function) -> bool:
     """Whether it is a sequence of calls and products of matrices, each with a dense one on the left."""
     if not function.is_a("MXFunction", False):
         return False
@@ -146,7 +124,7 @@ class _Text:
         steps = [step for step in order if not self.packing.is_at_hand(step)]
         parts = [steps[begin : begin + PART] for begin in range(0, len(steps), PART)]
         bodies, scalars, vectors = self._parts(parts)
-        calls = "".join(f"    {self.name}_{number}(in, out, w, v);\n" for number in range(len(parts)))
+        calls = "".join(f"    {self.name}_{place}(in, out, w, v);\n" for place in range(len(parts)))
         at_hand = (s for s in order if self.packing.is_at_hand(s) and s.vector is None and s.scalar in self.results)
         rest = "".join(f"    {line}\n" for step in at_hand for line in self._stores(step, self.text(step)))
         return (
@@ -156,28 +134,28 @@ class _Text:
 
     def _parts(self, parts: Sequence[Sequence[Step]]) -> tuple[list[str], int, int]:
         """Their texts, and how many scalars and vectors they leave to each other at most."""
-        last = {need: number for number, part in enumerate(parts) for step in part for need in self.packing.needs(step)}
+        last = {need: place for place, part in enumerate(parts) for step in part for need in self.packing.needs(step)}
         places: dict[Step, str] = {}
         free: dict[str, list[str]] = {"w": [], "v": []}
         most = {"w": 0, "v": 0}
         bodies = []
-        for number, part in enumerate(parts):
+        for place, part in enumerate(parts):
             lines = list(self._reads(part, places))
             for step in part:
                 lines.append(self._statement(step))
                 if step.vector is None:
                     lines += self._stores(step, self.variable(step))
-                if last.get(step, number) > number:
+                if last.get(step, place) > place:
                     array = "w" if step.vector is None else "v"
                     if not free[array]:
                         free[array].append(f"{array}[{most[array]}]")
                         most[array] += 1
                     places[step] = free[array].pop()
                     lines.append(f"{places[step]} = {self.variable(step)};")
-            for step in [step for step in places if last[step] == number]:
+            for step in [step for step in places if last[step] == place]:
                 free[places[step][0]].append(places.pop(step))
             bodies.append(
-                f"static __attribute__((noinline)) void {self.name}_{number}"
+                f"static __attribute__((noinline)) void {self.name}_{place}"
                 "(const double *const *in, double *const *out, double *w, lanes *v) {\n"
                 + "\n".join((*lines, "(void)in, (void)out, (void)w, (void)v;\n}\n"))
             )
@@ -210,7 +188,7 @@ class _Text:
             return "in[{}][{}]".format(*self.values.places[value])
         if operation == CONSTANT:
             return number(self.values.constants[value])
-        return _form(_SCALAR, operation).format(*(self.variable(need) for need in self.packing.needs(step)))
+        return _form(SCALAR, operation).format(*(self.variable(need) for need in self.packing.needs(step)))
 
     def _vector(self, four: Four) -> str:
         kind = self.packing.kinds[four]
@@ -229,7 +207,7 @@ class _Text:
             return _together(needs)
         if kind is Kind.SAME:
             return f"all({needs[0]})"
-        return _form(_VECTOR, self.values.operations[four[0]]).format(*needs)
+        return _form(VECTOR, self.values.operations[four[0]]).format(*needs)
 
 
 def _type(step: Step) -> str:
@@ -244,13 +222,6 @@ def _form(forms: Mapping[int, str], operation: int) -> str:
     if operation not in forms:
         raise ValueError(f"CasADi's operation {operation} has no counterpart in native code")
     return forms[operation]
-
-
-def number(value: float) -> str:
-    """A number as C reads it back, to the last bit."""
-    if math.isnan(value):
-        return "NAN"
-    return repr(float(value)) if math.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
 
 
 def _matrices(function: ca.Function, name: str, written: _Written) -> str:

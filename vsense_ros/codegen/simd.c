@@ -1,4 +1,4 @@
-/* Arithmetic on LANES numbers at once, which stand in lanes side by side: what lanes.py writes is made of these.
+/* Arithmetic on LANES numbers at once, which stand in lanes side by side: simd.py and native.py write what is made of it.
  *
  * The vector types are those of GCC and Clang, for any processor; a truth is 1 or 0 in a lane, as CasADi has it. With
  * VECTOR_MATH the compiler is told that the C library has sine and the like for whole vectors (glibc: -lmvec).
