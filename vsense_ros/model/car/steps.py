@@ -89,7 +89,9 @@ def _missing_function(car: Car) -> ca.Function:
     state = _symbols(car)
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
     missing, by_state = direct, by_motions @ motions + beside
-    for tyre in (slice(4 * corner, 4 * corner + 4) for corner in range(len(WHEELS))):
+    # A product for each tyre, which vectors do all at once, or one for the virtual machine.
+    tyres = [slice(None)] if car.placement.is_constant() else [slice(4 * i, 4 * i + 4) for i in range(len(WHEELS))]
+    for tyre in tyres:
         missing += by_forces[:, tyre] @ by_state[tyre, :]
     return ca.Function("missing", state, [udot, inverse, missing, rates], _names(car), ["r0", "r1", "r2", "r3"])
 
@@ -250,7 +252,12 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
     functions = None if codegen.compiler() is None else _compiled(car)
-    return {f.name(): f for f in functions or _functions(car)}
+    return {f.name(): f for f in functions or _for_virtual_machine(car)}
+
+
+def _for_virtual_machine(car: Car) -> list[ca.Function]:
+    """The functions as CasADi runs them quickest: of a step in straight code, of the linearisation as matrices."""
+    return [codegen.expanded(f) if f.name() == "advance" else f for f in _functions(car)]
 
 
 def _functions(car: Car) -> list[ca.Function]:
