@@ -1,4 +1,4 @@
-"""Covariance algebra of the errorEKF, twice: readable in NumPy, and compiled from kalman.c where that is possible.
+"""Covariance algebra of the errorEKF, twice: readable in NumPy, and compiled from car_blocks.c where that is possible.
 
 Both use the structure of the problem. The transition of the velocities' errors involves only the coordinates that
 forces depend on, the velocities, the accelerations and the surroundings; the coordinates follow the velocities by a
@@ -30,7 +30,7 @@ DYNAMIC = np.array(DYNAMIC_COORDINATES)
 Q, U, FORCE, SURROUND = slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(14, 46)])
 _UNIT = np.asfortranarray(np.eye(14))
-COMPONENTS = 16  # of a measurement, at most, in kalman.c
+COMPONENTS = 16  # of a measurement, at most, in algebra.c
 
 
 class Linearization:
@@ -191,7 +191,7 @@ class Kalman:
 
 
 class ModelStructure(ctypes.Structure):
-    """`struct model` of kalman.c."""
+    """`struct model` of car_blocks.c."""
 
     _fields_ = [
         (name, ctypes.c_void_p)
@@ -203,7 +203,7 @@ class ModelStructure(ctypes.Structure):
 
 
 class SensedStructure(ctypes.Structure):
-    """`struct sensed` of kalman.c."""
+    """`struct sensed` of car_blocks.c."""
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("components", "uses_acceleration", "first_bias", "biases")),
@@ -213,7 +213,10 @@ class SensedStructure(ctypes.Structure):
 
 
 class CompiledKalman(Kalman):
-    """The same in C. The arrays it is given must stay where they are."""
+    """The same in C. The arrays it is given must stay where they are.
+
+    C keeps the gain transposed and padded; `gain` is filled by `transition`, and by steps where parameters are learned.
+    """
 
     def __init__(
         self, library: ctypes.CDLL, model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array
@@ -228,9 +231,10 @@ class CompiledKalman(Kalman):
         self._propagate.restype = None
         self._correct.argtypes = [address, address, number, number]
         self._correct.restype = number
+        self._gain = np.zeros((len(GAIN_COLUMNS), 16))
         self.structure = ModelStructure(
             *(a.ctypes.data for a in (model.by_q, model.by_u, model.by_surroundings, model.by_q_rates)),
-            *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self.gain, covariance, self.error)),
+            *(a.ctypes.data for a in (by_angles, by_velocity, self.inverse, self._gain, covariance, self.error)),
             *(a.ctypes.data for a in (model.udot, self.whitened, self.factor)),
         )
         self._model = ctypes.byref(self.structure)
@@ -244,6 +248,7 @@ class CompiledKalman(Kalman):
     def transition(self, h: float) -> None:
         if not self._transition(self._model, h, GAMMA):
             raise FloatingPointError("the model's Jacobian is singular")
+        self.gain[:] = self._gain[:, : len(self.gain)].T
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
         self._decay[:], self._added[:] = decay, noise
@@ -284,9 +289,9 @@ class CompiledKalman(Kalman):
 def kalman(model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
     """The compiled algebra where there is a compiler, else NumPy's."""
     package = resources.files("vsense_ros")
-    names = ("estimation/algebra.c", "observer/kalman.c", "observer/step.c")
+    names = ("estimation/algebra.c", "observer/car_blocks.c", "observer/car_history.c")
     source = "\n".join(package.joinpath(name).read_text(encoding="utf-8") for name in names)
-    library = codegen.library("kalman", f"#define STATES {len(covariance)}\n{source}")
+    library = codegen.library("kalman", f"#define STATES {len(covariance)}\n#define LEARNING 1\n{source}")
     if library is None:
         return Kalman(model, by_angles, by_velocity, covariance)
     return CompiledKalman(ctypes.CDLL(str(library)), model, by_angles, by_velocity, covariance)
