@@ -141,20 +141,20 @@ struct innovation {
     double weights[COMPONENTS], factor[COMPONENTS][COMPONENTS];
 };
 
-/* projected (used x n) = H P, of which columns of H that are zero are left out. */
+/* projected (used x n) = H P, of which elements of H that are zero are left out. */
 static void project(const struct innovation *found, const double *p, double (*projected)[STATES]) {
-    double factors[COMPONENTS][STATES], size[STATES] = {0};
+    double factors[STATES];
     const double *from[STATES];
-    int count = 0;
-    for (int a = 0; a < found->used; a++)
-        for (int k = 0; k < n; k++) size[k] += fabs(found->rows[a][k]);
-    for (int k = 0; k < n; k++)
-        if (size[k] != 0) {
-            for (int a = 0; a < found->used; a++) factors[a][count] = found->rows[a][k];
-            from[count++] = p + k * n;
-        }
     memset(projected, 0, found->used * sizeof *projected);
-    combine_rows(found->used, n, projected[0], n, count, factors[0], n, 1, from);
+    for (int a = 0; a < found->used; a++) {
+        int count = 0;
+        for (int k = 0; k < n; k++)
+            if (found->rows[a][k] != 0) {
+                factors[count] = found->rows[a][k];
+                from[count++] = p + k * n;
+            }
+        combine(n, projected[a], count, factors, from);
+    }
 }
 
 /* L L' = total in place, below the diagonal, and weights = L^-1 innovation; returns their squared norm, or NaN. */

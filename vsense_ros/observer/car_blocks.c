@@ -90,25 +90,37 @@ static void run_learn(const struct filter *filter, const struct sensor *sensor);
 
 static const int dynamic_coordinates[DYNAMIC] = {2, 3, 4, 6, 7, 8, 9};
 
-/* a := a^-1 by Gauss-Jordan elimination with partial pivoting. Returns 0 if singular. */
+/* The row to eliminate column k with: that of the diagonal as long as it has not lost much, else that of the largest
+ * element. The matrix is 1 - gamma h J, and what is on its diagonal does not depend on the units of the velocities. */
+static int pivot_row(double (*a)[PADDED], int k) {
+    int best = k;
+    if (fabs(a[k][k]) > 0.1) return k;
+    for (int i = k + 1; i < MODEL; i++)
+        if (fabs(a[i][k]) > fabs(a[best][k])) best = i;
+    return best;
+}
+
+/* a := a^-1 by Gauss-Jordan elimination in place. Returns 0 if singular. */
 static int invert(double (*a)[PADDED]) {
     int swapped[MODEL];
     for (int k = 0; k < MODEL; k++) {
-        int best = k;
-        for (int i = k + 1; i < MODEL; i++)
-            if (fabs(a[i][k]) > fabs(a[best][k])) best = i;
-        swapped[k] = best;
+        const int best = swapped[k] = pivot_row(a, k);
         if (!(fabs(a[best][k]) > 1e-300)) return 0;
-        double pivot[PADDED];
+        double pivot[PADDED], others[PADDED]; /* columns other than k: 1 */
         const double scale = 1 / a[best][k];
-        for (int j = 0; j < PADDED; j++) pivot[j] = scale * (j == k ? 1 : a[best][j]);
+        for (int j = 0; j < PADDED; j++) {
+            others[j] = j != k;
+            pivot[j] = scale * (j == k ? 1 : a[best][j]);
+        }
         if (best != k) memcpy(a[best], a[k], sizeof a[k]);
-        memcpy(a[k], pivot, sizeof pivot);
         for (int i = 0; i < MODEL; i++) {
             const double f = a[i][k];
-            if (i == k || f == 0) continue;
-            for (int j = 0; j < PADDED; j++) a[i][j] = (j == k ? 0 : a[i][j]) - f * pivot[j];
+            for (int j = 0; j < PADDED; j += WIDE) {
+                lane *const x = (lane *)(a[i] + j);
+                *x = *(lane *)(others + j) * *x - f * *(lane *)(pivot + j);
+            }
         }
+        memcpy(a[k], pivot, sizeof pivot);
     }
     for (int k = MODEL - 1; k >= 0; k--) /* rows that were exchanged are columns of the inverse */
         for (int i = 0; i < MODEL && swapped[k] != k; i++) {
@@ -155,16 +167,16 @@ static void mirror(double (*rows)[STATES], double *p, int first) {
         for (int i = 0; i < MODEL; i++) p[j * n + first + i] = rows[i][j];
 }
 
-/* Rows of p from `first` on: `rows`, and where they cross the columns of their own the mean of `corner` and its
- * transpose. */
+/* Rows of p from `first` on: `rows`, and where they cross the columns of their own the lower triangle of `corner`. */
 static void put_rows(double (*rows)[STATES], double (*corner)[PADDED], double *p, int first) {
     for (int i = 0; i < MODEL; i++)
-        for (int j = 0; j <= i; j++) rows[i][first + j] = rows[j][first + i] = 0.5 * (corner[i][j] + corner[j][i]);
+        for (int j = 0; j <= i; j++) rows[i][first + j] = rows[j][first + i] = corner[i][j];
     memcpy(p + first * n, rows, MODEL * sizeof *rows);
 }
 
 /* Covariance after the velocities have moved: their rows, then what these make of themselves. */
 static void propagate_velocities(const struct model *model) {
+    enum { half = PADDED / 2 }; /* of the corner the lower triangle is needed: its first rows are short */
     double *const p = model->covariance, rows[MODEL][STATES] = {{0}}, corner[MODEL][PADDED] = {{0}};
     const double *from[GAIN], *from_moved[GAIN];
     int k = 0;
@@ -173,7 +185,8 @@ static void propagate_velocities(const struct model *model) {
     combine_rows(MODEL, n, rows[0], n, GAIN, model->gain, 1, PADDED, from);
     mirror(rows, p, MODEL);
     for (k = 0; k < GAIN; k++) from_moved[k] = from[k] + MODEL;
-    combine_rows(MODEL, PADDED, corner[0], PADDED, GAIN, model->gain, 1, PADDED, from_moved);
+    combine_rows(half, half, corner[0], PADDED, GAIN, model->gain, 1, PADDED, from_moved);
+    combine_rows(MODEL - half, MODEL, corner[half], PADDED, GAIN, model->gain + half, 1, PADDED, from_moved);
     put_rows(rows, corner, p, MODEL);
 }
 

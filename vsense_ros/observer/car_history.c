@@ -64,20 +64,28 @@ double vsense_correct(const struct model *model, const struct sensed *sensed, do
 
 void vsense_linearize(const struct live *live) { filter_linearize(&live->filter); }
 
-int vsense_predict(const struct live *live, double h, const double *decay, const double *noise) {
-    return filter_predict(&live->filter, h, decay, noise);
-}
-
-double vsense_measure(const struct live *live, const struct sensor *sensor, const double *value,
-                      const double *variance, double limit, double scale) {
-    return filter_measure(&live->filter, sensor, value, variance, limit, scale);
+/* The length of the step stands where the filter has it: numbers are the slowest arguments for Python to hand over. */
+int vsense_predict(const struct live *live, const double *decay, const double *noise) {
+    return filter_predict(&live->filter, *live->filter.length, decay, noise);
 }
 
 /* Predict, then linearize; 0 where that is singular. */
-int vsense_step(const struct live *live, double h, const double *decay, const double *noise) {
-    const int moved = filter_predict(&live->filter, h, decay, noise);
+int vsense_step(const struct live *live, const double *decay, const double *noise) {
+    const int moved = vsense_predict(live, decay, noise);
     if (moved) filter_linearize(&live->filter);
     return moved;
+}
+
+/* A correction by one sensor, with its arguments and its result. */
+struct call {
+    const struct live *live;
+    const struct sensor *sensor;
+    double limit, scale, nis, value[COMPONENTS], variance[COMPONENTS];
+};
+
+void vsense_measure(struct call *call) {
+    call->nis =
+        filter_measure(&call->live->filter, call->sensor, call->value, call->variance, call->limit, call->scale);
 }
 
 /* Keeps the filter as it is, then moves it by `steps` steps. Returns 0, and the filter is as it was, where its state is
@@ -86,8 +94,9 @@ int vsense_move(const struct live *live, double *kept, int steps, double h, cons
     const struct filter *const filter = &live->filter;
     if (!filter_is_valid(filter->state, filter->model.covariance, live->largest)) return 0;
     memcpy(kept, live->memory, live->size * sizeof(double));
+    *filter->length = h;
     for (int i = 0; i < steps; i++)
-        if (!vsense_step(live, h, decay, noise)) {
+        if (!vsense_step(live, decay, noise)) {
             memcpy(live->memory, kept, live->size * sizeof(double));
             return 0;
         }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.kalman import CompiledKalman, Kalman, ModelStructure, SensedStructure
+from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, Kalman, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]
 
@@ -77,6 +77,23 @@ class _Sensor(ctypes.Structure):
     ]
 
 
+class _Call(NamedTuple):
+    """`struct call` of car_history.c: where it stands, its limit, scale and result, and the measurement (m,)."""
+
+    address: int
+    numbers: memoryview
+    value: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, live: int, sensor: _Sensor) -> _Call:
+        """Of corrections by this sensor."""
+        numbers, m = np.zeros(5 + 2 * COMPONENTS), sensor.sensed.components
+        numbers[:2].view(np.int64)[:] = live, ctypes.addressof(sensor)
+        values, variances = np.split(numbers[5:], 2)
+        return cls(numbers.ctypes.data, memoryview(numbers)[2:5], values[:m], variances[:m])
+
+
 class Backup(NamedTuple):
     """A place where a filter's memory is kept, and the address of that."""
 
@@ -128,22 +145,30 @@ class Learned:
 class CompiledStep:
     """Operations of one filter, whose arrays must stay where they are."""
 
-    def __init__(self, kalman: CompiledKalman, live: _Live, sensors: Sequence[_Sensor | None], keep: object) -> None:
+    def __init__(
+        self,
+        kalman: CompiledKalman,
+        live: _Live,
+        sensors: Sequence[_Sensor | None],
+        length: Array,
+        keep: object,
+    ) -> None:
         library, integer = kalman.library, ctypes.c_int
         self._predict, self._measure = library.vsense_predict, library.vsense_measure
         self._step, self._move, self._replay = library.vsense_step, library.vsense_move, library.vsense_replay
-        self._predict.argtypes = self._step.argtypes = [_ADDRESS, _NUMBER, _ADDRESS, _ADDRESS]
-        self._measure.argtypes = [*[_ADDRESS] * 4, _NUMBER, _NUMBER]
-        self._measure.restype = _NUMBER
+        self._predict.argtypes = self._step.argtypes = [_ADDRESS] * 3
+        self._measure.argtypes = [_ADDRESS]
+        self._measure.restype = None
         self._move.argtypes = [_ADDRESS, _ADDRESS, integer, _NUMBER, _ADDRESS, _ADDRESS]
         self._replay.argtypes = [_ADDRESS, integer, ctypes.c_char_p, *[_ADDRESS] * 4]
         self._kalman = kalman
         self._structures = live, sensors
         self._kept = [keep]
+        self._length = memoryview(length)
         self._filter = ctypes.addressof(live)
         live.filter.owner = self._filter
         self._sensors = [None if sensor is None else ctypes.addressof(sensor) for sensor in sensors]
-        self._value, self._variance = (a.ctypes.data for a in (kalman.value, kalman.variance))
+        self._calls = [None if sensor is None else _Call.of(self._filter, sensor) for sensor in sensors]
 
     @classmethod
     def of(
@@ -169,7 +194,7 @@ class CompiledStep:
         outer = {name: addresses.pop(name) for name in ("memory", "inputs", "largest")}
         made = _Filter(model=kalman.structure, effects_size=arrays["effects"].size, gamma=GAMMA, **addresses)
         live = _Live(filter=made, expect=ctypes.addressof(expect), size=arrays["memory"].size, **entries, **outer)
-        return cls(kalman, live, bound, (arrays, expect))
+        return cls(kalman, live, bound, arrays["length"], (arrays, expect))
 
     def learn(
         self,
@@ -208,20 +233,27 @@ class CompiledStep:
         self._kept += [made, columns, arrays, sensors, seen, learn]
         return True
 
-    def step(self, h: float, process: Process) -> None:
-        """`predict` and then linearize, which is one call less."""
-        if not self._step(self._filter, h, process.decay_address, process.noise_address):
-            raise FloatingPointError("the model's Jacobian is singular")
-
     def predict(self, h: float, process: Process) -> None:
         """As `ErrorEkf.predict`."""
-        if not self._predict(self._filter, h, process.decay_address, process.noise_address):
+        self._length[0] = h
+        if not self._predict(self._filter, process.decay_address, process.noise_address):
+            raise FloatingPointError("the model's Jacobian is singular")
+
+    def step(self, h: float, process: Process) -> None:
+        """`predict` and then linearize, which is one call less."""
+        self._length[0] = h
+        if not self._step(self._filter, process.decay_address, process.noise_address):
             raise FloatingPointError("the model's Jacobian is singular")
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float) -> float:
         """As `ErrorEkf.correct`."""
-        self._kalman.measured(value, variance)
-        return self._measure(self._filter, self._sensors[index], self._value, self._variance, limit, scale)
+        call = self._calls[index]
+        assert call is not None, "inputs have no innovation"
+        address, numbers, values, variances = call
+        values[:], variances[:] = value, variance
+        numbers[0], numbers[1] = limit, scale
+        self._measure(address)
+        return float(numbers[2])
 
     def move(self, kept: Backup, steps: int, h: float, process: Process) -> bool:
         """As `ErrorEkf.move`."""
