@@ -145,9 +145,9 @@ struct innovation {
 static void project(const struct innovation *found, const double *p, double (*projected)[STATES]) {
     double factors[STATES];
     const double *from[STATES];
-    memset(projected, 0, found->used * sizeof *projected);
     for (int a = 0; a < found->used; a++) {
         int count = 0;
+        memset(projected[a], 0, sizeof projected[a]);
         for (int k = 0; k < n; k++)
             if (found->rows[a][k] != 0) {
                 factors[count] = found->rows[a][k];

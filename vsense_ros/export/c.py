@@ -23,7 +23,7 @@ from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import SURVEYED, Layout, Prior, layout, rolling_state
+from vsense_ros.observer.error_ekf import SURVEYED, Layout, Prior, largest_state, layout, rolling_state
 from vsense_ros.observer.kalman import SURROUND, U
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
@@ -44,20 +44,20 @@ _ARGUMENTS = {
     "inputs": "v->inputs",
     "p": "v->parameters",
     "memory": "v->effects",
-    "h": "&h",
-    "inverse": "inverse",
+    "h": "filter->length",
+    "inverse": "filter->model.inverse",
     "by_q": "v->by_q",
     "udot": "v->udot",
-    "acceleration": "error + SLOW",
+    "acceleration": "filter->model.error + SLOW",
 }
 _LINEARIZATION = ("udot", "by_q", "by_u", "by_surroundings", "by_q_rates")
 _RESULTS = {
     "dynamics": ("acceleration", "by_wheel"),
     "linearize": tuple(f"v->{name}" for name in _LINEARIZATION),
-    "advance": ("q", "u"),
-    "kinematics": ("by_angles", "by_velocity"),
-    "force": ("by",),
-    "remember": ("effects",),
+    "advance": ("filter->coordinates", "filter->velocities"),
+    "kinematics": ("filter->model.by_angles", "filter->model.by_velocity"),
+    "force": ("filter->added",),
+    "remember": ("filter->remembered",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
@@ -197,7 +197,7 @@ def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None
     )
     values = contents.values() | {"measured": measured}
     texts = {name: environment.get_template(f"{name}.j2").render(values) for name in _TEMPLATES}
-    for source in ("estimation/algebra.c", "observer/kalman.c"):
+    for source in ("estimation/algebra.c", "observer/car_blocks.c"):
         texts[Path(source).name] = resources.files("vsense_ros").joinpath(source).read_text(encoding="utf-8")
     texts["model.c"] = contents.model()
     folder.mkdir(parents=True, exist_ok=True)
@@ -250,7 +250,12 @@ class _Contents:
         prior = Prior.of(self.vehicle, self.observer.sensors)
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
-        tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.usual[U.stop :]]
+        tables += [
+            largest_state(self.layout.size),
+            prior.rate[U.stop :],
+            prior.density[U.stop :],
+            prior.usual[U.stop :],
+        ]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -277,6 +282,7 @@ class _Contents:
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "usual": _table(prior.usual[U.stop :]),
+            "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
             "example_step": number(_EXAMPLE_STEP),
@@ -351,13 +357,16 @@ class _Contents:
         """Of the functions of the parameter filter, but for those of single sensors."""
         if self.filter is None:
             return {}
-        predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, gain, by_angles, by_velocity, &h"
-        found = "projected, gained, told, spread, v->information, v->estimates, lower, upper"
-        made = "estimates, covariance, sensitivity, information, change, udot"
+        predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"
+        predicted += ", filter->model.by_angles, filter->model.by_velocity, filter->length, to->decay"
+        found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "told", "spread"))
+        found += ", v->information, v->estimates, lower, upper"
+        made = ", ".join(f"found->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
+        made += ", sensor->change, sensor->accelerations"
         arguments = self._filter_arguments()
         return {
             "effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
-            "spread": wrapped(f"parameters_predict({predicted}, v->decay, sensitivity, grown, added);", "    "),
+            "spread": wrapped(f"parameters_predict({predicted}, to->moved, to->grown, to->added);", "    "),
             "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {found}, {made});", "    "),
         }
 
@@ -369,10 +378,10 @@ class _Contents:
         places = [_ARGUMENTS[name] for name in names]
         return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
 
-    def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
+    def _call(self, function: ca.Function, results: tuple[str, ...], indent: str = "    ", **special: str) -> str:
         places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
-        return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
+        return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", indent)
 
     def _sensor(self, name: str) -> dict[str, Any]:
         sensor = self.observer.sensors[name]
@@ -383,8 +392,11 @@ class _Contents:
         constants = f"sensor_{c_name}_mounting" if mounting.size else "0"
         limit = sensor.gate**2 * len(deviations) ** 0.5
         biases = f"v->state + {where.start}"
+        results = tuple(f"to->{result}" for result in _SENSED)
+        sensed = ", ".join(f"sensed->{result}" for result in _SENSED[1:])
         seen = f"seen_{c_name}({self._filter_arguments()}, v->by_estimates, {biases}, {constants}, "
-        seen += f"variance, whitened, factor, {', '.join(_SENSED[1:])}, told_of, gained, told, spread);"
+        seen += f"sensor->variance, model->whitened, model->factor, {sensed}, "
+        seen += "sensor->told_of, sensor->gained, sensor->told, sensor->spread);"
         return {
             "name": c_name,
             "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],
@@ -397,8 +409,8 @@ class _Contents:
             "uses_acceleration": int(sensor.uses_acceleration),
             "first_bias": where.start,
             "biases": where.stop - where.start,
-            "call": self._call(function, _SENSED, biases=biases, mounting=constants),
-            "seen": wrapped(seen, "        "),
+            "call": self._call(function, results, " " * 12, biases=biases, mounting=constants),
+            "seen": wrapped(seen, " " * 12),
             "example": _table(self._expected(function, mounting, where.stop - where.start)),
         }
 

@@ -20,7 +20,7 @@
 /* What the algebra works on; all arrays stay where they are. */
 struct model {
     const double *by_q, *by_u, *by_surroundings, *by_q_rates; /* 14 x 7, 14, 4, 14 */
-    const double *by_angles, *by_velocity;                    /* 6 x 3, 6 x 6 */
+    double *by_angles, *by_velocity;                          /* 6 x 3, 6 x 6 */
     double *inverse;                                          /* 14 x 14, column-major: (I - gamma h J)^-1 */
     double *gain; /* GAIN x PADDED: new errors of the velocities, a column each, by the old errors */
     double *covariance, *error;
@@ -32,7 +32,7 @@ struct model {
 struct sensed {
     int components, uses_acceleration, first_bias, biases;
     const double *value, *variance;
-    const double *expected, *by_q, *by_u, *by_udot, *by_surroundings;
+    double *expected, *by_q, *by_u, *by_udot, *by_surroundings;
 };
 
 /* Parameters that are estimated along with the state; parameter_filter.py says how. */
@@ -44,8 +44,8 @@ struct learning {
     const long long *columns; /* of the parameters in `physical` */
     struct known known;
     double *physical;
-    double *gain, *decay;                /* arguments of `run_spread`: 14 x GAIN, n - SLOW */
-    const double *moved, *grown, *added; /* its results: sensitivity, covariance, columns for the state's covariance */
+    double *gain, *decay;          /* arguments of `run_spread`: 14 x GAIN, n - SLOW */
+    double *moved, *grown, *added; /* its results: sensitivity, covariance, columns for the state's covariance */
 };
 
 /* A filter: what lasts from call to call, and where the functions of the model leave what they find. */
@@ -53,12 +53,12 @@ struct filter {
     void *owner; /* of whoever defines the functions below */
     struct model model;
     double *state, *effects;
-    const double *usual;                                              /* what states behind the velocities return to */
-    long long effects_size;                                           /* 0: nothing to remember */
-    double gamma;                                                     /* of the time integration, ROS2 */
-    double *length;                                                   /* [s] of the step, argument of the functions */
-    const double *coordinates, *velocities, *remembered, *added;      /* after the step; forces of a correction */
-    const struct learning *learning;                                  /* or 0 */
+    const double *usual;                                   /* what states behind the velocities return to */
+    long long effects_size;                                /* 0: nothing to remember */
+    double gamma;                                          /* of the time integration, ROS2 */
+    double *length;                                        /* [s] of the step, argument of the functions */
+    double *coordinates, *velocities, *remembered, *added; /* after the step; forces of a correction */
+    const struct learning *learning;                       /* or 0 */
 };
 
 /* A sensor, of which `index` tells the functions below what it is. */
@@ -67,11 +67,11 @@ struct sensor {
     struct sensed sensed;
     /* What it tells of the parameters: `width` columns. */
     long long width;
-    double *variance, *projected; /* arguments of `run_seen`, m, and of `run_learn`, n x width */
-    const double *told_of;        /* n x width, result of `run_seen` */
-    struct known found;           /* results of `run_learn`: what is known now, ... */
-    double *change;               /* ... n, of the state, accelerations in place of the forces, ... */
-    const double *accelerations;  /* ... and 14, of the accelerations */
+    double *variance, *told_of;     /* m, argument of `run_seen`; n x width, its result, ... */
+    double *gained, *told, *spread; /* ... with these, which go on to `run_learn`: width x width, width, k x width */
+    double *projected;              /* n x width, argument of `run_learn` */
+    struct known found;             /* its results: what is known now, ... */
+    double *change, *accelerations; /* ... and changes: n, of the state, accelerations in place of the forces; 14 */
 };
 
 /* Functions of the model, which whoever includes this file defines: each reads the filter and writes its results. */
@@ -354,15 +354,15 @@ static void learn(const struct filter *filter, const struct sensor *sensor, cons
 }
 #endif
 
-/* Moves model and covariance ahead by `h` from the last linearization. Returns 0, with nothing changed but what effects
- * remember, where that is singular. */
+/* Moves model and covariance ahead by `h` from the last linearization. Returns 0, with nothing changed, where that is
+ * singular. */
 static int filter_predict(const struct filter *filter, double h, const double *decay, const double *noise) {
     *filter->length = h;
+    if (!transition(&filter->model, h, filter->gamma)) return 0;
     if (filter->effects_size) {
         run_remember(filter);
         memcpy(filter->effects, filter->remembered, filter->effects_size * sizeof(double));
     }
-    if (!transition(&filter->model, h, filter->gamma)) return 0;
     run_kinematics(filter);
     run_advance(filter);
     propagate(&filter->model, h, decay, noise);

@@ -72,7 +72,7 @@ class _Sensor(ctypes.Structure):
 
     _fields_ = [
         *(("index", _COUNT), ("sensed", SensedStructure), ("width", _COUNT)),
-        *((name, _ADDRESS) for name in ("variance", "projected", "told_of")),
+        *((name, _ADDRESS) for name in ("variance", "told_of", "gained", "told", "spread", "projected")),
         *(("found", _Known), ("change", _ADDRESS), ("accelerations", _ADDRESS)),
     ]
 
