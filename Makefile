@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test lint format demo bench thesis genesis blind bags clean
+.PHONY: help venv check test lint format demo bench thesis genesis blind bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,10 +28,14 @@ venv: ## the virtual environment that the other targets use
 test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
 	@.ci/test
 
-lint: venv ## ruff and mypy alone
+check: venv ## within a minute: lint, types, contracts, and the fast tests of what changed since main
+	@.ci/check
+
+lint: venv ## ruff, mypy, and the contracts about which room may import which
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
 
 format: venv ## let ruff mend what it can
 	$(VENV)/bin/ruff check --fix-only .
@@ -64,5 +68,5 @@ bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags
 
 clean: ## remove everything that a target made, environments included
-	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
-from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import Candidate
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.verdict import (
     ASTRAY,
     OUTDONE,
@@ -64,10 +66,10 @@ class Made:
         return self
 
     def gain(self, hypothesis: Hypothesis) -> float:
-        return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.left_out
+        return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.cv_gain
 
     def gain_of_most(self, hypothesis: Hypothesis) -> float:
-        return hypothesis.left_out
+        return hypothesis.cv_gain
 
     def unmended(self, hypothesis: Hypothesis) -> str:
         return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
@@ -122,7 +124,7 @@ def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what
     along = replace(everywhere, candidates=(profile,), fit=fitted, deviations={place.name: 0.01})
     assert judge([everywhere], (), Suited()).verdict == "named"
     assert judge([along], (), Suited()).verdict == "no_mismatch"
-    assert judge([replace(along, left_out=0.4)], (), Suited()).verdict == "named"
+    assert judge([replace(along, cv_gain=0.4)], (), Suited()).verdict == "named"
 
 
 def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
@@ -445,7 +447,7 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
 
 @pytest.mark.parametrize(("worst", "left_over"), [(1.48, False), (1.8, True)])  # the first with nothing hidden
 def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
-    dataset = SimpleNamespace(left_out=())
+    dataset = SimpleNamespace(dropped=())
     fitted = SimpleNamespace(predictor=SimpleNamespace(dataset=dataset))
     assert Proof.astray(SimpleNamespace(worst=worst, fitted=fitted)) == left_over
 

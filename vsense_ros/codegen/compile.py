@@ -127,7 +127,7 @@ def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = Fals
 
 
 class Entry(ctypes.Structure):
-    """A compiled function with its arguments, results and working memory, for C: `struct kernel` of step.c."""
+    """A compiled function with its arguments, results and working memory, for C: `struct kernel` of car_history.c."""
 
     _fields_ = [(name, ctypes.c_void_p) for name in ("function", "arguments", "results", "integers", "numbers")]
 

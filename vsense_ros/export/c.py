@@ -16,20 +16,21 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen.c99 import c_function, number, wrapped
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import SURVEYED, Layout, Prior, largest_state, layout, rolling_state
-from vsense_ros.observer.kalman import SURROUND, U
+from vsense_ros.observer.car_blocks import SURVEYED
+from vsense_ros.observer.catalogue import spi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
-from vsense_ros.observer.reading import Map
-from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, Survey, places, slope_by_size
-from vsense_ros.observer.spi import FILTERS, Spi
+from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
+from vsense_ros.observer.spi import FILTERS
+from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
 
 Array = NDArray[np.float64]
 
@@ -40,10 +41,10 @@ _ARGUMENTS = {
     "q": "v->state",
     "u": "v->state + MODEL",
     "force": "v->state + 2 * MODEL",
-    "surroundings": "v->state + 3 * MODEL",
+    "disturbances": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
-    "memory": "v->effects",
+    "internal_state": "v->effects",
     "h": "filter->length",
     "inverse": "filter->model.inverse",
     "by_q": "v->by_q",
@@ -57,12 +58,12 @@ _RESULTS = {
     "advance": ("filter->coordinates", "filter->velocities"),
     "kinematics": ("filter->model.by_angles", "filter->model.by_velocity"),
     "force": ("filter->added",),
-    "remember": ("filter->remembered",),
+    "internal_state": ("filter->remembered",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
 _FIELDS = {
-    "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
+    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
     "inputs": "what drives the model",
     "covariance": "of the errors of the state, row-major",
     "effects": "what physical effects remember of the past",
@@ -112,7 +113,7 @@ class Observer:
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"{vehicle.name}: sensors {', '.join(twice)} have the same name in C; rename one")
         if vehicle.observer.parameters:
-            Spi(vehicle, sensors)  # refuses what cannot be estimated
+            spi(vehicle, sensors)  # refuses what cannot be estimated
         return cls(vehicle, sensors)
 
     @property
@@ -128,7 +129,7 @@ class Observer:
     @property
     def profiles(self) -> tuple[RoadEffect, ...]:
         """Effects of which the vehicle file tells what they are from place to place, where a sensor tells the place."""
-        if Survey.of(self.vehicle, Map(None)) is None:
+        if RoadMap.of(self.vehicle, Map(None)) is None:
             return ()
         present = self.vehicle.physics.effects.present()
         return tuple(effect for effect in present if isinstance(effect, RoadEffect) and effect.profile)
@@ -139,7 +140,7 @@ class Observer:
         return (*self.profiles[0].profile[0][:2], 0.0) if self.profiles else None
 
     def fields(self) -> dict[str, int]:
-        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`."""
+        """Arrays of the struct and their lengths, in order, at first that of `CarBlocks` and of an SPI."""
         car, size, count = car_of(self.vehicle), layout(self.sensors).size, len(self.estimated)
         learned = {
             "estimates": count,
@@ -153,7 +154,7 @@ class Observer:
             "state": size,
             "inputs": len(INPUTS),
             "covariance": size * size,
-            **({"effects": car.memory.numel()} if car.memory.numel() else {}),
+            **({"effects": car.internal_state.numel()} if car.internal_state.numel() else {}),
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
@@ -223,8 +224,8 @@ class _Contents:
             steps.kinematics_function(self.car),
             steps.force_function(self.car),
         ]
-        if self.car.memory.numel():
-            self.functions.append(steps.remember_function(self.car))
+        if self.car.internal_state.numel():
+            self.functions.append(steps.internal_state_function(self.car))
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
@@ -250,12 +251,8 @@ class _Contents:
         prior = Prior.of(self.vehicle, self.observer.sensors)
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
-        tables += [
-            largest_state(self.layout.size),
-            prior.rate[U.stop :],
-            prior.density[U.stop :],
-            prior.usual[U.stop :],
-        ]
+        tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
+        tables += [largest_state(self.layout.size)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -281,7 +278,7 @@ class _Contents:
             "start_variance": _table(prior.deviation**2),
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
-            "usual": _table(prior.usual[U.stop :]),
+            "usual": _table(prior.reversion_mean[U.stop :]),
             "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
@@ -312,7 +309,7 @@ class _Contents:
         return {
             "origin": [number(value) for value in origin],
             "profiles": profiles,
-            "slopes": [number(float(slope)) for slope in prior.usual[SURROUND][:2]],
+            "slopes": [number(float(slope)) for slope in prior.reversion_mean[SLOPES]],
             "look_every": number(LOOK_EVERY),
             "placed": number(PLACED**2),
             "near": number(NEAR),
@@ -372,14 +369,14 @@ class _Contents:
 
     def _filter_arguments(self) -> str:
         """The `ParameterFilter.arguments` in C."""
-        names = ("q", "u", "force", "surroundings", "inputs", "p")
+        names = ("q", "u", "force", "disturbances", "inputs", "p")
         linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
-        memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
+        memory = _ARGUMENTS["internal_state"] if self.car.internal_state.numel() else "0"
         places = [_ARGUMENTS[name] for name in names]
         return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
 
     def _call(self, function: ca.Function, results: tuple[str, ...], indent: str = "    ", **special: str) -> str:
-        places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
+        places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", indent)
 
@@ -455,7 +452,7 @@ def _state_entries() -> tuple[Entry, ...]:
         "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
         "radius_error": ("-", "relative error of the tyre radius"),
     }
-    return (*entries, *(Entry(name.upper(), *around[name]) for name in SURROUNDINGS))
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
 
 
 _STATE_ENTRIES = _state_entries()

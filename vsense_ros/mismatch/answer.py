@@ -8,18 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.least_squares import Fit, cost
 from vsense_ros.mismatch.candidates import Candidate
-from vsense_ros.mismatch.fit import Fit, Residuals, cost
 from vsense_ros.mismatch.page import PLACES, in_words
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
 from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import AXLES, WHEELS
+from vsense_ros.model.effects.base import AXLES
 
 Array = NDArray[np.float64]
 
@@ -149,8 +151,9 @@ def _entry(
     if along:
         entry["profile"] = along
     return entry | {
-        "parameters": parameters, "gain_training": hypothesis.gain, "gain_left_out": hypothesis.left_out_share,
-        "gain_held_out": proof.gain(hypothesis), "adds_to_best": judged.adds(hypothesis), "keep": hypothesis.keep,
+        "parameters": parameters, "gain_training": hypothesis.gain, "gain_left_out": hypothesis.cv_share,
+        "gain_held_out": proof.gain(hypothesis), "adds_to_best": judged.adds(hypothesis),
+        "keep": hypothesis.independent_share,
         "confidence": judged.confidence(hypothesis, candidate.effect),
         "objection": judged.refused.get(id(hypothesis), ""),
     }  # fmt: skip
@@ -183,7 +186,7 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     return {
         "signals": [{"name": n, "unit": units[n], "before": by_signal[n], "null": good[n]} for n in worst],
         "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
-        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.dataset.left_out],
+        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.dataset.dropped],
         "region": _region(*where),
     }
 
@@ -203,7 +206,7 @@ def force(judged: Judged, proof: Proof) -> dict[str, Any] | None:
     ]
     return {
         "description": _in_words(judged.leader, term), "sizes": sizes, "lever_arm": _lever_arm(judged.leader),
-        "gain_training": judged.leader.gain, "gain_left_out": judged.leader.left_out_share,
+        "gain_training": judged.leader.gain, "gain_left_out": judged.leader.cv_share,
         "gain_held_out": proof.gain(judged.leader),
     }  # fmt: skip
 

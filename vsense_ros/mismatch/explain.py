@@ -21,22 +21,17 @@ from scipy.stats import chi2
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
-from vsense_ros.mismatch.candidates import (
-    BASE,
-    Candidate,
-    FreeParameter,
-    base_parameters,
-    candidates,
-    out_of_reach,
-)
+from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import ANSWER, NEXT
 from vsense_ros.mismatch.extension import extended
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
@@ -173,12 +168,12 @@ def _explained(
         threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
     found["threshold"] = threshold
     if assume:
-        judged = judge(hypotheses, (), proof, search.along_the_road, threshold)
+        judged = judge(hypotheses, (), proof, search.with_profile, threshold)
         if hypotheses:
             judged = replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
     else:
         judged = _judged(search, hypotheses, proof, threshold)
-    judged, varying = _settled(search, judged, proof)
+    judged, varying = _with_final_sizes(search, judged, proof)
     leader, verdict = judged.leader, judged.verdict
     if strange and (leader is None or misfit(leader.fit, residuals)):
         raise NotAssessableError(strange)
@@ -234,8 +229,8 @@ def _searched(
 
     def fitted(search: Search) -> list[Hypothesis]:
         if assume:
-            return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
-        return search.singles()
+            return [search.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
+        return search.single()
 
     search = Search(residuals, start, base, offered, progress)
     hypotheses = fitted(search)
@@ -251,21 +246,21 @@ def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshol
     while found_last := search.further(found_last, max(threshold, THRESHOLD), proof.proven, bool(proof.recordings)):
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
-    judged = judge(hypotheses, described, proof, search.along_the_road, threshold)
+    judged = judge(hypotheses, described, proof, search.with_profile, threshold)
     if judged.in_doubt:
-        united = search.united(judged.in_doubt)
-        judged = judge([*hypotheses, *united], described, proof, search.along_the_road, threshold)
+        united = search.joint(judged.in_doubt)
+        judged = judge([*hypotheses, *united], described, proof, search.with_profile, threshold)
     return judged
 
 
-def _settled(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
+def _with_final_sizes(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
     """The same with the sizes of the leader hardly drawn to zero any longer, if it is then still proven, or another at
     every place of the road, if that lasts better; if it does not, but mends a signal, the name of that."""
     if judged.leader is None:
         return judged, ""
     off = proof.unmended(judged.leader)
-    freed = search.along_the_road(judged.leader) if off else None
-    settled = search.settled(judged.leader)
+    freed = search.with_profile(judged.leader) if off else None
+    settled = search.unshrunk(judged.leader)
     if proof.lasting(settled) > 0:
         judged = judged.led_by(settled, proof)
     if freed is None or judged.leader is None:

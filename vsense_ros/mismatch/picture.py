@@ -21,6 +21,7 @@ from scipy.signal import detrend
 
 from vsense_ros.evaluate.picture import ESTIMATE, STYLE, TRUTH
 from vsense_ros.evaluate.signals import thin
+from vsense_ros.messages.topics import WHEELS
 from vsense_ros.mismatch.signals import SIGNALS, difference
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
 NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
 DRIFTING = {signal.name for signal in SIGNALS if signal.drifting}
-SHORT = ("fl", "fr", "rl", "rr", "imu", "gnss")  # in names, written in capitals
+SHORT = (*WHEELS, "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
 COLUMNS = 3
 APART = 100.0  # [m] between stretches of road that do not hang together

@@ -9,9 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road_prediction import Survey, survey
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
@@ -198,7 +200,7 @@ class Proof:
     def lasting(self, hypothesis: Hypothesis) -> float:
         """What it gains where it was not fitted."""
         unseen = self.gain(hypothesis)
-        return hypothesis.left_out if unseen is None else unseen
+        return hypothesis.cv_gain if unseen is None else unseen
 
     def gain_of_most(self, hypothesis: Hypothesis) -> float | None:
         """The same without the one window of many that speaks most against it: at its limit a car goes other ways for a
@@ -224,8 +226,8 @@ class Proof:
         before, after = self.compared(hypothesis.fit)
         rows = np.array([len(r) for r in after])
         share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
-        value = np.array([cost([r]) for r in before]) + share * self.base.paid
-        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.paid
+        value = np.array([cost([r]) for r in before]) + share * self.base.prior_cost
+        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.prior_cost
         windows = np.array([value, left, rows])
         sums = np.sum(windows, axis=1, keepdims=True)
         if np.sum(rows > 0) >= MANY:
@@ -254,7 +256,7 @@ class Proof:
             found += _resized(before, after, self.residuals.layout)
             compared += self._share(hypothesis.fit, after)
         windows = np.array(found).reshape(-1, 2)
-        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.paid - hypothesis.fit.paid)])
+        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.prior_cost - hypothesis.fit.prior_cost)])
         besides, gained = (whole - (windows if len(windows) >= MANY else np.zeros((1, 2)))).T
         return float(np.min(besides / np.maximum(gained, 1e-12)))
 
@@ -273,7 +275,7 @@ class Proof:
 
     def astray(self) -> bool:
         """Whether more is left over than a good model leaves, or the fitted car gets lost on its own recordings."""
-        return self.worst > ASTRAY or bool(self.fitted.predictor.dataset.left_out)
+        return self.worst > ASTRAY or bool(self.fitted.predictor.dataset.dropped)
 
     @cached_property
     def worst(self) -> float:
@@ -309,7 +311,7 @@ class Proof:
                 start,
                 self.base.free_parameters,
                 begin=self.base.offsets,
-                iterations=JOINT,
+                settings=Settings(iterations=JOINT),
                 progress=self._progress,
             ).residuals
         except DivergedError:
@@ -419,7 +421,7 @@ def _resized(
 def _proven(hypothesis: Hypothesis, held_out: Mapping[int, float | None]) -> float:
     """The smaller of what it gains where it was fitted and where it was not."""
     unseen = held_out[id(hypothesis)]
-    return min(hypothesis.gain, hypothesis.left_out if unseen is None else unseen)
+    return min(hypothesis.gain, hypothesis.cv_gain if unseen is None else unseen)
 
 
 def _negligible(hypothesis: Hypothesis) -> list[Candidate]:
@@ -440,13 +442,13 @@ def judge(
     hypotheses: Sequence[Hypothesis],
     described: Sequence[Hypothesis],
     proof: Proof,
-    along_the_road: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
+    with_profile: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
     threshold: float = THRESHOLD,
 ) -> Judged:
     """`explanations` are effects, alone and several at once, and united those that are in doubt; `described` are terms
-    without known physics. `along_the_road` tells what an explanation with one size for all of the road becomes if that
+    without known physics. `with_profile` tells what an explanation with one size for all of the road becomes if that
     is another at every place."""
-    return _Judge(hypotheses, described, proof, along_the_road, threshold).judged()
+    return _Judge(hypotheses, described, proof, with_profile, threshold).judged()
 
 
 @dataclass(frozen=True)
@@ -463,10 +465,10 @@ class _Judge:
 
     def __init__(
         self, hypotheses: Sequence[Hypothesis], described: Sequence[Hypothesis], proof: Proof,
-        along_the_road: Callable[[Hypothesis], Hypothesis | None], threshold: float,
+        with_profile: Callable[[Hypothesis], Hypothesis | None], threshold: float,
     ) -> None:  # fmt: skip
         self.hypotheses, self.described, self.proof = hypotheses, described, proof
-        self.along_the_road, self.threshold = along_the_road, threshold
+        self.with_profile, self.threshold = with_profile, threshold
         self.held_out = {id(e): proof.gain_of_most(e) for e in (*hypotheses, *described)}
         size = float(sum(len(r) for r in proof.base.residuals))
         self.least_whole = size / max(proof.base.value, size)
@@ -553,14 +555,14 @@ class _Judge:
 
     def _objection(self, e: Hypothesis) -> str:
         proof, proven = self.proof, self.proven(e)
-        least = self.threshold * float(np.clip(OWN / max(e.keep, 1e-3), 1.0, ASKED_AT_MOST))
+        least = self.threshold * float(np.clip(OWN / max(e.independent_share, 1e-3), 1.0, ASKED_AT_MOST))
         along_road = any(candidate.along_road for candidate in e.candidates)
         if along_road and proof.on_another_road and proven <= max(least, LASTING * e.gain) < e.score:
             return ANOTHER_ROAD
         if proven <= least:
             return "it explains no more than chance"
         # Of many sizes some may suit what was held out by chance.
-        lasts = min(proven, e.left_out) if along_road else proven
+        lasts = min(proven, e.cv_gain) if along_road else proven
         if lasts <= LASTING * e.gain or not self.mends_unseen(e):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= SPOILT:
@@ -569,7 +571,7 @@ class _Judge:
             return MIGHT_BE_ZERO
         # That the road is not level or even, one size tells; what it is where may be another at every place.
         if _negligible(e) or proof.unmended(e):
-            e = self.along_the_road(e) or e
+            e = self.with_profile(e) or e
         if proof.fitted.level(e.fit.residuals) >= LEFT_OVER:
             return "it leaves too much over to be what lacks"
         if _negligible(e):

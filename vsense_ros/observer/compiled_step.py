@@ -1,4 +1,4 @@
-"""Operations of `ErrorEkf`, and whole stretches of them, as one call of C each (car_blocks.c, car_history.c)."""
+"""Operations on `CarBlocks`, and whole stretches of them, as one call of C each (car_blocks.c, car_history.c)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.codegen import Entry, Kernel
+from vsense_ros.estimation.filter import Kept
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, Kalman, ModelStructure, SensedStructure
+from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]
 
@@ -94,13 +95,6 @@ class _Call(NamedTuple):
         return cls(numbers.ctypes.data, memoryview(numbers)[2:5], values[:m], variances[:m])
 
 
-class Backup(NamedTuple):
-    """A place where a filter's memory is kept, and the address of that."""
-
-    memory: Array
-    address: int
-
-
 class Process(NamedTuple):
     """Decay and added variance of the states behind the velocities (n - 28) within some time, and where they stand."""
 
@@ -117,7 +111,7 @@ class Replayed(NamedTuple):
     """
 
     sensor: int
-    inputs: slice | None  # that it sets
+    first_input: int | None  # of those that it sets
     value: Array
     variance: Array
     limit: float
@@ -156,6 +150,8 @@ class CompiledStep:
         library, integer = kalman.library, ctypes.c_int
         self._predict, self._measure = library.vsense_predict, library.vsense_measure
         self._step, self._move, self._replay = library.vsense_step, library.vsense_move, library.vsense_replay
+        self._linearize = library.vsense_linearize
+        self._linearize.argtypes, self._linearize.restype = [_ADDRESS], None
         self._predict.argtypes = self._step.argtypes = [_ADDRESS] * 3
         self._measure.argtypes = [_ADDRESS]
         self._measure.restype = None
@@ -173,15 +169,13 @@ class CompiledStep:
     @classmethod
     def of(
         cls,
-        kalman: Kalman,
+        kalman: CompiledKalman,
         kernels: Mapping[str, Kernel | None],
         arrays: Mapping[str, Array],
         sensors: Sequence[tuple[Kernel | None, bool, slice]],
     ) -> CompiledStep | None:
         """`kernels` and `arrays` as in `struct live` and its filter; `sensors` have a kernel (None for inputs), use of
         accelerations, and biases. None if any of it is not compiled."""
-        if not isinstance(kalman, CompiledKalman):
-            return None
         entries = {name: kernel.entry() for name, kernel in kernels.items() if kernel is not None}
         expect = _entries([kernel for kernel, _, _ in sensors])
         if expect is None or None in entries.values():
@@ -213,7 +207,7 @@ class CompiledStep:
         learn = _entries([None if one is None else one.learn for one in sensors])
         if effect is None or spread is None or seen is None or learn is None:
             return False
-        count, size = len(columns), len(self._kalman.covariance)
+        count, size = len(columns), len(arrays["added"]) // len(columns)
         for sensor, learned in zip(bound, sensors, strict=True):
             if sensor is None or learned is None:
                 continue
@@ -233,8 +227,12 @@ class CompiledStep:
         self._kept += [made, columns, arrays, sensors, seen, learn]
         return True
 
+    def linearize(self) -> None:
+        """At the present state."""
+        self._linearize(self._filter)
+
     def predict(self, h: float, process: Process) -> None:
-        """As `ErrorEkf.predict`."""
+        """One step of `h` [s], from the last linearisation."""
         self._length[0] = h
         if not self._predict(self._filter, process.decay_address, process.noise_address):
             raise FloatingPointError("the model's Jacobian is singular")
@@ -246,7 +244,7 @@ class CompiledStep:
             raise FloatingPointError("the model's Jacobian is singular")
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float) -> float:
-        """As `ErrorEkf.correct`."""
+        """As `Operations.correct`."""
         call = self._calls[index]
         assert call is not None, "inputs have no innovation"
         address, numbers, values, variances = call
@@ -255,17 +253,17 @@ class CompiledStep:
         self._measure(address)
         return float(numbers[2])
 
-    def move(self, kept: Backup, steps: int, h: float, process: Process) -> bool:
-        """As `ErrorEkf.move`."""
+    def move(self, kept: Kept, steps: int, h: float, process: Process) -> bool:
+        """As `Operations.advance`, in steps of `h` [s]."""
         _, _, decay, noise = process
         return bool(self._move(self._filter, kept.address, steps, h, decay, noise))
 
     def replay(self, events: Sequence[Replayed], processes: Sequence[Process | None]) -> tuple[int, bool, Array]:
-        """As `ErrorEkf.replay`; `processes` belong to the steps of each event."""
+        """As `Operations.repeat`; `processes` belong to the steps of each event."""
         rows, values, variances = [], [], []
         for (index, inputs, value, variance, limit, kept, steps, h), process in zip(events, processes, strict=True):
             decay, noise = (0, 0) if process is None else process[2:]
-            sensor, first = (self._sensors[index], 0) if inputs is None else (0, inputs.start)
+            sensor, first = (self._sensors[index], 0) if inputs is None else (0, inputs)
             rows.append(_EVENT.pack(sensor, kept, decay, noise, h, limit, steps, first, len(value)))
             values.append(value)
             variances.append(variance)

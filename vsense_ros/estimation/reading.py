@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.source import Source
+from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]
 
 _LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
 _SMALLEST_VARIANCE = 1e-6  # of the sensor's own: no message makes a sensor a thousand times better than it is
-
-
-@dataclass(slots=True)
-class Event:
-    """A measurement or input that belongs to a time."""
-
-    sensor: int
-    stamp: int  # of the measurement, latency taken off [ns]
-    value: Array  # (m,), NaN where absent
-    variance: Array  # (m,)
-    counted: bool = False  # in the sensor's health
 
 
 class Map:
@@ -57,7 +46,7 @@ class Map:
 class Reader:
     """Reads the messages of one sensor."""
 
-    def __init__(self, index: int, sensor: SensorBase, on_map: Map) -> None:
+    def __init__(self, index: int, sensor: Source, on_map: Map) -> None:
         self._index, self._sensor, self._map = index, sensor, on_map
         self._message, self._frame, self._is_place = sensor.message, sensor.frame_id, sensor.kind == "gnss_position"
         offsets = sensor.offsets()
