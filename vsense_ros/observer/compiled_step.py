@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +82,7 @@ class _Call(NamedTuple):
     """`struct call` of car_history.c: where it stands, its limit, scale and result, and the measurement (m,)."""
 
     address: int
-    numbers: memoryview
+    numbers: Any  # a memoryview, in which single numbers are set at once
     value: Array
     variance: Array
 
@@ -92,7 +92,7 @@ class _Call(NamedTuple):
         numbers, m = np.zeros(5 + 2 * COMPONENTS), sensor.sensed.components
         numbers[:2].view(np.int64)[:] = live, ctypes.addressof(sensor)
         values, variances = np.split(numbers[5:], 2)
-        return cls(numbers.ctypes.data, memoryview(numbers)[2:5], values[:m], variances[:m])
+        return cls(numbers.ctypes.data, numbers.data[2:5], values[:m], variances[:m])
 
 
 class Process(NamedTuple):
@@ -160,7 +160,7 @@ class CompiledStep:
         self._kalman = kalman
         self._structures = live, sensors
         self._kept = [keep]
-        self._length = memoryview(length)
+        self._length: Any = length.data
         self._filter = ctypes.addressof(live)
         live.filter.owner = self._filter
         self._sensors = [None if sensor is None else ctypes.addressof(sensor) for sensor in sensors]
@@ -276,4 +276,5 @@ class CompiledStep:
 def _entries(kernels: Sequence[Kernel | None]) -> ctypes.Array[Entry] | None:
     """Of each sensor one, empty where it has none; None if one is not compiled."""
     entries = [Entry() if kernel is None else kernel.entry() for kernel in kernels]
-    return None if None in entries else (Entry * len(entries))(*entries)
+    made = [entry for entry in entries if entry is not None]
+    return (Entry * len(made))(*made) if len(made) == len(entries) else None
