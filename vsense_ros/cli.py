@@ -301,8 +301,8 @@ def _explain(
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.vehicle import load_vehicle
-    from vsense_ros.mismatch.explain import STAGES, answer
-    from vsense_ros.mismatch.page import printed
+    from vsense_ros.mismatch.explain import STAGES, explain_recordings
+    from vsense_ros.mismatch.terminal import printed
 
     car = load_vehicle(vehicle_path(vehicle))
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
@@ -313,11 +313,13 @@ def _explain(
     )
     with progress("searching") as done:
         steps = iter(range(STAGES))
-        found = answer(train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
+        found = explain_recordings(
+            train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+        )
     found.write(report)
-    printed(found.found, console())
+    printed(found.answer, console())
     say(f"Results in {report}.")
-    return str(found.found["verdict"])
+    return found.answer.verdict
 
 
 def _told_apart(paths: Sequence[Path]) -> dict[Path, str]:
@@ -331,9 +333,10 @@ def _design(vehicle: str, report: Path) -> None:
     from vsense_ros.files.installed import vehicle_path
     from vsense_ros.files.vehicle import load_vehicle
     from vsense_ros.mismatch import design
+    from vsense_ros.mismatch.answer_schema import read_answer
 
     car = load_vehicle(vehicle_path(vehicle))
-    design.left_open(design.answered(report), car)  # says what is wrong before a bar begins
+    design.left_open(read_answer(report), car)  # says what is wrong before a bar begins
     with progress("driving manoeuvres that may tell it apart") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())

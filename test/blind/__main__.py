@@ -19,9 +19,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, oracle, score, tool, vehicle_file
+from blind import cases, oracle, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
+from vsense_ros.errors import InputError
 
 SEALS = Path(__file__).with_name("labels.sha256")
 CONSOLE = Console()
@@ -214,9 +215,9 @@ def alone(options: dict) -> None:
             jobs += [(case.number, name, options["out"]) for name in json.loads(finished.read_text())["train"]]
     _all(options, "recordings", _answer_alone, jobs)
     found = {f"{number}, {name}": tool.earlier(_alone(out, number, name)).explain for number, name, out in jobs}
-    verdicts = Counter(answer["verdict"] for answer in found.values() if answer)
+    verdicts = Counter(answer.verdict for answer in found.values() if answer)
     CONSOLE.print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()))
-    most = sorted(((_explained(answer), name) for name, answer in found.items() if answer), reverse=True)
+    most = sorted(((reading.explained_seconds(answer), name) for name, answer in found.items() if answer), reverse=True)
     for (explained, id), name in most[:5]:
         CONSOLE.print(f"{explained:.2f} s explained by {id}: {name}")
 
@@ -234,12 +235,6 @@ def _answer_alone(number: str, name: str, out: Path) -> None:
         told = {"train": [str((case / name).resolve())], "held_out": []}
         (folder / FINISHED).write_text(json.dumps(told), encoding="utf-8")
         tool.explain(folder, part, hidden=out / "labels")
-
-
-def _explained(answer: dict) -> tuple[float, str]:
-    """The gain that lasts times the duration [s], of the effect of which that is most, and its id."""
-    every = ((min(e["gain_training"], e["gain_left_out"]) * answer["driven_s"], e["id"]) for e in answer["effects"])
-    return max(every, default=(0.0, "nothing"))
 
 
 def _oracle(out: Path, number: str) -> Path:
@@ -372,4 +367,7 @@ def sizes() -> None:
 
 
 if __name__ == "__main__":
-    main(prog_name="python -m blind")
+    try:
+        main(prog_name="python -m blind")
+    except InputError as error:
+        raise SystemExit(f"Error: {error}") from None

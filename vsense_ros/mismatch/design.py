@@ -16,7 +16,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer
 from vsense_ros.mismatch.candidates import (
     UNKNOWN_TORQUES,
     FreeParameter,
@@ -36,11 +36,11 @@ from vsense_ros.mismatch.candidates import (
     out_of_reach,
 )
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
-from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
-from vsense_ros.mismatch.picture import label
+from vsense_ros.mismatch.page import PAGE, write_next_test
 from vsense_ros.mismatch.simulation import ParameterSet, Predictor
 from vsense_ros.mismatch.verdict import NORMAL_90
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
+from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -48,7 +48,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-ANSWER, NEXT = "explain.json", "next.json"
+NEXT = "next.json"
 TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
 SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
 
@@ -89,16 +89,18 @@ class Separation:
         """Expected log-likelihood ratio [nat]."""
         return 0.5 * self.distance**2
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "manoeuvre": self.test.title,
-            "id": self.test.manoeuvre.name,
-            "opposite": self.test.opposite,
-            "signal": self.signal,
-            "d_prime": self.distance,
-            "information": self.information,
-            "pair": list(self.pair),
-        }
+    @property
+    def next_test(self) -> NextTest:
+        """As an answer has it."""
+        return NextTest(
+            manoeuvre=self.test.title,
+            id=self.test.manoeuvre.name,
+            opposite=self.test.opposite,
+            signal=self.signal,
+            d_prime=self.distance,
+            information=self.information,
+            pair=self.pair,
+        )
 
 
 CHOICE = (
@@ -107,57 +109,36 @@ CHOICE = (
 )
 
 
-def answered(report: Path) -> dict[str, Any]:
-    """The explain.json in a folder. Raises `InputError` where there is none."""
-    path = report / ANSWER
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no answer there yet; run vsense explain with --report {report} first") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not what vsense explain writes: {error}") from None
-    if not isinstance(found, dict) or "verdict" not in found:
-        raise InputError(f"{path}: not what vsense explain writes: it has no verdict")
-    if "rivals" not in found:
-        raise InputError(f"{path}: of an earlier version, which did not tell rivals; run vsense explain again")
-    return found
-
-
-def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
-    """The rivals of explain.json with their sizes, and what was fitted besides, by name of the base parameter: the car
-    as it was fitted with the best of them, where explain.json tells that.
+def left_open(answer: Answer, vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
+    """The rivals of an answer with their sizes, and the offsets of the base parameters by name: the car as it was
+    fitted with the best of the rivals.
 
     Raises `InputError` where there is nothing to tell apart.
     """
-    if found.get("verdict") != "ambiguous":
-        raise InputError(
-            f"the verdict is {found.get('verdict')}: only an ambiguous answer leaves effects to tell apart"
-        )
-    if found["vehicle"] != vehicle.name:
-        raise InputError(
-            f"the answer is about the vehicle {found['vehicle']!r}, the vehicle file about {vehicle.name!r}"
-        )
-    entries = {entry["id"]: entry for entry in reversed(found["effects"])}
-    rivals = [_of_entries([entries[id] for id in ids]) for ids in found["rivals"]]
+    if answer.verdict != "ambiguous":
+        raise InputError(f"the verdict is {answer.verdict}: only an ambiguous answer leaves effects to tell apart")
+    if answer.vehicle != vehicle.name:
+        raise InputError(f"the answer is about the vehicle {answer.vehicle!r}, the vehicle file about {vehicle.name!r}")
+    entries = {effect.id: effect for effect in reversed(answer.effects)}
+    rivals = [_rival_of([entries[id] for id in ids]) for ids in answer.rivals]
     if len(rivals) < 2:
         raise InputError(f"the answer leaves {len(rivals)} explanations, two are needed to be told apart")
-    return rivals, {name: _fitted(entry) for name, entry in found["base"].items()}
+    return rivals, {name: _fitted(parameter) for name, parameter in answer.base.items()}
 
 
-def _fitted(entry: Mapping[str, Any]) -> float:
-    explained = entry.get("explained")
-    return float(entry["value"] if explained is None else explained)
+def _fitted(parameter: BaseParameter) -> float:
+    return parameter.value if parameter.explained is None else parameter.explained
 
 
-def _of_entries(entries: Sequence[Mapping[str, Any]]) -> Rival:
+def _rival_of(effects: Sequence[EffectEntry]) -> Rival:
     names, sizes, deviations, forms = [], {}, {}, {}
-    for entry in entries:
-        names.append(f"{entry['id']} {place_of(entry)}".strip())
-        for parameter in entry["parameters"]:
-            dotted, (low, high) = f"effects.{entry['id']}.{parameter['name']}", parameter["interval_90"]
-            sizes[dotted] = float(parameter["value"])
+    for effect in effects:
+        names.append(f"{effect.id} {effect.place}".strip())
+        for size in effect.parameters:
+            dotted, (low, high) = f"effects.{effect.id}.{size.name}", size.interval_90
+            sizes[dotted] = size.value
             deviations[dotted] = (high - low) / (2 * NORMAL_90)
-            forms[dotted] = entry.get("form", "")
+            forms[dotted] = effect.form or ""
     return Rival(" + ".join(names), sizes, deviations, forms)
 
 
@@ -210,32 +191,35 @@ def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, 
 def designed(
     report: Path, vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> list[Separation]:
-    """What each test would tell of what the ambiguous answer in a folder leaves open, the most telling first; the
-    folder is told, too. Raises `InputError` where there is no such answer."""
-    rivals, base = left_open(answered(report), vehicle)
+    """What each test would tell of what the ambiguous answer in a folder leaves open, the most telling first; it is
+    written into the folder, too. Raises `InputError` where there is no such answer."""
+    rivals, base = left_open(read_answer(report), vehicle)
     found = separations(vehicle, rivals, base, progress=progress)
     written(found, rivals, report)
     return found
 
 
-def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> None:
-    """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and onto its
-    page."""
+def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> Answer:
+    """Write next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and
+    onto its page; the answer with it."""
     content = {
         "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
         "telling": TELLING,
-        "tests": [one.as_json() for one in found],
+        "tests": [one.next_test.as_json() for one in found],
     }
     with atomic_write(report / NEXT) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    best = found[0].as_json() if found and found[0].distance >= TELLING else None
-    answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
-    for effect in answer["effects"]:
-        if effect.get("answer_set"):
-            effect["would_separate"] = best
-    with atomic_write(report / ANSWER) as file:
-        file.write(json.dumps(answer, indent=1, allow_nan=False) + "\n")
+    answer = _with_next_test(read_answer(report), found)
+    answer.write(report)
     write_next_test(answer, report / PAGE)
+    return answer
+
+
+def _with_next_test(answer: Answer, found: Sequence[Separation]) -> Answer:
+    """The answer with the best test, if that is telling."""
+    best = found[0].next_test if found and found[0].distance >= TELLING else None
+    effects = tuple(effect.with_(would_separate=best) if effect.answer_set else effect for effect in answer.effects)
+    return answer.with_(would_separate=best, effects=effects)
 
 
 def printed(found: Sequence[Separation], console: Console) -> None:

@@ -8,12 +8,10 @@ The answer is one of: `named`, one effect explains what was left over, on record
 from __future__ import annotations
 
 import csv
-import json
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -23,6 +21,7 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import (
     BASE,
     Candidate,
@@ -32,7 +31,7 @@ from vsense_ros.mismatch.candidates import (
     out_of_reach,
 )
 from vsense_ros.mismatch.data_quality import hindrance, misfit
-from vsense_ros.mismatch.design import ANSWER, NEXT
+from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.page import PAGE, write_report
@@ -46,8 +45,8 @@ from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
-# Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
-LOOKED_AT = 900.0  # [s]
+# [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and tells little more.
+LONGEST_FITTED = 900.0
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
 NOTHING_TO_COMPARE = (
@@ -55,13 +54,16 @@ NOTHING_TO_COMPARE = (
     "an inertial sensor, wheel speeds or GNSS velocities throughout"
 )
 TRACELESS = "nothing that was recorded depends on it"
+# Of a place on the road: number of its stretch, metres along it, degrees, radians counter-clockwise from east.
+PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
+NOWHERE = Located(signals=(), segments=(), lost=(), region=None, force=None, parts=())
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The content of explain.json, and what else a report shows."""
+class Explanation:
+    """An answer, and what else a report shows."""
 
-    found: dict[str, Any]
+    answer: Answer
     traces: list[Trace] = field(default_factory=list)
     extended: Vehicle | None = None
 
@@ -71,9 +73,8 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
-        with atomic_write(folder / ANSWER) as file:
-            file.write(json.dumps(self.found, indent=1, allow_nan=False) + "\n")
-        write_report(self.found, self.traces, folder / PAGE)
+        self.answer.write(folder)
+        write_report(self.answer, self.traces, folder / PAGE)
         if self.extended is not None:
             save_vehicle(folder / EXTENDED, self.extended)
             self._write_road(folder / ROAD)
@@ -81,32 +82,36 @@ class Answer:
     def _write_road(self, path: Path) -> None:
         """A row for each place and effect of the road that was named."""
         rows = [
-            [effect["id"], effect["parameters"][0]["unit"], *(place.get(key, "") for key in entries.PLACE),
-             effect["parameters"][0]["value"] + place["value"]]
-            for effect in self.found["effects"] if effect["accepted"]
-            for place in effect.get("profile", ())
-        ]  # fmt: skip
+            (effect.id, size.unit, *(_or_empty(getattr(point, key)) for key in PLACE), size.value + point.value)
+            for effect in self.answer.accepted
+            for size in effect.parameters[:1]
+            for point in effect.profile or ()
+        ]
         if rows:
             with atomic_write(path) as file:
-                csv.writer(file).writerows([["effect", "unit", *entries.PLACE, "value"], *rows])
+                csv.writer(file).writerows([("effect", "unit", *PLACE, "value"), *rows])
+
+
+def _or_empty(value: float | None) -> float | str:
+    return "" if value is None else value
 
 
 class NotAssessableError(Exception):
     """Nothing can be said of the recordings; the message tells why."""
 
 
-def answer(
+def explain_recordings(
     recordings: Sequence[Recording],
     vehicle: Vehicle,
     held_out: Sequence[Recording] = (),
     assume: Sequence[str] = (),
     ablation: str = "",
     progress: Callable[[], None] = lambda: None,
-) -> Answer:
+) -> Explanation:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    left out, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
+    switched off, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
     `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
@@ -116,133 +121,175 @@ def answer(
     begun = time.process_time()
     dataset = build_dataset(recordings, vehicle)
     unseen = build_dataset(held_out, vehicle, dataset)
-    found: dict[str, Any] = {
-        "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
-        "recordings": _names(recordings), "held_out": _names(held_out), "held_out_unused": [], "by_pieces": False,
-        "remarks": list(dataset.remarks),
-        "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
-        "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
-        "base": {}, "threshold": THRESHOLD, "driven_s": dataset.driven + unseen.driven,
-        "assumed": list(assume), "ablation": ablation,
-    }  # fmt: skip
+    explainer = _Explainer(
+        Answer(
+            version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
+            recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
+            remarks=dataset.remarks, located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
+            would_separate=None, fit={}, base={}, threshold=THRESHOLD, driven_s=dataset.driven + unseen.driven,
+            assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
+        ),
+        vehicle,
+        progress,
+    )  # fmt: skip
     try:
         if reason := hindrance([*recordings, *held_out], dataset, unseen, vehicle):
             raise NotAssessableError(reason)
-        dataset, unseen = most_telling(dataset, LOOKED_AT), most_telling(unseen, LOOKED_AT)
-        answered = _explained(found, vehicle, dataset, unseen, tuple(dict.fromkeys(assume)), ablation, progress)
+        found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
-        found["sentence"] = f"Nothing can be said: {error}."
-        answered = Answer(found)
-    found["cpu_s"] = time.process_time() - begun
-    return answered
+        found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
+    return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
 
 
-def _names(recordings: Sequence[Recording]) -> list[str]:
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """What remarks call them."""
-    return [recording.name or f"recording {i}" for i, recording in enumerate(recordings, start=1)]
+    return tuple(recording.name or f"recording {i}" for i, recording in enumerate(recordings, start=1))
 
 
-def _explained(
-    found: dict[str, Any], vehicle: Vehicle, dataset: Dataset, unseen: Dataset, assume: Sequence[str], ablation: str,
-    progress: Callable[[], None],
-) -> Answer:  # fmt: skip
-    """The answer about data set that can be assessed, if it can; what is known of it by then is written to `found`."""
-    kinds = {dataset.sensors[name].kind for w in dataset.windows for name in w.readings}
-    beyond = out_of_reach(kinds)
-    if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
-        raise NotAssessableError("; ".join(lacking))
-    search, hypotheses = _searched(vehicle, dataset, assume, ablation, beyond, kinds, progress)
-    residuals, base = search.residuals, search.base
-    strange = misfit(base, residuals)  # unless what the model leaves out is the reason
-    traceless = {c.effect for c in search.offered} - search.visible
-    found["out_of_reach"] = [
-        {"id": id, "reason": reason}
-        for id, reason in {**beyond, **dict.fromkeys(sorted(traceless), TRACELESS)}.items()
-    ]  # fmt: skip
-    if not search.visible:
-        raise NotAssessableError("no effect of the library would leave a trace in these recordings")
-    proof = Proof(unseen, vehicle, residuals, base, progress)
-    found["remarks"] = [*residuals.predictor.dataset.remarks, *proof.remarks]
-    if proof.residuals is None and len(residuals.layout) == 1:
-        found["remarks"].append(entries.ALONE)
-    found["held_out_unused"] = [name for name in found["held_out"] if name not in proof.recordings]
-    found["held_out"] = proof.recordings
-    proving = proof.residuals.predictor.dataset.driven if proof.residuals is not None else 0.0
-    threshold = least_gain(residuals.predictor.dataset.driven + proving)
-    if ablation == "chi2_thresholds":
-        threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
-    found["threshold"] = threshold
-    if assume:
+class _Explainer:
+    """The way to an answer. `answer` holds what is known so far, and stands if it turns out on the way that nothing
+    can be said."""
+
+    def __init__(self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None]) -> None:
+        self.answer, self.vehicle, self.progress = unanswered, vehicle, progress
+
+    def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
+        """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
+        kinds = {dataset.sensors[name].kind for w in dataset.windows for name in w.readings}
+        beyond = self._out_of_reach(kinds)
+        search, hypotheses = self._searched(dataset, beyond, kinds)
+        self._note_traceless(search, beyond)
+        strange = misfit(search.base, search.residuals)  # unless what the model leaves out is the reason
+        proof = Proof(unseen, self.vehicle, search.residuals, search.base, self.progress)
+        self._note_proof(search.residuals, proof)
+        judged, varying = _refined(search, self._judged(search, hypotheses, proof), proof)
+        leader = judged.leader
+        if strange and (leader is None or misfit(leader.fit, search.residuals)):
+            raise NotAssessableError(strange)
+        shown = leader.fit if leader is not None else search.base
+        remarks = entries.remarks(judged, proof, shown, kinds, beyond, varying)
+        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *remarks))
+        self._answered(search, judged, proof, shown)
+        return Explanation(self.answer, _traces(search, shown, proof), self._extended(search, judged, shown))
+
+    def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
+        """Effects that these kinds of sensors tell nothing of, with the reason."""
+        beyond = out_of_reach(kinds)
+        if lacking := [f"{id}: {beyond[id]}" for id in self._assume if id in beyond]:
+            raise NotAssessableError("; ".join(lacking))
+        return beyond
+
+    @property
+    def _assume(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(self.answer.assumed))
+
+    def _note_traceless(self, search: Search, beyond: Mapping[str, str]) -> None:
+        """Which effects cannot be assessed, for want of a sensor or because nothing depends on them."""
+        traceless = {c.effect for c in search.offered} - search.visible
+        reasons = {**beyond, **dict.fromkeys(sorted(traceless), TRACELESS)}
+        self.answer = self.answer.with_(
+            out_of_reach=tuple(OutOfReach(id=id, reason=reason) for id, reason in reasons.items())
+        )
+        if not search.visible:
+            raise NotAssessableError("no effect of the library would leave a trace in these recordings")
+
+    def _note_proof(self, residuals: Residuals, proof: Proof) -> None:
+        """What is proven on what."""
+        remarks = [*residuals.predictor.dataset.remarks, *proof.remarks]
+        if proof.residuals is None and len(residuals.layout) == 1:
+            remarks.append(entries.ALONE)
+        self.answer = self.answer.with_(
+            remarks=remarks,
+            held_out_unused=tuple(name for name in self.answer.held_out if name not in proof.recordings),
+            held_out=proof.recordings,
+        )
+
+    def _threshold(self, search: Search, proof: Proof) -> float:
+        """The least gain of an effect on so much driving."""
+        if self.answer.ablation == "chi2_thresholds":
+            return float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
+        proving = proof.residuals.predictor.dataset.driven if proof.residuals is not None else 0.0
+        return least_gain(search.residuals.predictor.dataset.driven + proving)
+
+    def _judged(self, search: Search, hypotheses: list[Hypothesis], proof: Proof) -> Judged:
+        """The verdict; where effects are assumed, that they are there."""
+        threshold = self._threshold(search, proof)
+        self.answer = self.answer.with_(threshold=threshold)
+        if not self._assume:
+            return _judged(search, hypotheses, proof, threshold)
         judged = judge(hypotheses, (), proof, search.along_the_road, threshold)
-        if hypotheses:
-            judged = replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
-    else:
-        judged = _judged(search, hypotheses, proof, threshold)
-    judged, varying = _settled(search, judged, proof)
-    leader, verdict = judged.leader, judged.verdict
-    if strange and (leader is None or misfit(leader.fit, residuals)):
-        raise NotAssessableError(strange)
-    shown = leader.fit if leader is not None else base
-    found["remarks"] += entries.remarks(judged, proof, shown, kinds, beyond, varying)
-    dataset = residuals.predictor.dataset
-    effects = entries.effect_entries(judged, dataset, proof)
-    answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
-    for effect in effects:
-        effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
-    found |= {
-        "verdict": verdict,
-        "by_pieces": leader is not None and proof.surveyed(leader.fit),
-        "located": entries.located(residuals, base, proof)
-        | {"force": entries.force(judged, proof), "parts": entries.parts(effects, answer_set)},
-        "effects": effects,
-        "answer_set": answer_set,
-        "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
-        "fit": entries.errors(residuals, base, shown, proof),
-        "base": entries.base_parameters(base, leader.fit if leader is not None else None),
-        "misfit": residuals.level(base.residuals),
-    }
-    found["sentence"] = entries.sentence(found, [e.effects for e in judged.rivals])
+        if not hypotheses:
+            return judged
+        return replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
+
+    def _answered(self, search: Search, judged: Judged, proof: Proof, shown: Fit) -> None:
+        residuals, base, leader = search.residuals, search.base, judged.leader
+        effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, proof))
+        answer = self.answer.with_(
+            verdict=judged.verdict,
+            by_pieces=leader is not None and proof.surveyed(leader.fit),
+            located=entries.located(residuals, base, judged, proof, effects),
+            effects=effects,
+            answer_set=entries.answer_set(judged),
+            rivals=tuple(dict.fromkeys(hypothesis.effects for hypothesis in judged.rivals)),
+            fit=entries.errors(residuals, base, shown, proof),
+            base=entries.base_parameters(base, leader.fit if leader is not None else None),
+            misfit=residuals.level(base.residuals),
+        )
+        self.answer = answer.with_(sentence=entries.sentence(answer))
+
+    def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
+        """The vehicle file with what was found, where that is sure."""
+        if judged.leader is None or judged.verdict == "ambiguous":
+            return None
+        return extended(self.vehicle, search.residuals.predictor.dataset, shown.parameter_set)
+
+    def _searched(
+        self, dataset: Dataset, beyond: Collection[str], kinds: Collection[str]
+    ) -> tuple[Search, list[Hypothesis]]:
+        """The base parameters fitted, and single effects, or those to assume together, fitted besides; once more from
+        other base parameters if an effect has shown that their fit had stopped short."""
+        free_parameters = () if self.answer.ablation == "no_refit" else base_parameters(self.vehicle, beyond, kinds)
+        try:
+            dataset, residuals, base = _refitted(self.vehicle, dataset, free_parameters, self.progress)
+        except DivergedError:
+            raise NotAssessableError(
+                "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the "
+                "file of this car?"
+            ) from None
+        start = residuals.predictor.start
+        library = candidates(dataset.points, start.values)
+        assume = self._assume
+        offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
+        if self.answer.ablation == "no_projection":
+            base, start = _without_parameters(base), base.parameter_set
+
+        def fitted(search: Search) -> list[Hypothesis]:
+            if assume:
+                return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
+            return search.singles()
+
+        search = Search(residuals, start, base, offered, self.progress)
+        hypotheses = fitted(search)
+        if (better := search.better_base(hypotheses)) is not None:
+            search = Search(residuals, start, better, offered, self.progress)
+            hypotheses = fitted(search)
+        return search, hypotheses
+
+
+def _without_parameters(base: Fit) -> Fit:
+    """The fit with no parameter free any longer."""
+    slopes = [np.zeros((len(rows), 0)) for rows in base.residuals]
+    return replace(base, free_parameters=(), offsets=np.zeros(0), slopes=slopes)
+
+
+def _traces(search: Search, shown: Fit, proof: Proof) -> list[Trace]:
+    """The curves of all windows, held out or not."""
+    residuals, base = search.residuals, search.base
     traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
     if proof.residuals is not None:
         traces += entries.traces(proof.residuals, base, proof.simulated(shown), True)
-    sure = leader is not None and verdict != "ambiguous"
-    return Answer(found, traces, extended(vehicle, dataset, shown.parameter_set) if sure else None)
-
-
-def _searched(
-    vehicle: Vehicle, dataset: Dataset, assume: Sequence[str], ablation: str, beyond: Collection[str],
-    kinds: Collection[str], progress: Callable[[], None],
-) -> tuple[Search, list[Hypothesis]]:  # fmt: skip
-    """The base parameters fitted, and single effects, or those to `assume` together, fitted besides; once more from
-    other base parameters if an effect has shown that their fit had stopped short."""
-    try:
-        free_parameters = () if ablation == "no_refit" else base_parameters(vehicle, beyond, kinds)
-        dataset, residuals, base = _refitted(vehicle, dataset, free_parameters, progress)
-    except DivergedError:
-        raise NotAssessableError(
-            "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
-            "of this car?"
-        ) from None
-    start = residuals.predictor.start
-    library = candidates(dataset.points, start.values)
-    offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
-    if ablation == "no_projection":
-        base = replace(
-            base, free_parameters=(), offsets=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals]
-        )
-        start = base.parameter_set
-
-    def fitted(search: Search) -> list[Hypothesis]:
-        if assume:
-            return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
-        return search.singles()
-
-    search = Search(residuals, start, base, offered, progress)
-    hypotheses = fitted(search)
-    if (better := search.better_base(hypotheses)) is not None:
-        search = Search(residuals, start, better, offered, progress)
-        hypotheses = fitted(search)
-    return search, hypotheses
+    return traces
 
 
 def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshold: float) -> Judged:
@@ -258,9 +305,10 @@ def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshol
     return judged
 
 
-def _settled(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
-    """The same with the sizes of the leader hardly drawn to zero any longer, if it is then still proven, or another at
-    every place of the road, if that lasts better; if it does not, but mends a signal, the name of that."""
+def _refined(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
+    """The same verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then
+    still proven; or with another size at every place of the road, if that lasts better. If it does not last better, but
+    brings the worst signal near a good model, also the name of that signal."""
     if judged.leader is None:
         return judged, ""
     off = proof.unmended(judged.leader)
