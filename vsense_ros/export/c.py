@@ -197,7 +197,8 @@ def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None
     )
     values = contents.values() | {"measured": measured}
     texts = {name: environment.get_template(f"{name}.j2").render(values) for name in _TEMPLATES}
-    texts["kalman.c"] = resources.files("vsense_ros.observer").joinpath("kalman.c").read_text(encoding="utf-8")
+    for source in ("estimation/algebra.c", "observer/kalman.c"):
+        texts[Path(source).name] = resources.files("vsense_ros").joinpath(source).read_text(encoding="utf-8")
     texts["model.c"] = contents.model()
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():

@@ -1,21 +1,13 @@
-/* Covariance algebra of the errorEKF: the compiled twin of kalman.py, which says what each function does.
+/* Covariance algebra of the multibody car: the compiled twin of kalman.py, which says what each function does, on top of
+ * ../estimation/algebra.c.
  *
- * Covariances are row-major n x n and exactly symmetric. Jacobians come column-major from the model's functions.
- * No allocation, no library but libm. MODEL is the number of coordinates; the state begins with
+ * Jacobians come column-major from the model's functions. MODEL is the number of coordinates; the state begins with
  * coordinates, velocities, accelerations (MODEL each) and SURROUND surroundings, then come biases.
- *
- * Nearly all the work is linear combinations of rows, which `combine` holds in registers; sums along a row, which a
- * compiler may not reorder and therefore does one by one, are few, and four at a time in `dot`.
  */
-#include <math.h>
-#include <string.h>
-
 #define MODEL 14
 #define DYNAMIC 7
 #define SURROUND 4
 #define GAIN (DYNAMIC + MODEL + MODEL + SURROUND)
-#define COMPONENTS 16 /* at most, of a measurement */
-enum { n = STATES }; /* the length of the state, given when compiling: loops of known length are twice as fast */
 
 /* What the functions share; all arrays stay where they are. */
 struct model {
@@ -42,57 +34,6 @@ static void gain_columns(int *columns) {
     for (int i = 0; i < DYNAMIC; i++) columns[k++] = dynamic_coordinates[i];
     for (int i = MODEL; i < 3 * MODEL + SURROUND; i++) columns[k++] = i;
 }
-
-/* out += sum of factor[k] * row[k], all rows `width` long; `width` is a constant wherever this is called. */
-#ifdef __STRICT_ANSI__ /* C99 and nothing else: every compiler has its own way of holding rows in registers */
-static void combine(int width, double *out, int count, const double *factor, const double *const *row) {
-    for (int k = 0; k < count; k++)
-        for (int j = 0; j < width; j++) out[j] += factor[k] * row[k][j];
-}
-
-static double dot(int width, const double *a, const double *b) {
-    double sum = 0;
-    for (int j = 0; j < width; j++) sum += a[j] * b[j];
-    return sum;
-}
-#else
-typedef double lane __attribute__((vector_size(32)));
-#define LANES 14 /* with two more registers for operands, what a processor with 16 of them can hold */
-
-static inline __attribute__((always_inline)) lane loaded(const double *from) {
-    lane result;
-    memcpy(&result, from, sizeof result);
-    return result;
-}
-
-static inline __attribute__((always_inline)) void combine(int width, double *out, int count, const double *factor,
-                                                          const double *const *row) {
-    int first = 0;
-    for (; width - first >= 4; first += 4 * LANES) {
-        const int lanes = (width - first) / 4 < LANES ? (width - first) / 4 : LANES;
-        lane sum[LANES];
-#pragma GCC unroll 16
-        for (int j = 0; j < lanes; j++) sum[j] = loaded(out + first + 4 * j);
-        for (int k = 0; k < count; k++) {
-            const lane f = {factor[k], factor[k], factor[k], factor[k]};
-#pragma GCC unroll 16
-            for (int j = 0; j < lanes; j++) sum[j] += f * loaded(row[k] + first + 4 * j);
-        }
-#pragma GCC unroll 16
-        for (int j = 0; j < lanes; j++) memcpy(out + first + 4 * j, &sum[j], sizeof(lane));
-    }
-    for (int k = 0; k < count; k++)
-        for (int j = width / 4 * 4; j < width; j++) out[j] += factor[k] * row[k][j];
-}
-
-static inline __attribute__((always_inline)) double dot(int width, const double *a, const double *b) {
-    lane sums = {0, 0, 0, 0};
-    double rest = 0;
-    for (int j = 0; j < width / 4 * 4; j += 4) sums += loaded(a + j) * loaded(b + j);
-    for (int j = width / 4 * 4; j < width; j++) rest += a[j] * b[j];
-    return sums[0] + sums[1] + (sums[2] + sums[3]) + rest;
-}
-#endif
 
 /* Inverse by Gauss-Jordan elimination with partial pivoting; `rows` (MODEL x 2 MODEL) holds the matrix, and beside it
  * at first the unit matrix, at last the inverse. Returns 0 if singular. */
@@ -250,13 +191,12 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
 }
 
 /* Keeps the whitened innovation and the factor of its covariance. */
-static void tell(const struct model *model, int components, int used, const int *component, const double *weights,
-                 double (*factor)[COMPONENTS]) {
+static void tell(const struct model *model, int components, const int *component, const struct innovation *found) {
     for (int i = 0; i < components; i++) model->whitened[i] = NAN;
     for (int i = 0; i < components * components; i++) model->factor[i] = i % (components + 1) == 0;
-    for (int a = 0; a < used; a++) {
-        model->whitened[component[a]] = weights[a];
-        for (int b = 0; b <= a; b++) model->factor[component[a] * components + component[b]] = factor[a][b];
+    for (int a = 0; a < found->used; a++) {
+        model->whitened[component[a]] = found->weights[a];
+        for (int b = 0; b <= a; b++) model->factor[component[a] * components + component[b]] = found->factor[a][b];
     }
 }
 
@@ -284,62 +224,19 @@ static void carry_on(const struct model *model) {
 /* Returns the squared norm of the innovation in units of its standard deviation, negative if nothing was measured;
  * the correction is made, and carried into error and accelerations, only where that is at most limit. */
 double vsense_correct(const struct model *model, const struct sensed *sensed, double scale, double limit) {
-    double rows[COMPONENTS][STATES], projected[COMPONENTS][STATES], total[COMPONENTS][COMPONENTS];
-    double innovation[COMPONENTS], weights[COMPONENTS], factors[STATES], *p = model->covariance;
-    const double *from[STATES];
-    int used = 0, component[COMPONENTS];
+    struct innovation found;
+    int component[COMPONENTS];
+    found.used = 0;
     for (int i = 0; i < sensed->components; i++)
-        if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[used++] = i;
-    if (used == 0) return -1;
-    for (int a = 0; a < used; a++) {
-        int count = 0;
-        sensed_row(model, sensed, component[a], rows[a]);
-        innovation[a] = sensed->value[component[a]] - sensed->expected[component[a]];
-        for (int k = 0; k < n; k++)
-            if (rows[a][k] != 0) {
-                factors[count] = rows[a][k];
-                from[count++] = p + k * n;
-            }
-        memset(projected[a], 0, sizeof projected[a]);
-        combine(n, projected[a], count, factors, from);
-        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = dot(n, projected[a], rows[b]);
+        if (isfinite(sensed->value[i]) && isfinite(sensed->expected[i])) component[found.used++] = i;
+    if (found.used == 0) return -1;
+    for (int a = 0; a < found.used; a++) {
+        sensed_row(model, sensed, component[a], found.rows[a]);
+        found.residual[a] = sensed->value[component[a]] - sensed->expected[component[a]];
+        found.variance[a] = sensed->variance[component[a]];
     }
-    for (int a = 0; a < used; a++) {
-        total[a][a] += sensed->variance[component[a]];
-        for (int b = 0; b < used; b++) total[a][b] *= scale;
-    }
-    /* Whitening by the Cholesky factor: with L L' = total, projected := L^-1 H P and weights := L^-1 innovation. */
-    double nis = 0;
-    for (int a = 0; a < used; a++) {
-        for (int b = 0; b < a; b++) {
-            double sum = total[a][b];
-            for (int k = 0; k < b; k++) sum -= total[a][k] * total[b][k];
-            total[a][b] = sum / total[b][b];
-        }
-        double sum = total[a][a];
-        for (int k = 0; k < a; k++) sum -= total[a][k] * total[a][k];
-        if (!(sum > 0)) return NAN;
-        total[a][a] = sqrt(sum);
-        double w = innovation[a];
-        for (int k = 0; k < a; k++) w -= total[a][k] * weights[k];
-        weights[a] = w / total[a][a];
-        nis += weights[a] * weights[a];
-    }
-    if (model->whitened) tell(model, sensed->components, used, component, weights, total);
-    if (!(nis <= limit)) return nis;
-    for (int a = 0; a < used; a++) {
-        for (int k = 0; k < a; k++) factors[k] = -total[a][k];
-        from[a] = projected[a];
-        combine(n, projected[a], a, factors, from);
-        const double f = 1 / total[a][a];
-        for (int j = 0; j < n; j++) projected[a][j] *= f;
-    }
-    memset(model->error, 0, n * sizeof(double));
-    combine(n, model->error, used, weights, from);
-    for (int i = 0; i < n; i++) {
-        for (int a = 0; a < used; a++) factors[a] = -projected[a][i];
-        combine(n, p + i * n, used, factors, from);
-    }
-    carry_on(model);
+    const double nis = update(&found, model->covariance, model->error, scale, limit);
+    if (model->whitened && !isnan(nis)) tell(model, sensed->components, component, &found);
+    if (nis <= limit) carry_on(model);
     return nis;
 }

@@ -283,8 +283,9 @@ class CompiledKalman(Kalman):
 
 def kalman(model: Linearization, by_angles: Array, by_velocity: Array, covariance: Array) -> Kalman:
     """The compiled algebra where there is a compiler, else NumPy's."""
-    folder = resources.files("vsense_ros.observer")
-    source = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in ("kalman.c", "step.c"))
+    package = resources.files("vsense_ros")
+    names = ("estimation/algebra.c", "observer/kalman.c", "observer/step.c")
+    source = "\n".join(package.joinpath(name).read_text(encoding="utf-8") for name in names)
     library = codegen.library("kalman", f"#define STATES {len(covariance)}\n{source}")
     if library is None:
         return Kalman(model, by_angles, by_velocity, covariance)

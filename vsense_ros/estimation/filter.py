@@ -1,0 +1,152 @@
+"""What everything outside of a filter may do with one: a timeline, a monitor, a report, an exporter."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A normal distribution of a state: `mean` (n,) and `covariance` (e, e) of its error."""
+
+    mean: Array
+    covariance: Array
+
+
+class Innovation(NamedTuple):
+    """What a correction found.
+
+    `whitened` (m,): the innovation in independent units, white and of unit deviation if the filter is right, NaN where
+    nothing came. `factor` (m, m): the lower Cholesky factor of its covariance, with which it was whitened; absent
+    components stand for themselves, with 1 on the diagonal. The diagonal are the standard deviations of the components
+    given those before them. Both are views, valid until the next correction. `nis`: the squared norm of `whitened`, the
+    normalized innovation squared; negative where nothing came, NaN where the covariance is not positive definite.
+    `accepted`: whether it corrected the state.
+    """
+
+    whitened: Array
+    factor: Array
+    nis: float
+    accepted: bool
+
+
+class Kept(NamedTuple):
+    """A copy of a filter's memory, and the address of the array for C."""
+
+    memory: Array
+    address: int
+
+
+class Step(NamedTuple):
+    """The way to a time: `steps` predictions of `h` [s] each, before which the memory is copied to `kept`."""
+
+    kept: Kept
+    steps: int
+    h: float
+
+
+class Measured(NamedTuple):
+    """A measurement of `sensor`, with its variances (m,) and the largest normalized innovation squared believed."""
+
+    sensor: str
+    value: Array
+    variance: Array
+    limit: float
+
+
+class Given(NamedTuple):
+    """Values for the inputs from `first` on; NaN leaves an input as it is."""
+
+    first: int
+    value: Array
+
+
+class Filter(ABC):
+    """`memory` (s,) holds all that changes: whoever copies it and puts it back has the filter as it was, bit by bit."""
+
+    memory: Array
+    inputs: Array  # (k,), a part of memory
+    names: tuple[str, ...]  # of all that is estimated, (m,)
+    sensors: tuple[str, ...]  # that `correct` knows
+
+    @abstractmethod
+    def start(self, belief: Gaussian) -> None:
+        """Begin anew, at a mean and a covariance."""
+
+    @abstractmethod
+    def predict(self, h: float) -> None:
+        """Go on by `h` [s]. Raises `FloatingPointError` where that is impossible; the memory is then spoilt."""
+
+    @abstractmethod
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        """Use a measurement (m,) with these variances (m,), unless its normalized innovation squared exceeds `limit`.
+
+        NaN components are absent. `scale` multiplies the covariance of the innovation: more than 1 pulls the state
+        towards a measurement that is not believed.
+        """
+
+    @abstractmethod
+    def belief(self) -> Gaussian:
+        """All that is estimated, in the order of `names`: mean (m,) and covariance of the errors (m, m)."""
+
+    @abstractmethod
+    def is_valid(self) -> bool:
+        """Whether the state is finite and within its bounds, and the covariance definite."""
+
+    @abstractmethod
+    def inflate(self) -> None:
+        """Forget how errors belong together, and double their standard deviations: after something went wrong."""
+
+    def backup(self) -> Kept:
+        """A place where the memory may be kept; what is in it is undefined."""
+        memory = np.empty_like(self.memory)
+        return Kept(memory, memory.ctypes.data)
+
+    def advance(self, step: Step) -> bool:
+        """Keep the memory, then predict. False, and the filter is as it was, if it is not valid or cannot be moved."""
+        if not self.is_valid():
+            return False
+        step.kept.memory[:] = self.memory
+        try:
+            for _ in range(step.steps):
+                self.predict(step.h)
+        except (FloatingPointError, np.linalg.LinAlgError):
+            self.memory[:] = step.kept.memory
+            return False
+        return True
+
+    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
+        """Let events happen, each after its step, up to one that the filter could not move to or did not believe.
+
+        Returns how many happened, whether the filter moved to the one that did not, and the normalized innovation
+        squared of each (0 for inputs). A filter that is compiled does all of them in one call.
+        """
+        found: list[float] = []
+        for step, event in events:
+            if step is not None and not self.advance(step):
+                return len(found), False, found
+            if isinstance(event, Given):
+                self.give(event)
+                found.append(0.0)
+                continue
+            nis = self.correct(event.sensor, event.value, event.variance, event.limit).nis
+            if not nis <= event.limit:
+                return len(found), True, [*found, nis]
+            found.append(nis)
+        return len(found), False, found
+
+    def give(self, given: Given) -> None:
+        """Take values for inputs."""
+        value = given.value
+        part = self.inputs[given.first : given.first + len(value)]
+        np.copyto(part, value, where=np.isfinite(value))

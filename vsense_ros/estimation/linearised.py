@@ -1,0 +1,65 @@
+"""A system at one state, as an extended Kalman filter works with it: what is symbolic in `StateSpace` is numbers here.
+
+Two make one: `Dense` of any `StateSpace`; `observer.car_blocks.CarBlocks` of the multibody car, whose Jacobians are too
+large to be written out and whose transition has a structure worth using.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from vsense_ros.estimation.filter import Array, Given, Measured, Step
+
+
+class Linearised(Protocol):
+    """`memory` (s,) holds all that changes, of which `mean` (n,), `covariance` (e, e) and `inputs` (k,) are parts."""
+
+    names: tuple[str, ...]
+    sensors: tuple[str, ...]
+    memory: Array
+    mean: Array
+    covariance: Array
+    inputs: Array
+
+    def linearize(self) -> None:
+        """At the present mean."""
+
+    def step(self, h: float) -> None:
+        """mean ← f(mean, h), covariance ← F P Fᵀ + Q(h), from the last linearisation, which is made anew after it.
+
+        Raises `FloatingPointError` where that is impossible.
+        """
+
+    def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
+        """Innovation (m,), value less expectation, angles wrapped, and H (m, e), its derivative by the error."""
+
+    def retract(self, error: Array) -> None:
+        """mean ← mean ⊞ error (e,); what `linearize` found is carried on to first order."""
+
+    def is_valid(self) -> bool:
+        """Whether the mean is finite and within its bounds, and the variances positive."""
+
+    @property
+    def operations(self) -> Operations | None:
+        """The same in C, where it is compiled."""
+
+
+class Operations(Protocol):
+    """What C does in one call each, on the memory of a `Linearised`. `whitened` (16,) and `factor` (256,) are what the
+    last correction found, as in `Innovation`: of the first the m first elements count, of the other the m m first."""
+
+    whitened: Array
+    factor: Array
+
+    def predict(self, h: float) -> None:
+        """As `Linearised.step`."""
+
+    def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
+        """Correct, and return the normalized innovation squared: as `Filter.correct`."""
+
+    def advance(self, step: Step) -> bool:
+        """As `Filter.advance`."""
+
+    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
+        """As `Filter.repeat`."""
