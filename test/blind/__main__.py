@@ -23,6 +23,7 @@ from blind import cases, oracle, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
 from vsense_ros.errors import InputError
+from vsense_ros.mismatch import thresholds
 
 SEALS = Path(__file__).with_name("labels.sha256")
 CONSOLE = Console()
@@ -327,21 +328,24 @@ def _check_seal(options: dict) -> None:
 
 
 @main.command()
+@click.option(
+    "--to", "file", type=click.Path(exists=True, dir_okay=False, path_type=Path), default=thresholds.FILE,
+    help="The thresholds of the tool; default: those of the package.",
+)  # fmt: skip
 @click.pass_obj
-def calibrate(options: dict) -> None:
-    """Fit the confidence of the tool to its answers: how often a name is right, by the lead of its gain; and tell how
-    far off its sizes are."""
+def calibrate(options: dict, file: Path) -> None:
+    """Fit the confidence of the tool to its answers, and write it into its thresholds: how often a name is right, by
+    the lead of its gain, and how often an effect is there that was refused. Tell how far off its sizes are, too."""
     _check_seal(options)
     results = _results(options, None)
     leads, right, told = score.leads(results)
     if not told.any():
         raise click.ClickException("no answer has a name to calibrate with; `python -m blind run` gives answers")
-    share, by_lead = score.trust(leads[told], right[told])
-    CONSOLE.print(
-        f"{share:.2f} of what leads clearly is right, log odds of the rest {by_lead:.1f} · ln(lead), from {sum(told)} "
-        f"names of which {sum(right & told)} are right; of {sum(~told)} effects that were refused {sum(right & ~told)} "
-        "are there"
-    )
+    found = score.calibrated(leads, right, told, options["split"])
+    thresholds.write(found, file)
+    for name, (value, source) in found.items():
+        CONSOLE.print(f"{name} {value:g}: {source}")
+    CONSOLE.print(f"written to {file}")
     errors = score.relative_errors(results)
     if len(errors):
         half, most = np.quantile(errors, [0.5, 0.9])

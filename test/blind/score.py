@@ -242,6 +242,20 @@ def trust(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
     return float(1 / (1 + np.exp(-clear))), float(slope)
 
 
+def calibrated(leads: np.ndarray, right: np.ndarray, told: np.ndarray, split: str) -> dict[str, tuple[float, str]]:
+    """Thresholds of the tool that follow from its answers, by name, each with the data it came from. The arguments are
+    those that `leads` gives, of the cases of a split."""
+    trusted, by_lead = trust(leads[told], right[told])
+    names = f"{split} split, {told.sum()} names of which {(right & told).sum()} are right"
+    found = {"trusted": (round(trusted, 2), names), "by_lead": (round(by_lead, 1), names)}
+    if (~told).any():
+        refused = (
+            f"{split} split, {(~told).sum()} effects that were refused, of which {(right & ~told).sum()} are there"
+        )
+        found["refused"] = (round(float(np.mean(right[~told])), 2), refused)
+    return {name: (value, f"{source}, by `python -m blind calibrate`") for name, (value, source) in found.items()}
+
+
 def all_sets(results: list[Result]) -> dict[str, dict]:
     names = sorted({r.label["manoeuvres"] for r in results})
     return {name: of_set([r for r in results if r.label["manoeuvres"] == name]) for name in names}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -26,6 +27,7 @@ from blind.tool import Answer
 from mismatch.synthetic_findings import effect, finding
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch import answer_schema as explain_json
+from vsense_ros.mismatch import thresholds
 from vsense_ros.mismatch.answer_schema import Errors, SignalErrors
 
 
@@ -258,6 +260,21 @@ def test_trust_finds_again_how_often_clear_and_narrow_leads_are_right():
     leads = np.exp(rng.normal(0.3, 0.7, 4000))
     right = rng.random(4000) < 0.9 / (1 + leads**-3.0)
     assert score.trust(leads, right) == (pytest.approx(0.9, abs=0.03), pytest.approx(3.0, rel=0.15))
+
+
+def test_what_calibration_finds_is_written_with_the_number_of_names_it_came_from(tmp_path):
+    file = tmp_path / "thresholds.yaml"
+    shutil.copy(thresholds.FILE, file)
+    told = np.arange(200) < 100
+    right = np.where(told, np.arange(200) % 10 > 0, np.arange(200) % 20 == 0)  # nine in ten, and one in twenty
+    found = score.calibrated(np.full(200, 50.0), right, told, "public")
+    thresholds.write(found, file)
+    written = thresholds.read(file)
+    assert (written.trusted, written.refused) == (pytest.approx(0.9, abs=0.02), 0.05)
+    assert replace(written, trusted=0.0, by_lead=0.0, refused=0.0) == replace(
+        thresholds.THRESHOLDS, trusted=0.0, by_lead=0.0, refused=0.0
+    )
+    assert "public split, 100 names of which 90 are right, by `python -m blind calibrate`" in file.read_text()
 
 
 def test_effects_have_the_ids_that_the_tool_answers_with():

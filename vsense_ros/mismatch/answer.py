@@ -25,13 +25,15 @@ from vsense_ros.mismatch.answer_schema import (
     TermSize,
 )
 from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.fit import Fit, Residuals, cost
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.mismatch.simulation import LOST
-from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.mismatch.words import in_words
 from vsense_ros.model.effects import BY_ID, EVERY
@@ -55,20 +57,20 @@ NO_COURSE = (
 
 
 def remarks(
-    judged: Judged, proof: Proof, shown: Fit, kinds: Collection[str], beyond: Mapping[str, str], varying: str
+    judged: Judged, validation: Validation, shown: Fit, kinds: Collection[str], beyond: Mapping[str, str], varying: str
 ) -> list[str]:
     """What a reader has to know of an answer. `shown` is the fit that is told, `kinds` those of the sensors that were
     heard, `beyond` effects that lack a sensor, with the reason; `varying` is the signal that tells of an effect of the
     road that is another at every place, where one size is told all the same."""
-    leader, said = judged.leader, proof.lost(shown)
+    leader, said = judged.leader, validation.lost(shown)
     if varying:
         said.append(
             f"with one size for all of the road the {varying.replace('_', ' ')} stays off, with another at every place "
             "it does not; too few places were passed twice to say what it is where"
         )
-    if leader is not None and (against := proof.against(leader)):
+    if leader is not None and (against := validation.against(leader)):
         said.append(against)
-    if judged.verdict == "no_mismatch" and proof.fits_together:
+    if judged.verdict == "no_mismatch" and validation.fits_together:
         said.append(
             "what was held out is far off for the base parameters that fit the rest best, but not for ones that fit "
             "all of it: that tells of no missing physics"
@@ -86,7 +88,7 @@ def remarks(
         said.append(NO_COURSE)
     if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
         said.append(NO_PLACE if judged.verdict == "ambiguous" else f"{NO_PLACE}: {IN_FILES}")
-    if leader is not None and proof.surveyed(leader.fit):
+    if leader is not None and validation.surveyed(leader.fit):
         said.append(OWN_ROAD)
     if leader is not None and (elsewhere := judged.other_places()):
         place = leader.candidates[0].where
@@ -122,17 +124,19 @@ def answer_set(judged: Judged) -> list[str]:
     return list(dict.fromkeys(id for hypothesis in judged.rivals for id in hypothesis.effects))
 
 
-def effect_entries(judged: Judged, dataset: Dataset, proof: Proof) -> list[EffectEntry]:
+def effect_entries(judged: Judged, dataset: Dataset, validation: Validation) -> list[EffectEntry]:
     """All effects that were fitted, those of the leader first."""
     entries: dict[str, EffectEntry] = {}
-    for hypothesis in (*filter(None, [judged.leader]), *judged.rivals, *judged.ranked):
+    for hypothesis in (*filter(None, [judged.leader]), *judged.rivals, *(one.hypothesis for one in judged.ranked)):
         for candidate in hypothesis.candidates:
             if candidate.effect not in entries:
-                entries[candidate.effect] = _entry(judged, hypothesis, candidate, dataset, proof)
+                entries[candidate.effect] = _entry(judged, hypothesis, candidate, dataset, validation)
     return list(entries.values())
 
 
-def _entry(judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, proof: Proof) -> EffectEntry:
+def _entry(
+    judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, validation: Validation
+) -> EffectEntry:
     ids = answer_set(judged)
     return EffectEntry(
         id=candidate.effect,
@@ -151,11 +155,11 @@ def _entry(judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset
         ),
         gain_training=hypothesis.gain,
         gain_left_out=hypothesis.left_out_share,
-        gain_held_out=proof.gain(hypothesis),
+        gain_held_out=validation.gain(hypothesis),
         adds_to_best=judged.adds(hypothesis),
         keep=hypothesis.keep,
         confidence=judged.confidence(hypothesis, candidate.effect),
-        objection=judged.refused.get(id(hypothesis), ""),
+        objection=judged.objection_to(hypothesis),
         accepted=hypothesis is judged.leader and judged.verdict == "named",
         answer_set=tuple(ids) if candidate.effect in ids else (),
         would_separate=None,
@@ -217,7 +221,9 @@ def _acting_parts(effects: Sequence[EffectEntry]) -> tuple[ActingPart, ...]:
     )
 
 
-def located(residuals: Residuals, base: Fit, judged: Judged, proof: Proof, effects: Sequence[EffectEntry]) -> Located:
+def located(
+    residuals: Residuals, base: Fit, judged: Judged, validation: Validation, effects: Sequence[EffectEntry]
+) -> Located:
     """Where the base fit is off."""
     windows = residuals.predictor.dataset.windows
     whole = max(cost(base.residuals), 1e-12)
@@ -226,13 +232,13 @@ def located(residuals: Residuals, base: Fit, judged: Judged, proof: Proof, effec
         for w, r in zip(windows, base.residuals, strict=True)
     ]
     lost = residuals.predictor.dataset.left_out
-    where = _most_off(residuals, base, proof)
+    where = _most_off(residuals, base, validation)
     return Located(
         signals=_signals_off(residuals, base, *where[:2]),
         segments=tuple(sorted(segments, key=lambda segment: segment.share, reverse=True)),
         lost=tuple(Span(recording=w.name, begin=w.begin, end=w.end) for w in lost),
         region=_region(*where),
-        force=_force(judged, proof),
+        force=_force(judged, validation),
         parts=_acting_parts(effects),
     )
 
@@ -248,7 +254,7 @@ def _signals_off(residuals: Residuals, base: Fit, there: Residuals, off: list[Ar
     )
 
 
-def _force(judged: Judged, proof: Proof) -> Force | None:
+def _force(judged: Judged, validation: Validation) -> Force | None:
     """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
@@ -260,16 +266,16 @@ def _force(judged: Judged, proof: Proof) -> Force | None:
     return Force(
         description=_in_words(judged.leader, term), sizes=sizes, lever_arm=_lever_arm(judged.leader),
         gain_training=judged.leader.gain, gain_left_out=judged.leader.left_out_share,
-        gain_held_out=proof.gain(judged.leader),
+        gain_held_out=validation.gain(judged.leader),
     )  # fmt: skip
 
 
-def _most_off(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
+def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
     """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
     what was held out, where they are far from those of a good model there alone."""
-    unseen = proof.residuals
-    if unseen is not None and residuals.worst(base.residuals) < ASTRAY < unseen.worst(proof.before):
-        return unseen, proof.before, " on what was held out"
+    unseen, off_from = validation.residuals, validation.thresholds.signal_off
+    if unseen is not None and residuals.worst(base.residuals) < off_from < unseen.worst(validation.before):
+        return unseen, validation.before, " on what was held out"
     return residuals, base.residuals, ""
 
 
@@ -312,12 +318,14 @@ def base_parameters(base: Fit, explained: Fit | None) -> dict[str, BaseParameter
     }
 
 
-def errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, SignalErrors]:
+def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) -> dict[str, SignalErrors]:
     """Root mean square errors of each signal in its unit with the base fit and with the one that is `shown`, in
     training and on what was held out."""
     units = {signal.name: signal.unit for signal in SIGNALS}
     training = _before_and_after(residuals, base.residuals, shown.residuals)
-    held_out = _before_and_after(proof.residuals, *proof.compared(shown)) if proof.residuals is not None else {}
+    held_out: dict[str, Errors] = {}
+    if validation.residuals is not None:
+        held_out = _before_and_after(validation.residuals, *validation.held_out(shown))
     return {
         name: SignalErrors(unit=units[name], training=found, held_out=held_out.get(name))
         for name, found in training.items()

@@ -35,10 +35,10 @@ from vsense_ros.mismatch.candidates import (
     candidates,
     out_of_reach,
 )
+from vsense_ros.mismatch.confidence import NORMAL_90
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
 from vsense_ros.mismatch.page import PAGE, write_next_test
 from vsense_ros.mismatch.simulation import ParameterSet, Predictor
-from vsense_ros.mismatch.verdict import NORMAL_90
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
 from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW

@@ -39,7 +39,9 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
-from vsense_ros.mismatch.verdict import THRESHOLD, Judged, Proof, judge, least_gain
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged, judge
 from vsense_ros.mismatch.windows import Dataset, build_dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
@@ -126,8 +128,8 @@ def explain_recordings(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
             recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
             remarks=dataset.remarks, located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
-            would_separate=None, fit={}, base={}, threshold=THRESHOLD, driven_s=dataset.driven + unseen.driven,
-            assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
+            would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
+            driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
         ),
         vehicle,
         progress,
@@ -160,17 +162,17 @@ class _Explainer:
         search, hypotheses = self._searched(dataset, beyond, kinds)
         self._note_traceless(search, beyond)
         strange = misfit(search.base, search.residuals)  # unless what the model leaves out is the reason
-        proof = Proof(unseen, self.vehicle, search.residuals, search.base, self.progress)
-        self._note_proof(search.residuals, proof)
-        judged, varying = _refined(search, self._judged(search, hypotheses, proof), proof)
+        validation = Validation(unseen, self.vehicle, search.residuals, search.base, self.progress)
+        self._note_validation(search.residuals, validation)
+        judged, varying = _refined(search, self._judged(search, hypotheses, validation), validation)
         leader = judged.leader
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
             raise NotAssessableError(strange)
         shown = leader.fit if leader is not None else search.base
-        remarks = entries.remarks(judged, proof, shown, kinds, beyond, varying)
+        remarks = entries.remarks(judged, validation, shown, kinds, beyond, varying)
         self.answer = self.answer.with_(remarks=(*self.answer.remarks, *remarks))
-        self._answered(search, judged, proof, shown)
-        return Explanation(self.answer, _traces(search, shown, proof), self._extended(search, judged, shown))
+        self._answered(search, judged, validation, shown)
+        return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
 
     def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
         """Effects that these kinds of sensors tell nothing of, with the reason."""
@@ -193,46 +195,46 @@ class _Explainer:
         if not search.visible:
             raise NotAssessableError("no effect of the library would leave a trace in these recordings")
 
-    def _note_proof(self, residuals: Residuals, proof: Proof) -> None:
+    def _note_validation(self, residuals: Residuals, validation: Validation) -> None:
         """What is proven on what."""
-        remarks = [*residuals.predictor.dataset.remarks, *proof.remarks]
-        if proof.residuals is None and len(residuals.layout) == 1:
+        remarks = [*residuals.predictor.dataset.remarks, *validation.remarks]
+        if validation.residuals is None and len(residuals.layout) == 1:
             remarks.append(entries.ALONE)
         self.answer = self.answer.with_(
             remarks=remarks,
-            held_out_unused=tuple(name for name in self.answer.held_out if name not in proof.recordings),
-            held_out=proof.recordings,
+            held_out_unused=tuple(name for name in self.answer.held_out if name not in validation.recordings),
+            held_out=validation.recordings,
         )
 
-    def _threshold(self, search: Search, proof: Proof) -> float:
+    def _threshold(self, search: Search, validation: Validation) -> float:
         """The least gain of an effect on so much driving."""
         if self.answer.ablation == "chi2_thresholds":
             return float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
-        proving = proof.residuals.predictor.dataset.driven if proof.residuals is not None else 0.0
-        return least_gain(search.residuals.predictor.dataset.driven + proving)
+        proving = validation.residuals.predictor.dataset.driven if validation.residuals is not None else 0.0
+        return THRESHOLDS.least_gain_on(search.residuals.predictor.dataset.driven + proving)
 
-    def _judged(self, search: Search, hypotheses: list[Hypothesis], proof: Proof) -> Judged:
+    def _judged(self, search: Search, hypotheses: list[Hypothesis], validation: Validation) -> Judged:
         """The verdict; where effects are assumed, that they are there."""
-        threshold = self._threshold(search, proof)
+        threshold = self._threshold(search, validation)
         self.answer = self.answer.with_(threshold=threshold)
         if not self._assume:
-            return _judged(search, hypotheses, proof, threshold)
-        judged = judge(hypotheses, (), proof, search.along_the_road, threshold)
+            return _judged(search, hypotheses, validation, threshold)
+        judged = judge(hypotheses, (), validation, search.along_the_road, threshold)
         if not hypotheses:
             return judged
         return replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
 
-    def _answered(self, search: Search, judged: Judged, proof: Proof, shown: Fit) -> None:
+    def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
         residuals, base, leader = search.residuals, search.base, judged.leader
-        effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, proof))
+        effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         answer = self.answer.with_(
             verdict=judged.verdict,
-            by_pieces=leader is not None and proof.surveyed(leader.fit),
-            located=entries.located(residuals, base, judged, proof, effects),
+            by_pieces=leader is not None and validation.surveyed(leader.fit),
+            located=entries.located(residuals, base, judged, validation, effects),
             effects=effects,
             answer_set=entries.answer_set(judged),
             rivals=tuple(dict.fromkeys(hypothesis.effects for hypothesis in judged.rivals)),
-            fit=entries.errors(residuals, base, shown, proof),
+            fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
         )
@@ -283,43 +285,44 @@ def _without_parameters(base: Fit) -> Fit:
     return replace(base, free_parameters=(), offsets=np.zeros(0), slopes=slopes)
 
 
-def _traces(search: Search, shown: Fit, proof: Proof) -> list[Trace]:
+def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
     """The curves of all windows, held out or not."""
     residuals, base = search.residuals, search.base
     traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
-    if proof.residuals is not None:
-        traces += entries.traces(proof.residuals, base, proof.simulated(shown), True)
+    if validation.residuals is not None:
+        traces += entries.traces(validation.residuals, base, validation.simulated(shown), True)
     return traces
 
 
-def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshold: float) -> Judged:
+def _judged(search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float) -> Judged:
     """Single effects, and what explains more with further ones, judged beside terms without known physics."""
+    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     found_last = hypotheses
-    while found_last := search.further(found_last, max(threshold, THRESHOLD), proof.proven, bool(proof.recordings)):
+    while found_last := search.further(found_last, least, validation.proven, unseen):
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
-    judged = judge(hypotheses, described, proof, search.along_the_road, threshold)
+    judged = judge(hypotheses, described, validation, search.along_the_road, threshold)
     if judged.in_doubt:
         united = search.united(judged.in_doubt)
-        judged = judge([*hypotheses, *united], described, proof, search.along_the_road, threshold)
+        judged = judge([*hypotheses, *united], described, validation, search.along_the_road, threshold)
     return judged
 
 
-def _refined(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
+def _refined(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
     """The same verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then
     still proven; or with another size at every place of the road, if that lasts better. If it does not last better, but
     brings the worst signal near a good model, also the name of that signal."""
     if judged.leader is None:
         return judged, ""
-    off = proof.unmended(judged.leader)
+    off = validation.unmended(judged.leader)
     freed = search.along_the_road(judged.leader) if off else None
     settled = search.settled(judged.leader)
-    if proof.lasting(settled) > 0:
-        judged = judged.led_by(settled, proof)
+    if validation.lasting(settled) > 0:
+        judged = judged.led_by(settled, validation)
     if freed is None or judged.leader is None:
         return judged, ""
-    if proof.lasting(freed) > proof.lasting(judged.leader):
-        return judged.led_by(freed, proof), ""
+    if validation.lasting(freed) > validation.lasting(judged.leader):
+        return judged.led_by(freed, validation), ""
     return judged, off
 
 
