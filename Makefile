@@ -28,10 +28,11 @@ venv: ## the virtual environment that the other targets use
 test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
 	@.ci/test
 
-lint: venv ## ruff and mypy alone
+lint: venv ## ruff, mypy, and the contracts about which room may import which
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
 
 format: venv ## let ruff mend what it can
 	$(VENV)/bin/ruff check --fix-only .
@@ -64,5 +65,5 @@ bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags
 
 clean: ## remove everything that a target made, environments included
-	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -7,7 +7,6 @@ from setuptools import find_packages, setup
 
 PACKAGE = "vsense_ros"
 ROOT = Path(__file__).parent
-NODES = ("can_driver", "imu_driver", "gps_driver", "observer", "replay", "recorder")
 
 
 def requirement_names() -> list[str]:
@@ -15,6 +14,13 @@ def requirement_names() -> list[str]:
     the versions its distribution brings."""
     lines = (ROOT / "requirements" / "core.txt").read_text(encoding="utf-8").splitlines()
     return [match.group(1) for line in lines if (match := re.match(r"([A-Za-z0-9._-]+)", line))]
+
+
+def nodes() -> list[str]:
+    """Modules of the node folder that a process begins with: those with a function `main`. Each becomes an executable
+    of its name."""
+    files = sorted((ROOT / PACKAGE / "node").glob("*.py"))
+    return [path.stem for path in files if re.search(r"^def main\(", path.read_text(encoding="utf-8"), re.MULTILINE)]
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -50,7 +56,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"vsense = {PACKAGE}.cli:main",
-            *(f"{node} = {PACKAGE}.node.{node}:main" for node in NODES),
+            *(f"{node} = {PACKAGE}.node.{node}:main" for node in nodes()),
         ]
     },
 )

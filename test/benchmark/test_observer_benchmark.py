@@ -107,28 +107,31 @@ def test_spi_step(benchmark: Any, kind: str, vehicle: Vehicle, lane_change: Reco
     "part", ["linearize", "transition", "advance", "propagate", "correct by imu", "correct by wheel_speeds", "estimate"]
 )
 def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
-    ekf = observer.filter
-    process = ekf._process(0.004)
+    ekf, car = observer.filter, observer.car
+    process = car.process(0.004)
     before = ekf.memory.copy()
-    ekf._h[0] = 0.004
-    index = observer.names.index(part.split()[-1]) if part.startswith("correct") else 0
-    kernel = ekf._sense[index]
-    assert kernel is not None
-    kernel.call()
-    value, variance = kernel.results[0][:, 0].copy(), observer._list[index].deviations() ** 2
+    car.h[0] = 0.004
+    sensor = part.split()[-1] if part.startswith("correct") else "imu"
+    variance = observer.sensors[sensor].deviations() ** 2
+    value = -car.sense(sensor, np.zeros(len(variance)))[0]
+    algebra = None if car.compiled is None else car.compiled.algebra
     work: dict[str, Callable[[], object]] = {
-        "linearize": ekf.linearize,
-        "transition": lambda: ekf._kalman.transition(0.004),
-        "advance": ekf._advance.call,
-        "propagate": lambda: ekf._kalman.propagate(0.004, process.decay, process.noise),
+        "linearize": car.linearize,
+        "transition": lambda: car.respond(0.004) if algebra is None else algebra.transition(0.004),
+        "advance": car.advanced.call,
+        "propagate": lambda: (
+            car.propagate(car.transition(0.004, process.decay), process.noise)
+            if algebra is None
+            else algebra.propagate(0.004, process.decay, process.noise)
+        ),
         "estimate": lambda: estimate_samples(observer.snapshot()),
     }
-    ekf._kalman.transition(0.004)
+    work["transition"]()
 
     def restore() -> None:
         ekf.memory[:] = before
 
-    target = work.get(part, lambda: ekf.correct(index, value, variance, 100.0))
+    target = work.get(part, lambda: ekf.correct(sensor, value, variance, 100.0))
     benchmark.pedantic(target, setup=restore, rounds=1000, warmup_rounds=20)
 
 

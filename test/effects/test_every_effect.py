@@ -24,7 +24,7 @@ from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop
 from vsense_ros.model.vehicle import Vehicle
 
 DURATION, STEP = 6.0, 0.005
-IDS = [
+PROMISED = [
     "aero_drag",
     "aero_downforce",
     "road_grade",
@@ -103,8 +103,8 @@ def sizes(id: str) -> dict[str, float]:
     return found
 
 
-def test_the_library_has_exactly_the_effects_that_are_promised():
-    assert sorted(BY_ID) == sorted(IDS)
+def test_the_library_has_all_the_effects_that_are_promised():
+    assert set(PROMISED) <= set(BY_ID)
 
 
 def test_nothing_that_looks_for_a_mismatch_names_an_effect():
@@ -116,7 +116,7 @@ def test_nothing_that_looks_for_a_mismatch_names_an_effect():
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     assert len(literals) > 100
-    assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in IDS}
+    assert not {(name, text) for name, text in literals if text.removeprefix("effects.").split(".")[0] in BY_ID}
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_effects_of_size_zero_change_nothing(bare, full):
     assert_allclose(present.q, without.q, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", sorted(BY_ID))
 def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
     changes = sizes(id)
     with_it = full.with_parameters(changes)
@@ -136,7 +136,7 @@ def test_an_effect_changes_the_motion_or_what_sensors_read(bare, full, id):
     assert moved + read + sloped == 1
 
 
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", sorted(BY_ID))
 def test_an_effect_names_its_kin_and_explains_itself(id):
     effect = BY_ID[id]
     assert effect.id == id
@@ -150,7 +150,7 @@ def test_an_effect_names_its_kin_and_explains_itself(id):
         assert extra["typical"] > 0, name
 
 
-@pytest.mark.parametrize("id", [i for i in IDS if i != "tyre_relaxation"])
+@pytest.mark.parametrize("id", [i for i in sorted(BY_ID) if i != "tyre_relaxation"])
 def test_the_motion_with_an_effect_does_not_depend_on_the_step(full, id):
     changes = sizes(id)
     coarse = driven(full, changes)

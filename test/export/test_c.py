@@ -29,7 +29,7 @@ from vsense_ros.model.effects.road_grade import RoadGrade
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.catalogue import error_ekf
 from vsense_ros.observer.observer import sensors_of
 
 ROOT = Path(__file__).parents[2]
@@ -194,13 +194,13 @@ def test_the_example_rolls_on_at_its_speed_and_carries_the_cars_weight(
 
 
 def test_it_starts_as_the_one_in_python_does(vehicle: Vehicle, library: ctypes.CDLL) -> None:
-    ours, theirs = ErrorEkf(vehicle, sensors_of(vehicle)), check.Exported(vehicle, library)
-    ours.start(17.0)
-    ours.place(5, 1.2, 0.1)
+    ours, theirs = error_ekf(vehicle, sensors_of(vehicle)), check.Exported(vehicle, library)
+    ours.start_rolling(17.0)
+    ours.set_element(5, 1.2, 0.1)
     theirs.start(17.0)
     theirs.place(5, 1.2, 0.1)
-    np.testing.assert_allclose(theirs.parts["state"], ours.state, rtol=1e-15)
-    np.testing.assert_array_equal(theirs.covariance, ours.covariance)
+    np.testing.assert_allclose(theirs.parts["state"], ours.car.mean, rtol=1e-15)
+    np.testing.assert_array_equal(theirs.covariance, ours.car.covariance)
 
 
 def test_a_copy_of_the_struct_is_the_whole_filter(vehicle: Vehicle, library: ctypes.CDLL) -> None:
@@ -212,7 +212,7 @@ def test_a_copy_of_the_struct_is_the_whole_filter(vehicle: Vehicle, library: cty
         for _ in range(steps):
             observer.predict(0.004)
             observer.linearize()
-            observer.correct(0, np.array([0.0, 0.0, 0.1, 0.2, 0.3, 9.8]), np.full(6, 0.01), 1e9)
+            observer.correct("imu", np.array([0.0, 0.0, 0.1, 0.2, 0.3, 9.8]), np.full(6, 0.01), 1e9)
 
     drive(alone, 40)
     for _ in range(40):
@@ -228,8 +228,8 @@ def test_a_copy_of_the_struct_is_the_whole_filter(vehicle: Vehicle, library: cty
 def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: Vehicle, library: ctypes.CDLL) -> None:
     observer = under_way(vehicle, library)
     before = observer.memory.copy()
-    assert observer.correct(0, np.full(6, 1e3), np.full(6, 0.01), 36.0) > 36.0
-    assert observer.correct(0, np.full(6, np.nan), np.full(6, 0.01), 36.0) < 0
+    assert observer.correct("imu", np.full(6, 1e3), np.full(6, 0.01), 36.0) > 36.0
+    assert observer.correct("imu", np.full(6, np.nan), np.full(6, 0.01), 36.0) < 0
     assert np.array_equal(observer.memory, before)
 
 
@@ -307,7 +307,7 @@ def test_parameters_are_estimated_as_in_python(kind: str, vehicle: Vehicle, tmp_
     assert difference.corrections > 1000
     assert difference.placed <= 3, "the state is taken over at the start alone"
     begun = check.Exported(spi, library)
-    values, covariance = begun.estimated()
+    values, covariance = begun.belief()
     assert values[-2:] == pytest.approx([vehicle.values()[name] for name in parameters])
     assert np.sqrt(np.diag(covariance)[-2:]) == pytest.approx([100.0, 0.3])
     header = (tmp_path / "vsense.h").read_text(encoding="ascii")

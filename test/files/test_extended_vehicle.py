@@ -34,10 +34,9 @@ from vsense_ros.model.effects.unmodelled import TERMS, Unmodelled
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_simulation
 from vsense_ros.observer import Observer
-from vsense_ros.observer.dekf import Dekf
-from vsense_ros.observer.error_ekf import ErrorEkf, Prior
-from vsense_ros.observer.kalman import SURROUND
+from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.state import SURROUND, Prior
 
 DRAG, GRADE, BIAS, DELAY = 0.4, 0.03, 0.03, 0.02  # [m²], [rad], [rad/s], [s]
 GRADE_STATE = SURROUND.start + SURROUNDINGS.index("grade")
@@ -117,7 +116,7 @@ def test_every_effect_of_the_library_reaches_the_observer_or_is_told_to_be_left_
                 continue
             one = having(bare, **{id: kind(**{name: 0.1 * about["typical"]})})  # type: ignore[index, operator]
             in_sensors = one.sensing() != bare.sensing()
-            in_road = Prior.of(one, one.sensing()).usual.any()
+            in_road = Prior.of(one, one.sensing()).reversion_mean.any()
             told = id in left_out_of_observer(one)
             assert of[f"effects.{id}.{name}"] in moving or in_sensors or in_road or told, f"{id}.{name}"
 
@@ -183,21 +182,21 @@ def test_the_observer_warns_in_its_diagnostics_of_what_it_leaves_out(extended: V
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["in C", "in Python", "whole state"])
 def test_a_known_slope_is_what_the_filter_starts_with_and_goes_back_to(extended: Vehicle, way: str) -> None:
-    ekf = (Dekf if way == "whole state" else ErrorEkf)(extended, sensors_of(extended))
+    ekf = FILTERS["dekf" if way == "whole state" else "error_ekf"].make(extended, sensors_of(extended))
     if way == "in Python":
-        ekf._in_c = None
-    ekf.start(20.0)
+        ekf._operations = None
+    ekf.start_rolling(20.0)
     ekf.linearize()
-    uphill = ekf.udot[X, 0]
-    assert ekf.state[GRADE_STATE] == pytest.approx(GRADE)
-    ekf.state[GRADE_STATE] = 0.0
+    uphill = ekf.car.udot[X, 0]
+    assert ekf.car.mean[GRADE_STATE] == pytest.approx(GRADE)
+    ekf.car.mean[GRADE_STATE] = 0.0
     ekf.linearize()
-    assert uphill - ekf.udot[X, 0] == pytest.approx(-9.80665 * np.sin(GRADE), rel=1e-6)
+    assert uphill - ekf.car.udot[X, 0] == pytest.approx(-9.80665 * np.sin(GRADE), rel=1e-6)
     for _ in range(200):
         ekf.predict(0.01)
         ekf.linearize()
     gone = 1 - np.exp(-2.0 / extended.observer.surroundings.grade_time_constant)
-    assert ekf.state[GRADE_STATE] == pytest.approx(GRADE * gone, rel=1e-9)
+    assert ekf.car.mean[GRADE_STATE] == pytest.approx(GRADE * gone, rel=1e-9)
 
 
 # The commands

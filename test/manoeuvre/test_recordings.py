@@ -11,8 +11,8 @@ import pytest
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
+from vsense_ros.experiments.bags import LARGEST, SEED
 from vsense_ros.manoeuvre import STANDARD, generate
-from vsense_ros.manoeuvre.bags import LARGEST, SEED
 from vsense_ros.messages.recording import Recording
 from vsense_ros.observer import run
 

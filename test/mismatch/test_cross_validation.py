@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense_ros.estimation.reading import Map
 from vsense_ros.mismatch.candidates import FreeParameter
 from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
 from vsense_ros.mismatch.fit import Fit
@@ -16,7 +17,6 @@ from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Dataset, Readings
-from vsense_ros.observer.reading import Map
 
 KNOBS = tuple(FreeParameter(name, "-", 0.1, -1.0, 1.0, lambda values, offset: {}) for name in ("mass", "drag", "slope"))
 SIGNALS = ["longitudinal_acceleration", "speed"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hidden import driven, prototype
-from vsense_ros.bag.inspect import doubts
+from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.data_quality import hindrance, misfit

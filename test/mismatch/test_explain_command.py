@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from hidden import driven, having, prototype, wrong
-from vsense_ros import cli
 from vsense_ros.bag.mcap import write_bag
 from vsense_ros.cli import main
+from vsense_ros.cli.common import distinct_names
 from vsense_ros.files.vehicle import save_vehicle
 
 
@@ -92,5 +92,5 @@ def test_a_report_that_cannot_be_written_is_said_before_anything_is_searched(cal
 
 
 def test_recordings_that_are_called_alike_are_told_apart_by_their_folders():
-    names = cli._told_apart([Path("monday/lap"), Path("tuesday/lap.mcap"), Path("tuesday/other")])
+    names = distinct_names([Path("monday/lap"), Path("tuesday/lap.mcap"), Path("tuesday/other")])
     assert names == {Path("monday/lap"): "monday/lap", Path("tuesday/lap.mcap"): "tuesday/lap.mcap"}

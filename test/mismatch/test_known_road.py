@@ -8,16 +8,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, without
+from vsense_ros.estimation.reading import Map
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import SURROUNDINGS, YAW, X, Y
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import SURROUND
+from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.reading import Map
-from vsense_ros.observer.road_map import NEAR, SPACING, Profile, Survey
+from vsense_ros.observer.road_map import NEAR, SPACING, Profile, RoadMap
+from vsense_ros.observer.state import SURROUND
 
 ORIGIN = (43.5, -8.2, 50.0)
 BANK = SURROUND.start + SURROUNDINGS.index("bank")
@@ -58,7 +59,7 @@ def estimated(vehicle: Vehicle, recording: Recording) -> np.ndarray:
         observer.add(sample)
         if observer.converged:
             observer.snapshot()
-            state = observer.filter.state
+            state = observer.filter.car.mean
             found.append((observer.stamp, state[X], state[BANK], state[15]))
     stamp, east, bank, lateral = np.array(found).T
     true = recording["reference/odometry"]
@@ -89,18 +90,18 @@ def test_the_grip_of_a_road_is_that_of_the_place(drive, rows):
         observer.add(sample)
         if observer.converged and i % 200 == 0:
             observer.snapshot()
-            expected = 0.05 + np.interp(observer.filter.state[X], EAST, grip)
-            assert observer.filter.parameters[index] == pytest.approx(expected, abs=0.01)  # a dozen metres
-    observer.filter.start(10.0)
-    assert not np.isfinite(observer.filter.surveyed[:2]).any()
+            expected = 0.05 + np.interp(observer.filter.car.mean[X], EAST, grip)
+            assert observer.car.parameters[index] == pytest.approx(expected, abs=0.01)  # a dozen metres
+    observer.filter.start_rolling(10.0)
+    assert not np.isfinite(observer.car.surveyed[:2]).any()
 
 
-def standing(vehicle: Vehicle, east: float) -> ErrorEkf:
+def standing(vehicle: Vehicle, east: float) -> CarFilter:
     """A filter that knows its place and, surely, its heading."""
-    ekf = ErrorEkf(vehicle, sensors_of(vehicle))
-    ekf.start(15.0)
+    ekf = FILTERS["error_ekf"].make(vehicle, sensors_of(vehicle))
+    ekf.start_rolling(15.0)
     for index, value in ((X, east), (Y, 0.0), (YAW, 0.0)):
-        ekf.place(index, value, 0.1)
+        ekf.set_element(index, value, 0.1)
     ekf.linearize()
     return ekf
 
@@ -114,8 +115,8 @@ def test_where_a_surveyed_road_begins_and_ends_the_estimated_slope_stays():
         road_bank={"profile": [(*place, 0.0, bank) for place, bank in zip(places, (0.05, 0.07, 0.02), strict=True)]},
         friction_change={"profile": [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.1) for x in range(-500, 800, 50)]},
     )
-    survey, ekf = Survey.of(vehicle, on_map), standing(vehicle, 0.0)
-    ekf.state[BANK] = 0.05
+    survey, ekf = RoadMap.of(vehicle, on_map), standing(vehicle, 0.0)
+    ekf.car.mean[BANK] = 0.05
     for east, expected in (
         (0.0, 0.05),
         (60.0, 0.05),
@@ -125,30 +126,30 @@ def test_where_a_surveyed_road_begins_and_ends_the_estimated_slope_stays():
         (230.0, 0.02),
         (400.0, 0.02),
     ):
-        ekf.place(X, east, 0.1)
+        ekf.set_element(X, east, 0.1)
         survey.follow(ekf)
-        assert ekf.state[BANK] == pytest.approx(expected, abs=1e-3), east
+        assert ekf.car.mean[BANK] == pytest.approx(expected, abs=1e-3), east
 
 
 def test_who_no_longer_knows_where_he_is_does_not_keep_the_grip_of_the_last_place():
     on_map = Map(ORIGIN)
     rows = [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.3) for x in (0.0, 50.0, 100.0)]
     vehicle = having(prototype(), friction_change={"relative": 0.1, "profile": rows})
-    survey, ekf = Survey.of(vehicle, on_map), standing(vehicle, 40.0)
+    survey, ekf = RoadMap.of(vehicle, on_map), standing(vehicle, 40.0)
     index = car_of(vehicle).parameter_names.index("effects.friction_change.relative")
     survey.follow(ekf)
-    assert ekf.parameters[index] == pytest.approx(-0.2, abs=1e-3)
-    before = ekf.udot.copy()
+    assert ekf.car.parameters[index] == pytest.approx(-0.2, abs=1e-3)
+    before = ekf.car.udot.copy()
     ekf.linearize()
-    assert np.array_equal(ekf.udot, before)
-    ekf.place(X, 60.0, 30.0)
+    assert np.array_equal(ekf.car.udot, before)
+    ekf.set_element(X, 60.0, 30.0)
     survey.follow(ekf)
-    assert ekf.parameters[index] == pytest.approx(0.1)
-    ekf.place(X, 60.0, 0.1)
+    assert ekf.car.parameters[index] == pytest.approx(0.1)
+    ekf.set_element(X, 60.0, 0.1)
     survey.follow(ekf)
-    assert ekf.parameters[index] == pytest.approx(-0.2, abs=1e-3)
-    ekf.start(10.0)
-    assert ekf.parameters[index] == pytest.approx(0.1)
+    assert ekf.car.parameters[index] == pytest.approx(-0.2, abs=1e-3)
+    ekf.start_rolling(10.0)
+    assert ekf.car.parameters[index] == pytest.approx(0.1)
 
 
 def test_what_the_observer_estimates_itself_is_left_alone():
@@ -157,30 +158,30 @@ def test_what_the_observer_estimates_itself_is_left_alone():
     vehicle = having(prototype(), friction_change={"relative": 0.1, "profile": rows})
     ekf, index = standing(vehicle, 20.0), car_of(vehicle).parameter_names.index(name)
     estimating = vehicle.observer.model_copy(update={"parameters": {name: None}})
-    Survey.of(vehicle.model_copy(update={"observer": estimating}), on_map).follow(ekf)
-    assert ekf.parameters[index] == pytest.approx(0.1)
+    RoadMap.of(vehicle.model_copy(update={"observer": estimating}), on_map).follow(ekf)
+    assert ekf.car.parameters[index] == pytest.approx(0.1)
 
 
 def test_a_file_without_profiles_has_no_survey():
-    assert Survey.of(having(prototype(), road_bank={"bank": 0.03}), Map(ORIGIN)) is None
+    assert RoadMap.of(having(prototype(), road_bank={"bank": 0.03}), Map(ORIGIN)) is None
 
 
 def test_who_does_not_know_where_the_car_is_does_not_look_up_its_road():
     known = having(prototype(), road_bank={"profile": [(*ORIGIN[:2], 0.0, 0.05)]})
-    assert Survey.of(known, Map(ORIGIN)) is not None
-    assert Survey.of(without(known, "gnss_position"), Map(ORIGIN)) is None
+    assert RoadMap.of(known, Map(ORIGIN)) is not None
+    assert RoadMap.of(without(known, "gnss_position"), Map(ORIGIN)) is None
 
 
 def test_grip_at_one_place_is_that_of_the_place_alone():
     vehicle = having(prototype(), friction_change={"profile": [(*ORIGIN[:2], 0.0, -0.3)]})
-    survey = Survey.of(vehicle, Map(ORIGIN))
+    survey = RoadMap.of(vehicle, Map(ORIGIN))
     here = survey.at(0.0, 0.0, 0.0)
     assert here.sizes == {"effects.friction_change.relative": pytest.approx(-0.3, abs=1e-3)}
     assert not here.slopes.any()
     assert not here.known.any()
     for elsewhere in (survey.at(0.0, 0.0, np.pi), survey.at(500.0, 0.0, 0.0)):
         assert elsewhere.sizes == {"effects.friction_change.relative": 0.0}
-    assert Survey.of(vehicle, Map(None)).at(0.0, 0.0, 0.0) is None
+    assert RoadMap.of(vehicle, Map(None)).at(0.0, 0.0, 0.0) is None
 
 
 @given(

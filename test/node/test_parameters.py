@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter
 
 from vsense_ros.errors import InputError
 from vsense_ros.node import gps_driver, observer, parameters
-from vsense_ros.node.document import NODES
+from vsense_ros.node.document import nodes
 
-MODELS = [model for _, model in NODES]
+MODELS = [model for _, model in list(nodes())]
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ def goes_on_as_it_did(spi: Spi, steps: int) -> None:
     def go_on() -> Array:
         for _ in range(steps):
             spi.linearize()
-            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
+            spi.correct("imu", np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
             spi.predict(0.004)
         return spi.memory.copy()
 

@@ -27,13 +27,14 @@ from drives import (
     messages,
     seconds,
 )
+from vsense_ros.estimation.health import Health
+from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import GnssPosition, Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.health import Health
-from vsense_ros.observer.reading import Event, Map, Reader
 
 NAMES = {topic: name for name, topic in SENSORS.items()}
 NAN, INFINITE, HUGE = np.nan, np.inf, 1e300
@@ -337,7 +338,7 @@ def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
 def test_a_filter_that_never_was_sane_starts_anew(observer: Observer, lane_change: Recording) -> None:
     stream = messages(lane_change)
     started = next(i for i, s in enumerate(stream) if feed(observer, [s]).started)
-    observer.filter.state[14] = 300.0
+    observer.filter.car.mean[14] = 300.0
     assert observer.estimate() == []
     assert not observer.started
     course = follow(observer, stream[started + 1 :], lane_change)

@@ -15,7 +15,8 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.full_car_ekf import LONGEST_STEP, FullCarEkf
+from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.full_car import LONGEST_STEP
 from vsense_ros.observer.full_car_spi import FullCarNumbers, FullCarSpi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_ukf import KAPPA
@@ -35,23 +36,24 @@ def estimating(vehicle: Vehicle, parameters: dict[str, dict[str, float]], kind: 
 
 def spi_of(vehicle: Vehicle, kind: str = "ekf", parameters: dict[str, dict[str, float]] = BOTH) -> FullCarSpi:
     declared = estimating(vehicle, parameters, kind)
-    return FullCarSpi(declared, sensors_of(declared))
+    made = FILTERS["full_spi"].make(declared, sensors_of(declared))
+    assert isinstance(made, FullCarSpi)
+    return made
 
 
 def cornering(spi: FullCarSpi) -> FullCarSpi:
     """A filter amid a turn, linearised there."""
-    spi.start(15.0)
+    spi.start_rolling(15.0)
     for _ in range(100):
         spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
         spi.predict(0.004)
-        spi.linearize()
     return spi
 
 
 def accelerations(spi: FullCarSpi, changes: dict[str, float], state: Array) -> Array:
     """Of a full car that was made with other parameters, in a state of the filter."""
-    plant = FullCarPlant(spi.vehicle.with_parameters(changes), LONGEST_STEP, spi.plant.car, spi.plant.rack)
-    plant.force[:] = spi.state[28:42]
+    plant = FullCarPlant(spi.car.vehicle.with_parameters(changes), LONGEST_STEP, spi.car.plant.car, spi.car.plant.rack)
+    plant.force[:] = spi.car.mean[28:42]
     plant.place(state[:14], state[14:28], spi.inputs)
     return plant.udot.copy()
 
@@ -66,7 +68,7 @@ def test_the_effect_of_parameters_is_the_difference_between_full_cars_made_with_
     spi.linearize()
     for i, (name, value) in enumerate(values.items()):
         step = 1e-3 * value
-        above, below = (accelerations(spi, {name: value + s * step}, spi.state) for s in (1, -1))
+        above, below = (accelerations(spi, {name: value + s * step}, spi.car.mean) for s in (1, -1))
         expected = (above - below) / (2 * step)
         found = spi._effect.results[0][:, i]
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
@@ -83,21 +85,20 @@ def test_the_sensitivity_of_the_state_is_what_another_parameter_makes_of_it(
     parameters = {name: {"deviation": 1e-3 * value}}
     one, other = (spi_of(car, kind, parameters) for car in (vehicle, vehicle.with_parameters({name: value + step})))
     for spi in (one, other):
-        spi.start(15.0)
+        spi.start_rolling(15.0)
         spi.linearize()
     for _ in range(40):
         for spi in (one, other):
             spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
             spi.predict(0.004)
-            spi.linearize()
-    difference = (other.state - one.state)[14:20] / step
+    difference = (other.car.mean - one.car.mean)[14:20] / step
     np.testing.assert_allclose(one.sensitivity[14:20, 0], difference, atol=0.1 * np.abs(difference).max())
 
 
 def test_the_cars_of_the_ukf_are_at_the_sigma_points_of_julier(vehicle: Vehicle) -> None:
     spi = cornering(spi_of(vehicle, "ukf"))
     points = JulierSigmaPoints(2, kappa=KAPPA).sigma_points(spi.values, spi.parameter_covariance)
-    moved = spi.state + (points - spi.values) @ spi.sensitivity.T
+    moved = spi.car.mean + (points - spi.values) @ spi.sensitivity.T
     for theta, state in zip(points, moved, strict=True):
         expected = accelerations(spi, dict(zip(BOTH, theta, strict=True)), state)
         distances = np.abs(spi._others - expected[:, None]).max(axis=0)
@@ -133,16 +134,15 @@ def test_a_file_value_at_its_bound_leaves_no_car_beyond_it(vehicle: Vehicle) -> 
 
 def test_without_uncertain_parameters_it_is_the_errorekf(vehicle: Vehicle) -> None:
     spi = spi_of(vehicle, "ekf", {MASS: {"deviation": 1e-6}})
-    alone = FullCarEkf(spi.vehicle, sensors_of(spi.vehicle))
+    alone = FILTERS["full_error_ekf"].make(spi.car.vehicle, sensors_of(spi.car.vehicle))
     for f in (spi, alone):
-        f.start(10.0)
+        f.start_rolling(10.0)
         f.linearize()
         for i in range(30):
             f.inputs[:] = 0.002 * i, 0.0, 0.0, 100.0, 100.0
             f.predict(0.004)
-            f.linearize()
-            f.correct(0, np.array([0.0, 0.0, 0.1, 0.3, 1.0, 9.8]), np.full(6, 1e-2), np.inf)
-    np.testing.assert_allclose(spi.state, alone.state, rtol=1e-5, atol=1e-5)
+            f.correct("imu", np.array([0.0, 0.0, 0.1, 0.3, 1.0, 9.8]), np.full(6, 1e-2), np.inf)
+    np.testing.assert_allclose(spi.car.mean, alone.car.mean, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
@@ -153,7 +153,7 @@ def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str
 def test_it_follows_a_drive_with_measurements_that_come_late_and_learns(
     vehicle: Vehicle, plant: Vehicle, lane_change: Recording
 ) -> None:
-    observer = Observer(estimating(vehicle, BOTH), lane_change.map_origin, FullCarSpi)
+    observer = Observer(estimating(vehicle, BOTH), lane_change.map_origin, FILTERS["full_spi"].make)
     feed(observer, messages(lane_change, until=5.0))
     value, deviation = observer.parameters()[FRICTION]
     assert deviation < 0.5 * BOTH[FRICTION]["deviation"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,73 +9,16 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from algebra import BIASES, N, WithFullMatrices, in_c, problem
 from vsense_ros import codegen
-from vsense_ros.observer.kalman import DYNAMIC, FORCE, SURROUND, CompiledKalman, Kalman, Linearization, Q, U, kalman
+from vsense_ros.observer.state import DYNAMIC, U
 
 Array = NDArray[np.float64]
-N = 52
-BIASES = slice(46, 52)
 SEEDS = range(5)
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")
 
 
-@dataclass
-class Problem:
-    """A random linear model of the car's structure, and a covariance."""
-
-    model: Linearization
-    by_angles: Array
-    by_velocity: Array
-    covariance: Array
-    random: np.random.Generator
-
-    def build(self, kind: Any = Kalman) -> Kalman:
-        arguments = (self.model, self.by_angles, self.by_velocity, self.covariance.copy())
-        if kind is Kalman:
-            return Kalman(*arguments)
-        made = kalman(*arguments)
-        assert isinstance(made, CompiledKalman)
-        return made
-
-    def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
-        """What a sensor's function returns: expectation and Jacobians."""
-        widths = (1, 14, 14, 14, 4)
-        parts = [np.asfortranarray(self.random.normal(size=(m, width))) for width in widths]
-        if not accelerations:
-            parts[3][:] = 0
-        return parts
-
-    def through(self) -> Array:
-        """Dense (14, n) Jacobian of the accelerations by the state."""
-        through = np.zeros((14, N))
-        through[:, DYNAMIC], through[:, U] = self.model.by_q, self.model.by_u
-        through[:, FORCE], through[:, SURROUND] = np.eye(14), self.model.by_surroundings
-        return through
-
-    def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
-        """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
-        _, by_q, by_u, by_udot, by_surroundings = sensed
-        h = np.zeros((len(by_q), N))
-        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
-        if accelerations:
-            h += by_udot @ self.through()
-        if biased:
-            h[:, BIASES] += np.eye(len(by_q))
-        return h
-
-
-def problem(seed: int) -> Problem:
-    random = np.random.default_rng(seed)
-    model = Linearization(*(np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (1, 7, 14, 4, 14)))
-    root = random.normal(size=(N, N)) * 10 ** random.uniform(-2, 1, N)[:, None]
-    covariance = root @ root.T + 1e-4 * np.eye(N)
-    covariance = 0.5 * (covariance + covariance.T)
-    by_angles = np.asfortranarray(random.normal(size=(6, 3)))
-    by_velocity = np.asfortranarray(random.normal(size=(6, 6)))
-    return Problem(model, by_angles, by_velocity, covariance, random)
-
-
-def dense_transition(k: Kalman, h: float, decay: Array) -> Array:
+def dense_transition(k: Any, h: float, decay: Array) -> Array:
     """(n, n) F from its blocks: velocities first, then coordinates that follow the *new* velocities."""
     f = np.eye(N)
     f[28:, 28:] = np.diag(decay)
@@ -100,7 +42,7 @@ def assert_close(a: Array, b: Array, tolerance: float = 1e-12) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
     p = problem(seed)
-    ours, compiled = p.build(), p.build(CompiledKalman)
+    ours, compiled = p.build(), p.build(in_c)
     decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
     sensed = p.sensed()
     value, variance = sensed[0][:, 0] + p.random.normal(size=6), p.random.uniform(0.1, 1, 6)
@@ -120,7 +62,7 @@ def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
     assert_close(compiled.covariance, ours.covariance)
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_innovation_is_told_component_by_component_given_those_before(kind: Any, seed: int) -> None:
     p = problem(seed)
@@ -145,7 +87,7 @@ def test_the_innovation_is_told_component_by_component_given_those_before(kind: 
     assert_close(factor @ factor.T, total, 1e-9)
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     p = problem(seed)
@@ -160,7 +102,7 @@ def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     assert np.array_equal(k.covariance, k.covariance.T)
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 @pytest.mark.parametrize("accelerations", [True, False])
 @pytest.mark.parametrize("biased", [True, False])
 @pytest.mark.parametrize("seed", SEEDS)
@@ -172,7 +114,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     value[4] = np.nan
     variance = p.random.uniform(0.1, 1, 6)
     where = BIASES if biased else slice(46, 46)
-    before = p.model.udot[:, 0].copy()
+    before = p.jacobians[0][:, 0].copy()
     nis = k.correct(sensed, accelerations, where, value, variance, 1.0, np.inf)
     present = np.isfinite(value)
     oracle = KalmanFilter(dim_x=N, dim_z=5)
@@ -183,12 +125,12 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     assert_close(k.error, oracle.x[:, 0], 1e-8)
     assert_close(k.covariance, oracle.P, 1e-9)
     assert_close(k.covariance, k.covariance.T, 1e-15)
-    assert_close(p.model.udot[:, 0], before + p.through() @ oracle.x[:, 0], 1e-8)
+    assert_close(p.jacobians[0][:, 0], before + p.through() @ oracle.x[:, 0], 1e-8)
     assert nis == pytest.approx(float(oracle.mahalanobis) ** 2, rel=1e-8)
     assert np.array_equal(k.covariance, k.covariance.T)
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 def test_a_measurement_beyond_the_gate_changes_nothing(kind: Any) -> None:
     p = problem(0)
     k = p.build(kind)
@@ -199,7 +141,7 @@ def test_a_measurement_beyond_the_gate_changes_nothing(kind: Any) -> None:
     assert not k.error.any()
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 def test_a_measurement_of_nothing_changes_nothing(kind: Any) -> None:
     p = problem(0)
     k = p.build(kind)
@@ -207,11 +149,11 @@ def test_a_measurement_of_nothing_changes_nothing(kind: Any) -> None:
     assert np.array_equal(k.covariance, p.covariance)
 
 
-@pytest.mark.parametrize("kind", [Kalman, pytest.param(CompiledKalman, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
 def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> None:
     """The model moves the state and the filter its errors; on a linear model that is one and the same filter."""
     p = problem(3)
-    for jacobian in (p.model.by_q, p.model.by_u, p.model.by_surroundings, p.model.by_q_rates):
+    for jacobian in p.jacobians[1:]:
         jacobian *= 0.05  # fifty steps must not explode
     p.by_velocity *= 0.1
     p.by_angles *= 0.1

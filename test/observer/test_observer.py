@@ -117,7 +117,7 @@ def test_gnss_that_comes_200_ms_late_gives_the_same_state(
         exact = settings(exact, parameters=mass, parameter_filter=parameter_filter)
     ordered, other = (observer_of(exact, lane_change) for _ in range(2))
     if way != "compiled":
-        other.filter._in_c = None
+        other.filter._operations = None
     for observer, arriving in ((ordered, in_time), (other, late)):
         feed(observer, arriving)
     assert other.health[other.names.index("velocity")].late > 20
@@ -140,7 +140,7 @@ def test_what_is_refused_among_what_is_done_again_is_treated_as_it_was(
 
     stream = [spoilt(s) for s in messages(lane_change, 5.0)]
     made = [observer_of(vehicle, lane_change) for _ in range(2)]
-    made[1].filter._in_c = None
+    made[1].filter._operations = None
     in_c, in_python = (feed(observer, stream) for observer in made)
     assert max(distance(in_c, in_python)) < 1e-9
     assert [vars(h) for h in in_c.health] == [

@@ -13,20 +13,20 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from algebra import N, problem
 from drives import feed, goes_on_as_it_did, messages
-from test_kalman import N, problem
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.car.steps import model_functions
+from vsense_ros.model.car.steps import model_functions, sensor_functions
 from vsense_ros.model.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.kalman import GAIN_COLUMNS, Kalman
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
 from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.state import GAIN_COLUMNS
 
 Array = NDArray[np.float64]
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
@@ -51,9 +51,9 @@ def spi_of(vehicle: Vehicle, kind: str = "ekf", parameters: dict[str, dict[str, 
 
 def cornering(spi: Spi) -> Spi:
     """A filter amid a turn, linearised there."""
-    spi.start(15.0)
-    spi.state[15], spi.state[19] = -0.3, 0.4
-    spi.state[6:10] = 0.012, -0.012, 0.01, -0.01
+    spi.start_rolling(15.0)
+    spi.car.mean[15], spi.car.mean[19] = -0.3, 0.4
+    spi.car.mean[6:10] = 0.012, -0.012, 0.01, -0.01
     spi.inputs[:] = 0.06, 0.0, 0.0, 150.0, 150.0
     spi.linearize()
     return spi
@@ -73,7 +73,7 @@ class TestLinearCase:
         predict, seen, learn = functions
         p = problem(seed)
         random, h, decay, noise = p.random, 0.01, np.full(N - 28, 0.97), np.full(N - 28, 1e-3)
-        kalman = p.build(Kalman)
+        kalman = p.build()
         effect = random.normal(size=(14, 2))
         theta, m = random.normal(size=2), np.diag([2.0, 0.5])
         s, information = np.zeros((N, 2)), np.zeros((2, 2))
@@ -82,7 +82,7 @@ class TestLinearCase:
         spread[:N, :N], spread[N:, N:] = kalman.covariance, m
         kalman.transition(h)
         f = joint_transition(kalman, h, decay, effect)
-        model = [kalman.model.udot, kalman.model.by_q, kalman.model.by_u, kalman.model.by_surroundings]
+        model = [kalman.model.udot, kalman.model.by_q, kalman.model.by_u, kalman.model.by_disturbances]
         unused = [np.zeros(k) for k in (14, 14, 14, 4, 5, int(seen.size1_in(5)))]
         for _ in range(4):
             state = f[:N] @ np.append(state, theta)
@@ -138,13 +138,12 @@ class TestLinearCase:
         prior = np.linalg.inv(spi.parameter_covariance)
         for _ in range(50):
             spi.predict(0.004)
-            spi.linearize()
-            spi.correct(0, np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
+            spi.correct("imu", np.array([0.0, 0.0, 0.4, 0.3, 5.0, 9.8]), np.full(6, 1e-2), np.inf)
         gained = np.linalg.inv(spi.parameter_covariance) - prior
         np.testing.assert_allclose(spi.information, gained, rtol=1e-6)
 
 
-def joint_transition(kalman: Kalman, h: float, decay: Array, effect: Array) -> Array:
+def joint_transition(kalman: Any, h: float, decay: Array, effect: Array) -> Array:
     """(n + 2, n + 2) transition of state and parameters, from the blocks that the errorEKF has."""
     f = np.eye(N + 2)
     f[14:28, :] = 0.0
@@ -167,7 +166,7 @@ def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehi
     values = {name: vehicle.values()[name] for name in FIVE}
     spi = cornering(spi_of(vehicle, kind, {name: {"deviation": 1e-3 * value} for name, value in values.items()}))
     accelerations = model_functions(car_of(vehicle))["dynamics"]
-    q, u, force, around = (spi.state[s] for s in (slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)))
+    q, u, force, around = (spi.car.mean[s] for s in (slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)))
 
     def at(name: str, changed: float) -> Array:
         parameters = vehicle.with_parameters({name: changed}).parameter_vector()
@@ -193,15 +192,12 @@ def test_the_sensitivity_of_the_state_is_what_another_parameter_makes_of_it(
     for _ in range(20):
         for spi in (one, other):
             spi.predict(0.004)
-            spi.linearize()
-    for index in (0, 1):
-        sense = one._sense[index]
-        assert sense is not None
-        sense.call()
-        measured = sense.results[0][:, 0].copy()
+    for sensor in ("imu", "wheel_speeds"):
+        variance = one.car.sensor_list[one.sensors.index(sensor)].deviations() ** 2
+        measured = -one.car.sense(sensor, np.zeros(len(variance)))[0]
         for spi in (one, other):
-            spi.correct(index, measured, spi.sensors[index].deviations() ** 2, np.inf)
-    difference = (other.state - one.state)[14:20] / step
+            spi.correct(sensor, measured, variance, np.inf)
+    difference = (other.car.mean - one.car.mean)[14:20] / step
     np.testing.assert_allclose(one.sensitivity[14:20, 0], difference, atol=0.03 * np.abs(difference).max())
 
 
@@ -224,15 +220,13 @@ def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Veh
     car = car_of(vehicle)
     dynamics = model_functions(car)["dynamics"]
     columns = [car.parameter_names.index(name) for name in (MASS, FRICTION)]
-    state = spi.state.copy()
-    sense = spi._sense[0]
-    assert sense is not None
+    state = spi.car.mean.copy()
+    function = sensor_functions(car, spi.car.sensor_list)["imu"]
 
     def measured(theta: Array) -> Array:
         parameters = vehicle.parameter_vector()
         parameters[columns] = theta
         udot = dynamics(state[:14], state[14:28], state[28:42], state[42:46], spi.inputs, parameters, NO_EFFECTS)[0]
-        function = sense._keep[0]
         mounting = vehicle.sensors["imu"].mounting()
         return np.array(function(state[:14], state[14:28], udot, state[42:46], spi.inputs, np.zeros(6), mounting)[0])[
             :, 0
@@ -243,7 +237,7 @@ def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Veh
     oracle.x, oracle.P, oracle.R, oracle.Q = start, prior.copy(), np.diag(variance), np.zeros((2, 2))
     oracle.predict()
     oracle.update(value)
-    spi.correct(0, value, variance, np.inf)
+    spi.correct("imu", value, variance, np.inf)
     np.testing.assert_allclose(spi.values, oracle.x, rtol=1e-9)
     np.testing.assert_allclose(spi.parameter_covariance, oracle.P, rtol=1e-6)
 
@@ -254,17 +248,16 @@ def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> Non
     for sign in (1, -1):
         for _ in range(200):
             spi.predict(0.004)
-            spi.linearize()
-            spi.correct(0, np.array([0.0, 0.0, 0.4, sign * 3.0, 5.0, 9.8]), np.full(6, 1e-3), np.inf)
+            spi.correct("imu", np.array([0.0, 0.0, 0.4, sign * 3.0, 5.0, 9.8]), np.full(6, 1e-3), np.inf)
             assert 690.0 <= spi.values[0] <= 710.0
-            assert spi.parameters[spi._columns][0] == spi.values[0]
+            assert spi.car.parameters[spi._columns][0] == spi.values[0]
 
 
 def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
     observer = Observer(estimating(vehicle, {MASS: {"deviation": 10.0, "upper": 710.0}}))
     spi = observer.filter
     assert isinstance(spi, Spi)
-    spi.start(10.0)
+    spi.start_rolling(10.0)
 
     def said() -> tuple[str, str]:
         diagnostic = next(d for d in observer.diagnostics() if d.name == "parameters")

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).parents[2]
-NODES = ("can_driver", "imu_driver", "gps_driver", "observer", "replay", "recorder")
+NODES = sorted(path.stem for path in (ROOT / "vsense_ros" / "node").glob("*.py") if "\ndef main(" in path.read_text())
 
 
 def manifest() -> ElementTree.Element:
@@ -68,6 +68,10 @@ def test_every_command_of_the_package_leads_to_a_function(name: str) -> None:
     assert callable(command.load())
 
 
+def test_the_nodes_of_a_drive_are_among_those_that_become_executables() -> None:
+    assert {"can_driver", "imu_driver", "gps_driver", "observer", "replay", "recorder"} <= set(NODES)
+
+
 def test_the_core_imports_without_ros() -> None:
     """Nothing outside `node/` may name a ROS package, except to find out whether there is one."""
     ros = {"rclpy", "sensor_msgs", "geometry_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces"}
@@ -120,9 +124,9 @@ def launch_stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("name", ["replay", "vehicle"])
 def test_launch_files_start_nodes_with_parameters_that_these_have(name: str) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
-    from vsense_ros.node.document import NODES as DOCUMENTED
+    from vsense_ros.node.document import parameter_models
 
-    models = {module.__name__.rpartition(".")[2]: model for module, model in DOCUMENTED}
+    models = parameter_models()
     source = (ROOT / "launch" / f"{name}.launch.py").read_text(encoding="utf-8")
     scope: dict[str, object] = {}
     exec(compile(source, f"{name}.launch.py", "exec"), scope)

@@ -1,4 +1,4 @@
-"""Recordings in and out: MCAP bags, importers, public datasets, inspection."""
+"""Recordings in and out: MCAP bags, importers, public datasets."""
 
 from vsense_ros.bag.mcap import BagWriter, read_bag, write_bag
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from vsense_ros.estimation.filter import Array, Given, Measured, Step
+from vsense_ros.estimation.filter import Array, Gaussian, Given, Measured, Step
 
 
 class Linearised(Protocol):
@@ -21,6 +21,9 @@ class Linearised(Protocol):
     mean: Array
     covariance: Array
     inputs: Array
+
+    def start(self, belief: Gaussian) -> None:
+        """Begin anew at a mean and a covariance."""
 
     def linearize(self) -> None:
         """At the present mean."""

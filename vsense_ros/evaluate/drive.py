@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vsense_ros.bag.inspect import TopicInfo, inspect
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
 from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.inspect import TopicInfo, inspect
 from vsense_ros.messages.recording import Recording
 
 

@@ -1,8 +1,8 @@
-"""What a person at a terminal sees: progress bars, tables of scores and of sensors."""
+"""What a person at a terminal sees: progress bars and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from math import isnan
@@ -12,10 +12,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from vsense_ros.bag.inspect import Inspection
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.report import named, score_cells
 from vsense_ros.evaluate.signals import SIGNALS
+from vsense_ros.messages.inspect import Inspection
 
 PIPE_WIDTH = 110  # of lines that go into a file or a pipe
 
@@ -29,6 +29,14 @@ def console(*, stderr: bool = False) -> Console:
 def say(text: str) -> None:
     """Print a sentence in one line, whatever brackets its paths and names have."""
     console().print(text, soft_wrap=True, markup=False)
+
+
+def plain_table(*headings: str, right: Collection[str] = ()) -> Table:
+    """A table without lines; the columns named in `right` hold numbers and end at their right edge."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2))
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading in right else "left")
+    return table
 
 
 @contextmanager

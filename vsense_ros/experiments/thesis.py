@@ -12,6 +12,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,20 +27,17 @@ from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import EPOCH, record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.coordinates import YAW, X, Y
 from vsense_ros.model.observer_settings import EstimatedParameter, ForceErrors, Surroundings
-from vsense_ros.model.sensors import Imu, WheelTorques
+from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.dekf import Dekf
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.full_car_ekf import FullCarEkf
-from vsense_ros.observer.full_car_spi import FullCarSpi
+from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.run import as_recording
-from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.ukf import Ukf
+from vsense_ros.observer.state import Prior
 
 Array = NDArray[np.float64]
 
@@ -67,7 +65,7 @@ class Kind:
     """One observer of the comparison."""
 
     name: str
-    filter: type[ErrorEkf]
+    filter: str  # of `observer.catalogue`
     parameter_filter: str | None = None  # None: it estimates no parameters
     reference: bool = False  # here for comparison alone: the first step only, and not in the file
     full: bool = False  # its model is the full car
@@ -79,14 +77,14 @@ class Kind:
 
 
 KINDS = (
-    Kind("errorEKF", ErrorEkf),
-    Kind("SPI_UKF", Spi, "ukf"),
-    Kind("SPI_EKF", Spi, "ekf"),
-    Kind("DEKF", Dekf, reference=True),
-    Kind("UKF", Ukf, reference=True),
-    Kind("full_errorEKF", FullCarEkf, full=True),
-    Kind("full_SPI_UKF", FullCarSpi, "ukf", full=True),
-    Kind("full_SPI_EKF", FullCarSpi, "ekf", full=True),
+    Kind("errorEKF", "error_ekf"),
+    Kind("SPI_UKF", "spi", "ukf"),
+    Kind("SPI_EKF", "spi", "ekf"),
+    Kind("DEKF", "dekf", reference=True),
+    Kind("UKF", "ukf", reference=True),
+    Kind("full_errorEKF", "full_error_ekf", full=True),
+    Kind("full_SPI_UKF", "full_spi", "ukf", full=True),
+    Kind("full_SPI_EKF", "full_spi", "ekf", full=True),
 )
 _FULL = {kind.name for kind in KINDS if kind.full}
 
@@ -162,8 +160,7 @@ def observe(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> tu
 
     Waiting for a busy processor does not count.
     """
-    observer = Observer(vehicle, recording.map_origin, kind.filter)
-    observer.filter.prior.deviation[[X, Y, YAW]] = 1e-6  # as in the slides, it knows where it starts
+    observer = Observer(vehicle, recording.map_origin, partial(_placed, kind.filter))
     topics = tuple(t for t in observer.topics if t in recording)
     estimates, last = [], 0
     spent: dict[int, float] = {}
@@ -177,6 +174,11 @@ def observe(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> tu
             last = observer.stamp
     output = as_recording(estimates, recording.name, recording.metadata)
     return observer, output, 1e6 * np.array(list(spent.values()))
+
+
+def _placed(name: str, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> CarFilter:
+    """A filter that knows where it starts, as in the slides."""
+    return FILTERS[name].make(vehicle, sensors, Prior.of(vehicle, sensors).placed())
 
 
 def repeat(
@@ -209,8 +211,8 @@ def repeat(
                     observer, output, spent = observe(recording, vehicle, kind, step)
                     times.append(spent)
                     parameters = parameters or observer.parameters()
-                    if isinstance(observer.filter, FullCarEkf):
-                        iterations = observer.filter.plant.integrator.iterations
+                    if isinstance(observer.car, FullCarBlocks):
+                        iterations = observer.car.plant.integrator.iterations
                     estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
                     for row in ROWS:
                         aligned = align(estimates[row.signal], truths[row.signal])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen.c99 import c_function, number, wrapped
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
@@ -23,13 +24,13 @@ from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import SURVEYED, Layout, Prior, layout, rolling_state
-from vsense_ros.observer.kalman import SURROUND, U
+from vsense_ros.observer.car_blocks import SURVEYED
+from vsense_ros.observer.catalogue import spi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
-from vsense_ros.observer.reading import Map
-from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, Survey, places, slope_by_size
-from vsense_ros.observer.spi import FILTERS, Spi
+from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
+from vsense_ros.observer.spi import FILTERS
+from vsense_ros.observer.state import SLOPES, Layout, Prior, U, layout, rolling_state
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ class Observer:
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"{vehicle.name}: sensors {', '.join(twice)} have the same name in C; rename one")
         if vehicle.observer.parameters:
-            Spi(vehicle, sensors)  # refuses what cannot be estimated
+            spi(vehicle, sensors)  # refuses what cannot be estimated
         return cls(vehicle, sensors)
 
     @property
@@ -128,7 +129,7 @@ class Observer:
     @property
     def profiles(self) -> tuple[RoadEffect, ...]:
         """Effects of which the vehicle file tells what they are from place to place, where a sensor tells the place."""
-        if Survey.of(self.vehicle, Map(None)) is None:
+        if RoadMap.of(self.vehicle, Map(None)) is None:
             return ()
         present = self.vehicle.physics.effects.present()
         return tuple(effect for effect in present if isinstance(effect, RoadEffect) and effect.profile)
@@ -139,7 +140,7 @@ class Observer:
         return (*self.profiles[0].profile[0][:2], 0.0) if self.profiles else None
 
     def fields(self) -> dict[str, int]:
-        """Arrays of the struct and their lengths, in order: at first the memory of the `ErrorEkf` or the `Spi`."""
+        """Arrays of the struct and their lengths, in order, at first that of `CarBlocks` and of an SPI."""
         car, size, count = car_of(self.vehicle), layout(self.sensors).size, len(self.estimated)
         learned = {
             "estimates": count,
@@ -250,7 +251,7 @@ class _Contents:
         prior = Prior.of(self.vehicle, self.observer.sensors)
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
-        tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.usual[U.stop :]]
+        tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -276,7 +277,7 @@ class _Contents:
             "start_variance": _table(prior.deviation**2),
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
-            "usual": _table(prior.usual[U.stop :]),
+            "usual": _table(prior.reversion_mean[U.stop :]),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
             "example_step": number(_EXAMPLE_STEP),
@@ -306,7 +307,7 @@ class _Contents:
         return {
             "origin": [number(value) for value in origin],
             "profiles": profiles,
-            "slopes": [number(float(slope)) for slope in prior.usual[SURROUND][:2]],
+            "slopes": [number(float(slope)) for slope in prior.reversion_mean[SLOPES]],
             "look_every": number(LOOK_EVERY),
             "placed": number(PLACED**2),
             "near": number(NEAR),

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import platform
 import re
 import subprocess
 import tempfile
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +18,20 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Gaussian, Innovation
 from vsense_ros.export import c
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import FORCE
-from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.spi import FILTERS, Spi, numbers_kept
+from vsense_ros.observer.state import FORCE, Prior, layout
 
 Array = NDArray[np.float64]
 
 FLAGS = ("-O3", "-std=c99", "-Wall", "-Wextra", "-pedantic")
-_KEPT = 2000  # copies of the struct, for late measurements
 
 
 @dataclass
@@ -43,7 +44,7 @@ class Difference:
     outputs: float = 0.0  # of accelerations, and of forces and slips of the wheels, relative to the largest of its kind
     predictions: int = 0
     corrections: int = 0
-    returns: int = 0  # to a copy, for a late measurement
+    returns: int = 0  # of late measurements, for which both go back
     surveyed: int = 0  # looks at the road that the vehicle file knows
     placed: int = 0  # how often C was given Python's state: at start, and where the heading was first taken
 
@@ -78,12 +79,12 @@ def build(folder: Path, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
 
 
 class Exported:
-    """The exported observer, called from Python."""
+    """The exported observer, called from Python. `memory` is its struct, if it has a place already."""
 
-    def __init__(self, vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    def __init__(self, vehicle: Vehicle, library: ctypes.CDLL, memory: Array | None = None) -> None:
         exported = c.Observer.of(vehicle)
         fields = exported.fields()
-        self.memory = np.zeros(sum(fields.values()))
+        self.memory = np.zeros(sum(fields.values())) if memory is None else memory
         ends = np.cumsum(list(fields.values())).tolist()
         self.parts = dict(zip(fields, np.split(self.memory, ends[:-1]), strict=True))
         self._library, self._struct = library, self.memory.ctypes.data_as(ctypes.c_void_p)
@@ -94,12 +95,10 @@ class Exported:
         self._predict = self._function("predict", ctypes.c_int, [address, number])
         self._present = self._function("present", None, [address] * 3)
         self._survey = self._function("survey", ctypes.c_int, [address]) if exported.map_origin is not None else None
-        self._correct = [
-            None
-            if sensor.is_input
-            else self._function(f"correct_{c.identifier(name)}", number, [address] * 3 + [number] * 2)
-            for name, sensor in exported.sensors.items()
-        ]
+        self._correct = {
+            name: self._function(f"correct_{c.identifier(name)}", number, [address] * 3 + [number] * 2)
+            for name in exported.correcting
+        }
         self.start(0.0)
 
     def _function(self, name: str, result: Any, arguments: list[Any]) -> Any:
@@ -113,8 +112,8 @@ class Exported:
         size = len(self.parts["state"])
         return self.parts["covariance"].reshape(size, size)
 
-    def estimated(self) -> tuple[Array, Array]:
-        """State and parameters, and the covariance of their errors, as `ErrorEkf.estimated`."""
+    def belief(self) -> tuple[Array, Array]:
+        """State and parameters, and the covariance of their errors, as `Filter.belief`."""
         state = self.parts["state"]
         if "estimates" not in self.parts:
             return state, self.covariance
@@ -136,9 +135,8 @@ class Exported:
     def predict(self, h: float) -> bool:
         return bool(self._predict(self._struct, h))
 
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        call = self._correct[index]
-        assert call is not None, "inputs have no innovation"
+    def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
+        call = self._correct[sensor]
         value, variance = (np.ascontiguousarray(a, dtype=float) for a in (value, variance))
         return float(call(self._struct, value.ctypes.data, variance.ctypes.data, limit, scale))
 
@@ -152,103 +150,124 @@ class Exported:
         return acceleration, wheels
 
 
-class _Twin(ErrorEkf):
+class _Twin(CarFilter):
     """A filter whose every call is made to the exported one as well, and the results compared.
 
-    What else changes the filter's memory is found out before each call: inputs are copied; a memory that was there
-    before, which is put back for a late measurement, is put back on the other side too; anything else, at start and
-    where the heading is taken from the course, is copied as it is.
+    The struct of the exported one stands in the memory of the filter's car, so that both go back together for a late
+    measurement. What is written into the mean directly, at the start and where the car stands, is copied.
     """
 
-    other: Exported
-    difference: Difference
-    _surveyed_there = False
+    def __init__(self, own: ErrorEkf | Spi, other: Exported, difference: Difference, mean: Array) -> None:
+        self.own, self.other, self.difference, self._mean_there = own, other, difference, mean
+        self.car, self.memory, self.inputs = own.car, own.memory, own.inputs
+        self.names, self.sensors = own.names, own.sensors
 
-    def join(self, other: Exported, difference: Difference) -> None:
-        self.other, self.difference = other, difference
-        self._known: OrderedDict[bytes, Array] = OrderedDict()
-        self._after: bytes | None = None
+    def start(self, belief: Gaussian) -> None:
+        self.own.start(belief)
+        self._copy()
 
-    def _key(self) -> bytes:
-        """Of all memory but the inputs."""
-        hashed = hashlib.blake2b(self.state.tobytes(), digest_size=16)
-        hashed.update(self.memory[len(self.state) + len(self.inputs) :].tobytes())
-        return hashed.digest()
+    def _copy(self) -> None:
+        """Give the exported one all that this one has."""
+        car, parts = self.car, self.other.parts
+        kept = numbers_kept(len(car.mean), len(self.names) - len(car.names))
+        common = car.mean.size + car.inputs.size + car.covariance.size + car.effects.size + car.linearization.size
+        common += car.parameters.size + kept
+        self.other.memory[:common] = self.memory[:common]
+        parts["usual"][:] = car.reversion_mean
+        if "surveyed" in parts:
+            parts["surveyed"][:] = car.surveyed
+        self.difference.placed += 1
+        self._mean_there[:] = car.mean
 
     def _follow(self) -> None:
-        key = self._key()
-        if key != self._after:
-            kept = self._known.get(key)
-            if kept is None:
-                common = len(self.memory) - (0 if "surveyed" in self.other.parts else len(self.surveyed))
-                self.other.memory[:common] = self.memory[:common]
-                self.difference.placed += 1
-            else:
-                self.other.memory[:] = kept
-                self.difference.returns += 1
+        if not np.array_equal(self._mean_there, self.car.mean):
+            self._copy()
         self.other.parts["inputs"][:] = self.inputs
 
     def _compare(self) -> None:
-        difference, (state, covariance) = self.difference, self.estimated()
-        their_state, their_covariance = self.other.estimated()
+        difference, (state, covariance) = self.difference, self.own.belief()
+        their_state, their_covariance = self.other.belief()
         size, deviation = np.abs(state), np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         size[FORCE] = size[FORCE].max()
         apart = _relative(their_state, state, np.maximum(1.0, size))
         difference.state = max(difference.state, apart)
         apart = _relative(their_covariance, covariance, np.outer(deviation, deviation))
         difference.covariance = max(difference.covariance, apart)
-        self._after = self._key()
-        self._known[self._after] = self.other.memory.copy()
-        if len(self._known) > _KEPT:
-            self._known.popitem(last=False)
-
-    def slope_usually(self, slopes: Array, along: Array) -> None:
-        """The road was looked up, at the end of which is a linearization: C does all of that here."""
-        self._follow()
-        self._surveyed_there = self.other.survey()
-        self.difference.surveyed += 1
-        super().slope_usually(slopes, along)
+        self._mean_there[:] = self.car.mean
 
     def linearize(self) -> None:
-        surveyed, self._surveyed_there = self._surveyed_there, False
-        if not surveyed:
+        parts = self.other.parts
+        if "surveyed" in parts and not np.array_equal(parts["surveyed"], self.car.surveyed):
+            self.other.survey()  # the road was looked up, at the end of which is a linearisation
+            self.difference.surveyed += 1
+            self.own.linearize()
+        else:
             self._follow()
-        super().linearize()
-        if not surveyed:
+            self.own.linearize()
             self.other.linearize()
         self._compare()
 
     def predict(self, h: float) -> None:
         self._follow()
-        super().predict(h)
+        self.own.predict(h)
         self.other.predict(h)
+        self.other.linearize()
         self.difference.predictions += 1
         self._compare()
 
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
         self._follow()
-        nis = super().correct(index, value, variance, limit, scale)
-        theirs = self.other.correct(index, value, variance, limit, scale)
+        innovation = self.own.correct(sensor, value, variance, limit, scale)
+        theirs = self.other.correct(sensor, value, variance, limit, scale)
         self.difference.corrections += 1
-        self.difference.innovation = max(self.difference.innovation, _relative(np.array(theirs), np.array(nis)))
+        apart = _relative(np.array(theirs), np.array(innovation.nis))
+        self.difference.innovation = max(self.difference.innovation, apart)
         self._compare()
-        return nis
+        return innovation
 
-    def present(self) -> tuple[Array, Array]:
+    def set_element(self, index: int, value: float, deviation: float) -> None:
         self._follow()
-        accelerations, wheels = super().present()
+        self.own.set_element(index, value, deviation)
+        self.other.place(index, value, deviation)
+        self._mean_there[:] = self.car.mean
+
+    def belief(self) -> Gaussian:
+        return self.own.belief()
+
+    def is_valid(self) -> bool:
+        return self.own.is_valid()
+
+    def inflate(self) -> None:
+        self.own.inflate()
+        self._copy()
+
+    def compare_outputs(self) -> None:
+        """Accelerations, forces and slips at the present state."""
+        self._follow()
+        accelerations, wheels = self.car.present()
         others, their_wheels = self.other.present()
         largest = np.maximum(np.abs(wheels).max(axis=1, keepdims=True), 1.0)
         apart = max(_relative(others, accelerations), _relative(their_wheels, wheels, largest))
         self.difference.outputs = max(self.difference.outputs, apart)
-        return accelerations, wheels
 
 
-class _SpiTwin(_Twin, Spi):
-    """The same for the SPI."""
-
-    def _refuse_what_cannot_be_told(self) -> None:
-        """Has been done by what was exported."""
+def _twin(
+    library: ctypes.CDLL,
+    difference: Difference,
+    vehicle: Vehicle,
+    sensors: dict[str, SensorBase],
+    prior: Prior | None = None,
+) -> _Twin:
+    """The filter of a vehicle and the exported one, in one memory."""
+    size, count = layout(sensors).size, len(vehicle.observer.parameters)
+    struct = sum(c.Observer.of(vehicle).fields().values())
+    kept = numbers_kept(size, count)
+    car = CarBlocks(vehicle, sensors, extra=kept + struct + size, prior=prior)
+    own = Spi(car, FILTERS[vehicle.observer.parameter_filter]) if count else ErrorEkf(car)
+    theirs, mean = car.extra[kept : kept + struct], car.extra[kept + struct :]
+    return _Twin(own, Exported(vehicle, library, theirs), difference, mean)
 
 
 def _relative(found: Array, expected: Array, unit: Array | None = None) -> float:
@@ -264,21 +283,22 @@ def compare(
     progress: Callable[[float], None] | None = None,
 ) -> Difference:
     """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
-    kind = _SpiTwin if vehicle.observer.parameters else _Twin
-    origin = c.Observer.of(vehicle).map_origin or recording.map_origin
-    observer, difference = Observer(vehicle, origin, kind), Difference()
-    assert isinstance(observer.filter, _Twin)
-    observer.filter.join(Exported(vehicle, library), difference)
+    origin, difference = c.Observer.of(vehicle).map_origin or recording.map_origin, Difference()
+    observer = Observer(vehicle, origin, partial(_twin, library, difference))
+    twin = observer.filter
+    assert isinstance(twin, _Twin)
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total = sum(len(recording[topic]) for topic in topics)
     for i, sample in enumerate(recording.samples(topics)):
         observer.add(sample)
         if observer.started and i % 100 == 0:
             observer.snapshot()
+            twin.compare_outputs()
             if progress is not None:
                 progress(i / total)
     if not observer.started:
         raise InputError(f"{recording.name or 'recording'}: the observer never started, there is nothing to compare")
+    difference.returns = sum(health.late for health in observer.health)
     return difference
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from vsense_ros.bag.inspect import doubts
+from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength

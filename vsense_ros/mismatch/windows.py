@@ -15,12 +15,12 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ALONG, Road, points
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.reading import Map, Reader
 
 Array = NDArray[np.float64]
 

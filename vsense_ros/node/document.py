@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import iter_modules
 from types import ModuleType
 
-from vsense_ros.node import can_driver, gps_driver, imu_driver, observer, parameters, recorder, replay
+from vsense_ros import node
+from vsense_ros.node import parameters
+from vsense_ros.node.parameters import NodeParameters
 
-NODES: tuple[tuple[ModuleType, type[parameters.NodeParameters]], ...] = (
-    (can_driver, can_driver.CanDriverParameters),
-    (imu_driver, imu_driver.ImuDriverParameters),
-    (gps_driver, gps_driver.GpsDriverParameters),
-    (observer, observer.ObserverParameters),
-    (replay, replay.ReplayParameters),
-    (recorder, recorder.RecorderParameters),
-)
+
+def nodes() -> Iterator[tuple[ModuleType, type[NodeParameters]]]:
+    """The modules that a process begins with, which have a function `main`, and the parameters that they define."""
+    for found in iter_modules(node.__path__):
+        module = import_module(f"{node.__name__}.{found.name}")
+        if not hasattr(module, "main"):
+            continue
+        (model,) = (
+            value
+            for value in vars(module).values()
+            if isinstance(value, type) and issubclass(value, NodeParameters) and value.__module__ == module.__name__
+        )
+        yield module, model
+
+
+def parameter_models() -> dict[str, type[NodeParameters]]:
+    """The parameters of each node, by its name."""
+    return {module.__name__.rpartition(".")[2]: model for module, model in nodes()}
+
 
 _INTRODUCTION = """\
 # Nodes
@@ -32,7 +48,7 @@ This page is made from the nodes' parameter models by `python -m vsense_ros.node
 def page() -> str:
     """The page in Markdown."""
     parts = [_INTRODUCTION]
-    for module, model in NODES:
+    for module, model in nodes():
         name = module.__name__.rpartition(".")[2]
         parts.append(f"\n## {name}\n\n{(module.__doc__ or '').strip()}\n\n{parameters.markdown_table(model)}")
     return "".join(parts)

@@ -1,4 +1,4 @@
-"""Operations of `ErrorEkf`, and whole stretches of them, as one call of C each (step.c): no Python in between."""
+"""Operations on `CarBlocks`, and whole stretches of them, as one call of C each (step.c): no Python in between."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.codegen import Entry, Kernel
+from vsense_ros.estimation.filter import Kept
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.kalman import CompiledKalman, Kalman, ModelStructure, SensedStructure
+from vsense_ros.observer.kalman import CompiledKalman, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]
 
@@ -59,13 +60,6 @@ class _Sensor(ctypes.Structure):
     ]
 
 
-class Backup(NamedTuple):
-    """A place where a filter's memory is kept, and the address of that."""
-
-    memory: Array
-    address: int
-
-
 class Process(NamedTuple):
     """Decay and added variance of the states behind the velocities (n - 28) within some time, and where they stand."""
 
@@ -82,7 +76,7 @@ class Replayed(NamedTuple):
     """
 
     sensor: int
-    inputs: slice | None  # that it sets
+    first_input: int | None  # of those that it sets
     value: Array
     variance: Array
     limit: float
@@ -116,6 +110,8 @@ class CompiledStep:
         library, integer = kalman.library, ctypes.c_int
         self._predict, self._measure = library.vsense_predict, library.vsense_measure
         self._move, self._replay = library.vsense_move, library.vsense_replay
+        self._linearize = library.vsense_linearize
+        self._linearize.argtypes, self._linearize.restype = [_ADDRESS], None
         self._predict.argtypes = [_ADDRESS, _NUMBER, _ADDRESS, _ADDRESS]
         self._measure.argtypes = [*[_ADDRESS] * 4, _NUMBER, _NUMBER]
         self._measure.restype = _NUMBER
@@ -131,15 +127,13 @@ class CompiledStep:
     @classmethod
     def of(
         cls,
-        kalman: Kalman,
+        kalman: CompiledKalman,
         kernels: Mapping[str, Kernel | None],
         arrays: Mapping[str, Array],
         sensors: Sequence[tuple[Kernel | None, bool, slice]],
     ) -> CompiledStep | None:
         """`kernels` and `arrays` as in `struct filter`; `sensors` have a kernel (None for inputs), use of
         accelerations, and biases. None if any of it is not compiled."""
-        if not isinstance(kalman, CompiledKalman):
-            return None
         entries = {name: kernel.entry() for name, kernel in kernels.items() if kernel is not None}
         bound: list[_Sensor | None] = []
         for i, (kernel, uses_acceleration, biases) in enumerate(sensors):
@@ -194,27 +188,31 @@ class CompiledStep:
         filter.learning = ctypes.addressof(made)
         return True
 
+    def linearize(self) -> None:
+        """At the present state."""
+        self._linearize(self._filter)
+
     def predict(self, h: float, process: Process) -> None:
-        """As `ErrorEkf.predict`."""
+        """One step of `h` [s], from the last linearisation."""
         if not self._predict(self._filter, h, process.decay_address, process.noise_address):
             raise FloatingPointError("the model's Jacobian is singular")
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float) -> float:
-        """As `ErrorEkf.correct`."""
+        """As `Operations.correct`."""
         self._kalman.measured(value, variance)
         return self._measure(self._filter, self._sensors[index], self._value, self._variance, limit, scale)
 
-    def move(self, kept: Backup, steps: int, h: float, process: Process) -> bool:
-        """As `ErrorEkf.move`."""
+    def move(self, kept: Kept, steps: int, h: float, process: Process) -> bool:
+        """As `Operations.advance`, in steps of `h` [s]."""
         _, _, decay, noise = process
         return bool(self._move(self._filter, kept.address, steps, h, decay, noise))
 
     def replay(self, events: Sequence[Replayed], processes: Sequence[Process | None]) -> tuple[int, bool, Array]:
-        """As `ErrorEkf.replay`; `processes` belong to the steps of each event."""
+        """As `Operations.repeat`; `processes` belong to the steps of each event."""
         rows, values, variances = [], [], []
         for (index, inputs, value, variance, limit, kept, steps, h), process in zip(events, processes, strict=True):
             decay, noise = (0, 0) if process is None else process[2:]
-            sensor, first = (self._sensors[index], 0) if inputs is None else (0, inputs.start)
+            sensor, first = (self._sensors[index], 0) if inputs is None else (0, inputs)
             rows.append(_EVENT.pack(sensor, kept, decay, noise, h, limit, steps, first, len(value)))
             values.append(value)
             variances.append(variance)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, WHEELS, YAW, Y
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import FORCE, SURROUND
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.state import FORCE, POSE, SURROUND, TWIST
 
 Array = NDArray[np.float64]
 
@@ -41,42 +41,42 @@ class Estimate:
     axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
 
     @classmethod
-    def of(cls, stamp: int, ekf: ErrorEkf) -> Estimate:
+    def of(cls, stamp: int, filter: CarFilter) -> Estimate:
         """Read a filter, and leave it as it is."""
-        state, covariance = ekf.estimated()
-        udot, wheels = ekf.present()
+        state, covariance = filter.belief()
+        udot, wheels = filter.car.present()
         return cls(
             stamp,
             state.copy(),
-            ekf.inputs.copy(),
+            filter.inputs.copy(),
             udot.copy(),
             wheels.copy(),
-            covariance[:6, :6].copy(),
-            covariance[14:20, 14:20].copy(),
+            covariance[POSE, POSE].copy(),
+            covariance[TWIST, TWIST].copy(),
             covariance.diagonal().copy(),
-            ekf.names,
-            ekf.axle_distances,
+            filter.names,
+            filter.car.axle_distances,
         )
 
     @property
     def position(self) -> Array:
         """Of cog in the map, (3,) [m]."""
-        return self.state[..., 0:3]
+        return self.state[..., POSE][..., :3]
 
     @property
     def attitude(self) -> Array:
         """Roll, pitch, yaw, (3,) [rad]."""
-        return self.state[..., 3:6]
+        return self.state[..., POSE][..., 3:]
 
     @property
     def velocity(self) -> Array:
         """Of cog in body axes, (3,) [m/s]."""
-        return self.state[..., 14:17]
+        return self.state[..., TWIST][..., :3]
 
     @property
     def rates(self) -> Array:
         """Of the body, (3,) [rad/s]."""
-        return self.state[..., 17:20]
+        return self.state[..., TWIST][..., 3:]
 
     @property
     def acceleration(self) -> Array:

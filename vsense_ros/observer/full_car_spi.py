@@ -1,4 +1,4 @@
-"""SPI on the car with all its bodies: the errorEKF of `full_car_ekf`, and the parameter filters of `spi`.
+"""SPI on the car with all its bodies: the errorEKF on `FullCarBlocks`, and the parameter filters of `spi`.
 
 What parameters do is asked of full cars that have others: they are put to the filter's state, or where a sigma point
 has it, and their accelerations are compared. How errors move on from there, and what they do to the sensors, is told by
@@ -8,9 +8,9 @@ the simplified car, as in the errorEKF.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import combinations, combinations_with_replacement
-from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Innovation
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.full_car_ekf import FullCarEkf
-from vsense_ros.observer.kalman import SURROUND, Q, U
+from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
 from vsense_ros.observer.parameter_ukf import ParameterUkf
 from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.state import SURROUND, Q, U
 
 Array = NDArray[np.float64]
 
@@ -117,39 +118,38 @@ class FullCarNumbers:
         return np.array([a * b for a, b in combinations_with_replacement(x, 2)])
 
 
-class FullCarSpi(Spi, FullCarEkf):
+FULL_CAR_FILTERS: Mapping[str, type[ParameterFilter]] = {"ekf": FullCarParameterEkf, "ukf": FullCarParameterUkf}
+
+
+class FullCarSpi(Spi):
     """The errorEKF on the full car with the filter of its vehicle's `observer.parameters`."""
 
-    filters: ClassVar[dict[str, type[ParameterFilter]]] = {"ekf": FullCarParameterEkf, "ukf": FullCarParameterUkf}
+    car: FullCarBlocks
 
-    def start(self, speed: float) -> None:
-        self.plant.integrator.parameters[:] = self._numbers.at(self._initial)
-        super().start(speed)
+    def __init__(self, car: FullCarBlocks, kind: type[ParameterFilter]) -> None:
+        self._numbers = FullCarNumbers(car.plant.car, car.vehicle)
+        car.numbers = lambda: self._numbers.at(self.values)
+        super().__init__(car, kind)
 
-    def linearize(self) -> None:
+    def _find_effect(self) -> None:
         self._act_elsewhere()
-        super().linearize()
+        super()._find_effect()
 
-    def predict(self, h: float) -> None:
-        FullCarEkf.predict(self, h)
-        self._move_parameters(h)
-
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        if isinstance(self._filter, ParameterUkf) and self._uses_acceleration[index]:
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        if isinstance(self.equations, ParameterUkf) and self.car.sensed[sensor].uses_acceleration:
             try:
                 self._act_elsewhere()
             except FloatingPointError:
-                return float("nan")
-        return super().correct(index, value, variance, limit, scale)
-
-    def _return(self) -> None:
-        self.plant.integrator.parameters[:] = self._numbers.at(self.values)
-        super()._return()
+                m = len(value)
+                return Innovation(np.full(m, np.nan), np.eye(m), float("nan"), False)
+        return super().correct(sensor, value, variance, limit, scale)
 
     def _act_elsewhere(self) -> None:
         """Accelerations of the cars that have other parameters."""
-        plant, (q, u) = self.plant, (self.state[Q], self.state[U])
-        self._return()
+        plant, (q, u) = self.car.plant, (self.car.mean[Q], self.car.mean[U])
+        self.car.put_back()
         self._deviations.call()
         of_parameters, of_state = self._deviations.results
         moved = of_state[: U.stop].any()
@@ -166,15 +166,11 @@ class FullCarSpi(Spi, FullCarEkf):
             raise FloatingPointError(str(error)) from None
 
     @cached_property
-    def _numbers(self) -> FullCarNumbers:
-        return FullCarNumbers(self.plant.car, self.vehicle)
-
-    @cached_property
     def _deviations(self) -> Kernel:
         """What the other cars have different."""
-        made = self._filter
+        made = self.equations
         assert isinstance(made, OnFullCars)
         function = codegen.function(
             "parameters_elsewhere", [made.sensitivity, made.covariance], [*made.deviations()], ("S", "M")
         )
-        return Kernel(function, [self.sensitivity.T.reshape(-1), self.parameter_covariance.reshape(-1)])
+        return Kernel(function, [self._s, self._m])

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Innovation
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import ErrorEkf
+from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.observer import Observer
 from vsense_ros.observer.run import topics_in
 
@@ -48,31 +49,21 @@ class Innovations:
         return self.used | (np.mean(self.used) < 1 - MOST_OUTLIERS)
 
 
-class _Watched(ErrorEkf):
-    """The errorEKF, which keeps the innovations of each message, and whether it was used."""
-
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
-        super().__init__(vehicle, sensors)
-        self.seen: list[list[tuple[bool, Array]]] = [[] for _ in sensors]
-
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        nis = super().correct(index, value, variance, limit, scale)
-        if scale == 1.0 and not nis < 0:
-            m, kalman = len(value), self._kalman
-            whitened = kalman.whitened[:m].copy()
-            deviation = np.where(np.isnan(whitened), np.nan, kalman.factor[: m * m : m + 1])
-            self.seen[index].append((nis <= limit, np.stack([whitened, deviation])))
-        return nis
-
-
 def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations]:
     """Of each sensor with messages in a recording, by name.
 
     The filter is the errorEKF. Messages are taken in order of measurement, not of arrival, so that each innovation is
     given all that was measured before it. Raises `InputError` if the observer never starts.
     """
-    observer = Observer(vehicle, recording.map_origin, _Watched)
-    assert isinstance(observer.filter, _Watched)
+    seen: dict[str, list[tuple[bool, Array]]] = {}
+
+    def keep(sensor: str, innovation: Innovation) -> None:
+        if not innovation.nis < 0:
+            whitened = innovation.whitened
+            deviation = np.where(np.isnan(whitened), np.nan, innovation.factor.diagonal())
+            seen.setdefault(sensor, []).append((innovation.accepted, np.stack([whitened, deviation])))
+
+    observer = Observer(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
     topics = topics_in(recording, observer)
     for sample in _as_measured(recording, observer.sensors).samples(topics):
         observer.add(sample)
@@ -80,10 +71,10 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
         text = "; ".join(f"{d.name}: {d.message}" for d in observer.diagnostics())
         raise InputError(f"{recording.name or 'recording'}: the observer never started ({text})")
     found = {}
-    for name, seen in zip(observer.sensors, observer.filter.seen, strict=True):
-        if seen:
-            whitened, deviation = np.array([innovation for _, innovation in seen]).transpose(1, 0, 2)
-            found[name] = Innovations(whitened, deviation, np.array([used for used, _ in seen]))
+    for name in observer.sensors:
+        if name in seen:
+            whitened, deviation = np.array([innovation for _, innovation in seen[name]]).transpose(1, 0, 2)
+            found[name] = Innovations(whitened, deviation, np.array([used for used, _ in seen[name]]))
     return found
 
 

@@ -24,8 +24,8 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import FORCE, SURROUND, U
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.state import FORCE, FORWARD, SURROUND
 
 Array = NDArray[np.float64]
 
@@ -108,17 +108,16 @@ def save_limits(path: str | Path, limits: Limits) -> None:
 class _Rows:
     """Room for what comes with each measurement, until it is added up."""
 
-    def __init__(self, source: Array) -> None:
-        self.source = source  # which changes with every measurement
-        self.values = np.empty((_ROOM, len(source)))
+    def __init__(self, width: int) -> None:
+        self.values = np.empty((_ROOM, width))
         self.count = 0
 
 
 class _Watched(_Rows):
     """One sensor: its whitened innovations and their normalized squares, and where its quantities stand."""
 
-    def __init__(self, source: Array, axes: slice, ratio: int, components: int, limit: float) -> None:
-        super().__init__(source)
+    def __init__(self, axes: slice, ratio: int, components: int, limit: float) -> None:
+        super().__init__(axes.stop - axes.start)
         self.axes, self.ratio, self.components, self.limit = axes, ratio, components, limit
         self.nis = np.empty(_ROOM)
 
@@ -135,7 +134,7 @@ class Monitor:
 
     def __init__(
         self,
-        filter: ErrorEkf,
+        car: CarBlocks,
         sensors: Mapping[str, SensorBase],
         gates: Sequence[float],
         ready: Callable[[], bool],
@@ -143,8 +142,9 @@ class Monitor:
         on_statistics: Callable[[int, Array], None] | None = None,
     ) -> None:
         self.limits, self._on_statistics, self._ready = limits, on_statistics, ready
-        self._speed = filter.state[U.start : U.start + 1]
-        self._slow = _Rows(filter.state[FORCE.start : filter.layout.size])
+        self._speed = car.mean[FORWARD : FORWARD + 1]
+        self._slow_states = car.mean[FORCE.start :]
+        self._slow = _Rows(len(self._slow_states))
         self.quantities: list[Quantity] = []
         self._sensors: list[_Watched | None] = []
         for (name, sensor), gate in zip(sensors.items(), gates, strict=True):
@@ -155,11 +155,10 @@ class Monitor:
             last = first + len(axes)
             self.quantities += [Quantity(f"{name} {axis} innovation", "deviations") for axis in axes]
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
-            source, components = filter.whitened[: len(axes)], len(sensor.deviations())
-            self._sensors.append(_Watched(source, slice(first, last), last, components, gate))
+            self._sensors.append(_Watched(slice(first, last), last, len(sensor.deviations()), gate))
         slow = [*_FORCES, *(_TORQUES if "wheel_torques" in {sensor.kind for sensor in sensors.values()} else ())]
-        for index in range(SURROUND.start, filter.layout.size):
-            name = filter.layout.names[index]
+        for index in range(SURROUND.start, car.layout.size):
+            name = car.layout.names[index]
             slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", _unit(name))))
         self._places = np.array([place for place, _ in slow])
         self._of_slow = slice(len(self.quantities), len(self.quantities) + len(slow))
@@ -199,11 +198,11 @@ class Monitor:
         self._since.clear()
         self._filled, self._over, self._on = 0, 0, False
 
-    def measured(self, index: int, nis: float, stamp: int, *, alone: bool) -> None:
+    def measured(self, index: int, nis: float, stamp: int, whitened: Array | None) -> None:
         """Take in a measurement of sensor `index` that has just been used or refused.
 
-        `nis` is its normalized innovation squared. With `alone` it is also the filter's latest correction, whose
-        innovation can be looked at by component.
+        `nis` is its normalized innovation squared, `whitened` (m,) its innovation by component, None where the filter
+        has gone on since.
         """
         if stamp >= self._over:
             self._turn(stamp)
@@ -211,11 +210,11 @@ class Monitor:
         if not self._on or watched is None or not nis >= 0:
             return
         row = watched.count
-        watched.values[row] = watched.source if alone else np.nan
+        watched.values[row] = np.nan if whitened is None else whitened[: watched.values.shape[1]]
         watched.nis[row] = nis
         watched.count += 1
         slow = self._slow
-        slow.values[slow.count] = slow.source
+        slow.values[slow.count] = self._slow_states
         slow.count += 1
         if slow.count == _ROOM:
             self._add_up()

@@ -8,8 +8,8 @@ import casadi as ca
 from vsense_ros import codegen
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.kalman import SURROUND, Q, U
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
+from vsense_ros.observer.state import SURROUND, Q, U
 
 
 class ParameterEkf(ParameterFilter):

@@ -33,7 +33,7 @@ from vsense_ros import codegen
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.coordinates import COORDINATES, SURROUNDINGS
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
+from vsense_ros.observer.state import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
 
 Array = NDArray[np.float64]
 

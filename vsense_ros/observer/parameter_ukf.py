@@ -12,8 +12,8 @@ from vsense_ros import codegen
 from vsense_ros.model.car.car import Motion
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
+from vsense_ros.observer.state import FORCE, SURROUND, Q, U
 
 KAPPA = 1.0  # positive, so that all weights are; with two parameters the points have the kurtosis of the normal one
 

@@ -9,12 +9,12 @@ from math import hypot, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import YAW, X, Y
 from vsense_ros.model.effects.base import SPACING, Effect, RoadEffect
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.reading import Map
+from vsense_ros.observer.error_ekf import CarFilter
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, float, float, float], ...]  # of `RoadEffect.profile`
@@ -35,7 +35,7 @@ class Here:
     sizes: Mapping[str, float]  # of effects, by dotted name
 
 
-class Survey:
+class RoadMap:
     """The profiles of a vehicle file, on the map of an observer."""
 
     def __init__(self, vehicle: Vehicle, on_map: Map) -> None:
@@ -47,28 +47,29 @@ class Survey:
         self._parameters = {n: i for i, n in enumerate(names) if n not in vehicle.observer.parameters}
 
     @classmethod
-    def of(cls, vehicle: Vehicle, on_map: Map) -> Survey | None:
+    def of(cls, vehicle: Vehicle, on_map: Map) -> RoadMap | None:
         """Of a vehicle file that has profiles, and a sensor that tells where the car is; None of others."""
         placed = any(sensor.kind == "gnss_position" for sensor in vehicle.sensors.values())
         return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
 
-    def follow(self, filter: ErrorEkf) -> None:
+    def follow(self, filter: CarFilter) -> None:
         """Give a filter, which knows its heading, the road where its car has come to: as it is everywhere, if nobody
         knows where that is."""
-        east, north, last_east = filter.state.item(X), filter.state.item(Y), filter.surveyed.item(0)
-        if hypot(east - last_east, north - filter.surveyed.item(1)) < LOOK_EVERY:
+        car = filter.car
+        east, north, last_east = car.mean.item(X), car.mean.item(Y), car.surveyed.item(0)
+        if hypot(east - last_east, north - car.surveyed.item(1)) < LOOK_EVERY:
             return
-        sure = filter.covariance.item(X, X) + filter.covariance.item(Y, Y) < PLACED**2
+        sure = car.covariance.item(X, X) + car.covariance.item(Y, Y) < PLACED**2
         if not (sure or isfinite(last_east)):
             return
-        here = self.at(east, north, filter.state.item(YAW)) if sure else self._here({})
+        here = self.at(east, north, car.mean.item(YAW)) if sure else self._here({})
         if here is None:
             return
-        filter.slope_usually(here.slopes, filter.surveyed[2:] * here.known)
+        car.follow_slopes(here.slopes, car.surveyed[2:] * here.known)
         for name, size in here.sizes.items():
             if name in self._parameters:
-                filter.parameters[self._parameters[name]] = size
-        filter.surveyed[:2], filter.surveyed[2:] = (east, north) if sure else np.inf, here.known
+                car.parameters[self._parameters[name]] = size
+        car.surveyed[:2], car.surveyed[2:] = (east, north) if sure else np.inf, here.known
         filter.linearize()
 
     def at(self, east: float, north: float, heading: float) -> Here | None:

@@ -6,9 +6,9 @@ state and inputs come from those of the parameters; `parameter_filter` says how.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -17,19 +17,22 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Gaussian, Given, Innovation, Measured, Step
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.compiled_step import Learned
-from vsense_ros.observer.error_ekf import ErrorEkf, layout
-from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.compiled_step import CompiledStep, Learned
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.kalman import COMPONENTS
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.parameter_ukf import ParameterUkf
+from vsense_ros.observer.state import FORCE, U
 
 Array = NDArray[np.float64]
 
-PARTS = (Q, U, FORCE, SURROUND)
 FILTERS: dict[str, type[ParameterFilter]] = {"ekf": ParameterEkf, "ukf": ParameterUkf}
 TOLD = 0.5  # a parameter counts as told once its standard deviation is this share of the one at start
 _LEAST = 1e-6  # information of a lively drive on a parameter, over its own size, below which it has no effect
@@ -68,95 +71,111 @@ class Observability:
         return told + (f"; not yet: {', '.join(rest)}" if rest else "")
 
 
-class Spi(ErrorEkf):
+def numbers_kept(size: int, count: int) -> int:
+    """How many numbers an SPI keeps in the memory of its car, for a state of `size` and `count` parameters."""
+    return count + count * count + size * count + count * count + COORDINATES * count
+
+
+class Spi(CarFilter):
     """The errorEKF of a vehicle whose file lists `observer.parameters`, with the filter of these.
 
-    `covariance` is that of the state for known parameters, `parameter_covariance` (k, k) that of the parameters, and
-    `sensitivity` (n, k) what couples them. `information` (k, k) is what the measurements since the start told of the
-    parameters, the inverse of the covariance they alone would give.
+    `car` has room for `numbers_kept`. The covariance of the car is that of the state for known parameters,
+    `parameter_covariance` (k, k) that of the parameters, and `sensitivity` (n, k) what couples them. `information`
+    (k, k) is what the measurements since the start told of the parameters, the inverse of the covariance they alone
+    would give. `kind` finds what the parameters do: by derivatives, or by sigma points.
     """
 
-    at_once = True
-    filters: ClassVar[dict[str, type[ParameterFilter]]] = FILTERS
-
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
-        settings = vehicle.observer.parameters
+    def __init__(self, car: CarBlocks, kind: type[ParameterFilter]) -> None:
+        settings = car.vehicle.observer.parameters
+        self.car, self.memory, self.inputs, self.sensors = car, car.memory, car.inputs, car.sensors
         self.parameter_names = tuple(settings)
-        n, k = layout(sensors).size, len(settings)
-        known = k + k * k + n * k + k * k
-        super().__init__(vehicle, sensors, extra=known + 14 * k)
-        self._learned, effect = self.extra[:known], self.extra[known:]
-        parts = np.split(self._learned, np.cumsum([k, k * k, n * k]).tolist())
-        self.values = parts[0]
-        self.parameter_covariance, self.information = (parts[i].reshape(k, k) for i in (1, 3))
-        self.sensitivity = parts[2].reshape(k, n).T
-        car = car_of(vehicle)
-        self._columns = np.array([car.parameter_names.index(name) for name in settings])
-        self._initial = self.parameters[self._columns]
-        self.prior_deviation = np.array([s.deviation for s in settings.values()])
-        bounds = [s.bounds(value) for s, value in zip(settings.values(), self._initial, strict=True)]
-        lower, upper = (np.array(b) for b in zip(*bounds, strict=True))
-        self.lower, self.upper = lower, upper
-        drift = np.array([s.drift for s in settings.values()]) ** 2
-        self._drifts = bool(drift.any())
-        biases = tuple((where.start, where.stop) for where in self.layout.biases)
-        kind, columns = self.filters[vehicle.observer.parameter_filter], tuple(self._columns.tolist())
-        self._filter = kind(car, columns, n)
-        self._others = np.zeros((self._filter.elsewhere, 14)).T  # accelerations of cars that act elsewhere
-        functions = _functions(kind, car, columns, n, self.sensors, biases)
-        q, u, force, around = (self.state[s] for s in PARTS)
-        flat = [m.reshape(-1, order="F") for m in self._linearize.results[:4]]
-        s, m = parts[2], parts[1]
-        arguments = [q, u, force, around, self.inputs, self.parameters, *flat, s, m, self._effects]
-        arguments += [self._others.T.reshape(-1)] if self._filter.elsewhere else []
-        self._effect = Kernel(functions["parameters_effect"], arguments, effect)
-        kinematics = [r.reshape(-1, order="F") for r in self._kinematics.results]
-        self._decay = np.zeros(n - U.stop)
-        gain = self._kalman.gain.reshape(-1)
-        self._spread = Kernel(
-            functions["parameters_predict"], [s, m, effect, drift, gain, *kinematics, self._h, self._decay]
-        )
-        self._seen: list[Learned | None] = [None] * len(self.sensors)
-        for i, sensor in enumerate(self.sensors):
-            sense = self._sense[i]
-            if sense is None:
-                continue
-            variance, size = sensor.deviations() ** 2, len(sensor.deviations())
-            mounting = np.asarray(sensor.mounting(), dtype=float)
-            sensed = [r.reshape(-1, order="F") for r in sense.results[1:]]
-            bias = self.state[self.layout.biases[i]]
-            whitened, factor = self._kalman.whitened[:size], self._kalman.factor[: size * size]
-            seen = Kernel(
-                functions[f"seen_{i}"], [*arguments, effect, bias, mounting, variance, whitened, factor, *sensed]
-            )
-            g, told, d = (r.reshape(-1, order="F") for r in seen.results[1:])
-            told_of, projected = seen.results[0].T, np.zeros(seen.results[0].T.shape)
-            learned = np.zeros(known + n + 14)
-            found = [projected.reshape(-1), g, told, d, parts[3], parts[0], lower, upper]
-            learn = Kernel(functions["parameters_learn"], [*arguments, effect, *found], learned)
-            told, change, udot = np.split(learned, [known, known + n])
-            self._seen[i] = Learned(seen, variance, whitened, factor, told_of, projected, learn, told, change, udot)
-        self._added_force = self._force.results[0].reshape(-1, order="F")
-        self._accelerations = self.udot.reshape(-1, order="F")
-        moved, grown, added = (r.reshape(-1, order="F") for r in self._spread.results)
-        if self._in_c is not None and not self._in_c.learn(
-            (self._effect, self._spread),
-            self._drifts,
-            self._columns,
-            {
-                "learned": self._learned,
-                "sensitivity": s,
-                "covariance": m,
-                "decay": self._decay,
-                "physical": self.parameters,
-                "moved": moved,
-                "grown": grown,
-                "added": added,
-            },
-            self._seen,
-        ):
-            self._in_c = None
+        self.names = car.names + self.parameter_names
+        self.covariance = car.covariance
+        self._state_filter = Ekf(car)
+        self._columns = np.array([car.car.parameter_names.index(name) for name in settings])
+        self.equations = kind(car.car, tuple(self._columns.tolist()), car.layout.size)
+        self._take_settings()
+        self._share_memory()
+        self._bind()
+        self._operations = car.compiled
+        if car.compiled is not None and not self._compile(car.compiled.compiled):
+            self._operations = self._state_filter._operations = None
         self._refuse_what_cannot_be_told()
+
+    def _take_settings(self) -> None:
+        settings = self.car.vehicle.observer.parameters.values()
+        self._initial = self.car.parameters[self._columns]
+        self.prior_deviation = np.array([s.deviation for s in settings])
+        bounds = [s.bounds(value) for s, value in zip(settings, self._initial, strict=True)]
+        self.lower, self.upper = (np.array(b) for b in zip(*bounds, strict=True))
+        self._drift = np.array([s.drift for s in settings]) ** 2
+        self._drifts = bool(self._drift.any())
+
+    def _share_memory(self) -> None:
+        n, k = self.car.layout.size, len(self.parameter_names)
+        sizes = [k, k * k, n * k, k * k, COORDINATES * k]
+        parts = np.split(self.car.extra[: sum(sizes)], np.cumsum(sizes[:-1]).tolist())
+        self._learned = self.car.extra[: sum(sizes[:-1])]
+        self.values, self._m, self._s, self._information, self._by_parameters = parts
+        self.parameter_covariance, self.information = self._m.reshape(k, k), self._information.reshape(k, k)
+        self.sensitivity = self._s.reshape(k, n).T
+        self._others = np.zeros((self.equations.elsewhere, COORDINATES)).T  # accelerations of cars that act elsewhere
+        self._decay = np.zeros(n - U.stop)
+        operations = self.car.compiled
+        self._whitened = np.full(COMPONENTS, np.nan) if operations is None else operations.whitened
+        self._factor = np.zeros(COMPONENTS * COMPONENTS) if operations is None else operations.factor
+
+    def _bind(self) -> None:
+        """The functions of the parameter filter, to the arrays."""
+        car, effect = self.car, self._by_parameters
+        biases = tuple((where.start, where.stop) for where in car.layout.biases)
+        functions = _functions(self.equations, car.sensor_list, biases)
+        flat = [m.reshape(-1, order="F") for m in car.linearized.results[:4]]
+        *state, effects = car.arguments
+        arguments = [*state, *flat, self._s, self._m, effects]
+        arguments += [self._others.T.reshape(-1)] if self.equations.elsewhere else []
+        self._effect = Kernel(functions["parameters_effect"], arguments, effect)
+        kinematics = [r.reshape(-1, order="F") for r in car.kinematics.results]
+        step = [self._s, self._m, effect, self._drift, car.gain.reshape(-1), *kinematics, car.h, self._decay]
+        self._spread = Kernel(functions["parameters_predict"], step)
+        self._seen: dict[str, Learned] = {}
+        for name, sensed in car.sensed.items():
+            seen = functions[f"seen_{sensed.index}"]
+            self._seen[name] = self._learner(name, seen, functions["parameters_learn"], arguments)
+
+    def _learner(self, name: str, seen: ca.Function, learn: ca.Function, arguments: Sequence[Array]) -> Learned:
+        """How a sensor tells of the parameters."""
+        car, effect, sensed = self.car, self._by_parameters, self.car.sensed[name]
+        variance = car.sensor_list[sensed.index].deviations() ** 2
+        size = len(variance)
+        whitened, factor = self._whitened[:size], self._factor[: size * size]
+        jacobians = [r.reshape(-1, order="F") for r in sensed.kernel.results[1:]]
+        measured = [car.mean[sensed.biases], sensed.mounting, variance, whitened, factor, *jacobians]
+        sees = Kernel(seen, [*arguments, effect, *measured])
+        g, told, d = (r.reshape(-1, order="F") for r in sees.results[1:])
+        told_of, projected = sees.results[0].T, np.zeros(sees.results[0].T.shape)
+        known, n = len(self._learned), car.layout.size
+        learned = np.zeros(known + n + COORDINATES)
+        found = [projected.reshape(-1), g, told, d, self._information, self.values, self.lower, self.upper]
+        learns = Kernel(learn, [*arguments, effect, *found], learned)
+        told, change, udot = np.split(learned, [known, known + n])
+        return Learned(sees, variance, whitened, factor, told_of, projected, learns, told, change, udot)
+
+    def _compile(self, compiled: CompiledStep) -> bool:
+        """Let C do all this; False if any of it is not compiled."""
+        moved, grown, added = (r.reshape(-1, order="F") for r in self._spread.results)
+        arrays = {
+            "learned": self._learned,
+            "sensitivity": self._s,
+            "covariance": self._m,
+            "decay": self._decay,
+            "physical": self.car.parameters,
+            "moved": moved,
+            "grown": grown,
+            "added": added,
+        }
+        seen = [self._seen.get(name) for name in self.sensors]
+        return compiled.learn((self._effect, self._spread), self._drifts, self._columns, arrays, seen)
 
     def _refuse_what_cannot_be_told(self) -> None:
         """Drive a little and see what the sensors would tell if state and forces were known: no less can they tell.
@@ -165,62 +184,71 @@ class Spi(ErrorEkf):
         """
         told, scale = np.zeros(len(self.parameter_names)), np.maximum(self.prior_deviation, np.abs(self._initial))
         for speed in (1.0, 8.0, 25.0):
-            self.start(speed)
+            self.start_rolling(speed)
             for i in range(30):
                 self.inputs[:] = np.array([0.08, 0.0, 0.0, 150.0, 150.0]) * np.sin(0.4 * i + 0.5)
                 self.linearize()
-                for sense, known in zip(self._sense, self._seen, strict=True):
-                    if sense is not None and known is not None:
-                        sense.call()
-                        known.whitened[:], known.factor[:] = 0.0, np.diag(known.variance**0.5).flat
-                        known.seen.call()
-                        _, g, _, spread = known.seen.results
-                        regression = spread.T @ np.linalg.inv(self.parameter_covariance) * scale
-                        told += np.einsum("pk,pq,qk->k", regression, g, regression)
+                for name, known in self._seen.items():
+                    self.car.sensed[name].kernel.call()
+                    known.whitened[:], known.factor[:] = 0.0, np.diag(known.variance**0.5).flat
+                    known.seen.call()
+                    _, g, _, spread = known.seen.results
+                    regression = spread.T @ np.linalg.inv(self.parameter_covariance) * scale
+                    told += np.einsum("pk,pq,qk->k", regression, g, regression)
                 self.predict(_STEP)
         for name, information in zip(self.parameter_names, told, strict=True):
             if not information > _LEAST:
-                kinds = ", ".join(sensor.kind for sensor in self.sensors) or "none"
+                kinds = ", ".join(sensor.kind for sensor in self.car.sensor_list) or "none"
                 raise InputError(
-                    f"{self.vehicle.name}: {name} cannot be estimated: it changes nothing that the sensors ({kinds}) "
-                    "measure, however the car is driven; take it out of observer.parameters, or add a sensor on which "
-                    "it has an effect"
+                    f"{self.car.vehicle.name}: {name} cannot be estimated: it changes nothing that the sensors "
+                    f"({kinds}) measure, however the car is driven; take it out of observer.parameters, or add a "
+                    "sensor on which it has an effect"
                 )
         self.memory[:] = 0.0
-        self.parameters[:] = self.vehicle.parameter_vector()
+        self.car.forget()
         self._reset()
 
     def _reset(self) -> None:
         self.values[:] = self._initial
-        self.parameters[self._columns] = self._initial
+        self.car.parameters[self._columns] = self._initial
         self.parameter_covariance[:] = np.diag(self.prior_deviation**2)
         self.sensitivity[:] = 0.0
         self.information[:] = 0.0
 
-    def start(self, speed: float) -> None:
+    def start(self, belief: Gaussian) -> None:
+        """As `Filter.start`, of the state; the parameters begin as in the vehicle file."""
         self._reset()
-        super().start(speed)
+        self.car.start(belief)
+        self.linearize()
 
-    def place(self, index: int, value: float, deviation: float) -> None:
-        super().place(index, value, deviation)
+    def set_element(self, index: int, value: float, deviation: float) -> None:
+        self._state_filter.set_element(index, value, deviation)
         self.sensitivity[index] = 0.0
 
-    def lose_trust(self) -> None:
-        super().lose_trust()
+    def is_valid(self) -> bool:
+        return self.car.is_valid()
+
+    def inflate(self) -> None:
+        self._state_filter.inflate()
         self.sensitivity[:] = 0.0
 
     def linearize(self) -> None:
-        super().linearize()
+        self.car.linearize()
+        self._find_effect()
+
+    def _find_effect(self) -> None:
+        """What the parameters do to the accelerations, here."""
         self._effect.call()
 
     def predict(self, h: float) -> None:
-        super().predict(h)
-        if self._in_c is None:
+        self._state_filter.predict(h)  # in C that includes what follows
+        if self._operations is None:
             self._move_parameters(h)
+            self._find_effect()
 
     def _move_parameters(self, h: float) -> None:
         """What a step of `h` [s], which has just been made, changes of what is known of the parameters."""
-        self._h[0], self._decay[:] = h, self._process(h).decay
+        self.car.h[0], self._decay[:] = h, self.car.process(h).decay
         self._spread.call()
         sensitivity, covariance, added = self._spread.results
         self.sensitivity[:] = sensitivity
@@ -228,36 +256,42 @@ class Spi(ErrorEkf):
             self.parameter_covariance[:] = covariance
             self.covariance += added @ added.T
 
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        nis = super().correct(index, value, variance, limit, scale)
-        known = self._seen[index] if self._in_c is None else None
-        if scale == 1.0 and known is not None and 0 <= nis <= limit:  # what is forced upon the filter tells nothing
-            self._learn(known, variance)
-        return nis
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        innovation = self._state_filter.correct(sensor, value, variance, limit, scale)
+        if self._operations is None and scale == 1.0 and innovation.accepted:
+            self._learn(self._seen[sensor], innovation, variance)  # what is forced upon the filter tells nothing
+        return innovation
 
-    def _learn(self, known: Learned, variance: Array) -> None:
+    def _learn(self, known: Learned, innovation: Innovation, variance: Array) -> None:
         """What a measurement by which the state has just been corrected tells of the parameters."""
+        car = self.car
         known.variance[:] = variance
+        known.whitened[:], known.factor[:] = innovation.whitened, innovation.factor.reshape(-1)
         known.seen.call()
         np.dot(self.covariance, known.told_of, out=known.projected)
         known.learn.call()
         self._learned[:] = known.learned
-        self.parameters[self._columns] = self.values
+        car.parameters[self._columns] = self.values
         change = known.change
-        self._error[FORCE] = change[FORCE]
-        self._force.call()
-        change[FORCE] = self._added_force
-        self.state += change
-        self._accelerations += known.udot
+        car.error[FORCE] = change[FORCE]
+        car.forces.call()
+        change[FORCE] = car.forces.results[0][:, 0]
+        car.mean += change
+        car.udot[:, 0] += known.udot
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.layout.names + self.parameter_names
+    def advance(self, step: Step) -> bool:
+        return super().advance(step) if self._operations is None else self._operations.advance(step)
 
-    def estimated(self) -> tuple[Array, Array]:
+    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
+        return super().repeat(events) if self._operations is None else self._operations.repeat(events)
+
+    def belief(self) -> Gaussian:
         m, s = self.parameter_covariance, self.sensitivity
         across = s @ m
-        return np.append(self.state, self.values), np.block([[self.covariance + across @ s.T, across], [across.T, m]])
+        covariance = np.block([[self.covariance + across @ s.T, across], [across.T, m]])
+        return Gaussian(np.append(self.car.mean, self.values), covariance)
 
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters that would be elsewhere if their bounds let them: something else is wrong with the car."""
@@ -277,8 +311,14 @@ class Spi(ErrorEkf):
         )
 
 
-@cache
 def _functions(
+    equations: ParameterFilter, sensors: tuple[SensorBase, ...], biases: tuple[tuple[int, int], ...]
+) -> dict[str, ca.Function]:
+    return _compiled(type(equations), equations.car, equations.columns, equations.size, sensors, biases)
+
+
+@cache
+def _compiled(
     kind: type[ParameterFilter],
     car: Car,
     columns: tuple[int, ...],

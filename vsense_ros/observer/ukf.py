@@ -1,8 +1,4 @@
-"""UKF over the whole state, a reference for the errorEKF: no Jacobians, but a car for every sigma point.
-
-With as many states as here the weight of the mean is zero (κ = 0), which keeps all weights positive; the points are
-then those of the cubature filter (Julier & Uhlmann 1997; Arasaratnam & Haykin 2009).
-"""
+"""Unscented Kalman filter over the whole state of the car, a reference for the errorEKF (Julier & Uhlmann 1997)."""
 
 from __future__ import annotations
 
@@ -10,23 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.codegen import Kernel
-from vsense_ros.model.car.car import car_of
-from vsense_ros.model.car.steps import model_functions, sensor_functions
-from vsense_ros.model.sensors import SensorBase
-from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
-from vsense_ros.observer.whole_state import WholeState
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.gaussian import whiten
+from vsense_ros.model.car.steps import sensor_functions
+from vsense_ros.observer.dekf import WholeCar
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.state import FORCE, SURROUND, Q, U
 
 Array = NDArray[np.float64]
 
 
-class Ukf(WholeState):
+class Ukf(Ekf, CarFilter):
     """Sigma points are rows (2k, n) of whole states, the forces among them zero."""
 
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
-        super().__init__(vehicle, sensors)
-        car = car_of(vehicle)
-        functions, sensing = model_functions(car), sensor_functions(car, self.sensors)
+    def __init__(self, car: WholeCar) -> None:
+        super().__init__(car)
+        self.car: WholeCar = car
+        n = car.layout.size
+        self.kept = np.r_[0 : FORCE.start, FORCE.stop : n]
+        self._block = np.ix_(self.kept, self.kept)
         count = self._count = 2 * len(self.kept)
 
         def rows(size: int) -> Array:
@@ -34,28 +32,28 @@ class Ukf(WholeState):
 
         # Arguments of all points; what they share is filled in with the state.
         self._parts = [(rows(s.stop - s.start), s) for s in (Q, U, FORCE, SURROUND)]
-        self._shared = [(rows(len(a)), a) for a in (self.inputs, self.parameters, self._effects)]
+        self._shared = [(rows(len(a)), a) for a in (car.inputs, car.parameters, car.effects)]
         state = [part.reshape(-1) for part, _ in (*self._parts, *self._shared)]
-        inverse, by_q = self._kalman.inverse, self._linearize.results[1]
         # The step's matrix may be any: that of the mean serves all.
-        self._matrices = [(rows(m.size), m.reshape(-1, order="F")) for m in (self._h, inverse, by_q)]
+        self._matrices = [(rows(m.size), m.reshape(-1, order="F")) for m in (car.h, car.inverse, car.by_q)]
         step = [*state, *(m.reshape(-1) for m, _ in self._matrices)]
-        self._step = Kernel(functions["advance"].map(count), step)
-        self._dynamics = Kernel(functions["dynamics"].map(count), state)
-        self._measures: list[tuple[Kernel, Array] | None] = [None] * len(self.sensors)
+        self._step = Kernel(car.functions["advance"].map(count), step)
+        self._dynamics = Kernel(car.functions["dynamics"].map(count), state)
+        sensing = sensor_functions(car.car, car.sensor_list)
+        self._measures: dict[str, tuple[Kernel, Array]] = {}
         q, u, _, around, inputs, *_ = state
         udot = self._dynamics.results[0].reshape(-1, order="F")
-        for i, sensor in enumerate(self.sensors):
-            if not sensor.is_input:
-                biases = rows(len(sensor.biases()))
-                mounting = np.tile(np.asarray(sensor.mounting(), dtype=float), count)
-                arguments = [q, u, udot, around, inputs, biases.reshape(-1), mounting]
-                self._measures[i] = Kernel(sensing[sensor.kind].map(count), arguments), biases
+        for name, sensed in car.sensed.items():
+            biases = rows(sensed.biases.stop - sensed.biases.start)
+            mounting = np.tile(sensed.mounting, count)
+            arguments = [q, u, udot, around, inputs, biases.reshape(-1), mounting]
+            kernel = Kernel(sensing[car.sensor_list[sensed.index].kind].map(count), arguments)
+            self._measures[name] = kernel, biases
 
     def _points(self) -> Array:
         """Sigma points (2k, n), which the arguments of the functions are set to."""
         deviation = np.sqrt(len(self.kept)) * _root(self.covariance[self._block])
-        points = np.tile(self.state, (self._count, 1))
+        points = np.tile(self.mean, (self._count, 1))
         points[: len(self.kept), self.kept] += deviation.T
         points[len(self.kept) :, self.kept] -= deviation.T
         for part, where in self._parts:
@@ -65,32 +63,46 @@ class Ukf(WholeState):
         return points
 
     def predict(self, h: float) -> None:
-        self._move_effects(h)
-        self._kalman.transition(h)
+        car = self.car
+        car.move_effects(h)
+        car.respond(h)
         points = self._points()
         for part, value in self._matrices:
             part[:] = value
         self._step.call()
         q, u = self._step.results
         points[:, Q], points[:, U] = q.T, u.T
-        self._relax(points[:, FORCE.start :], self._process(h))
-        self.state[:] = points.mean(axis=0)
-        apart = (points - self.state)[:, self.kept]
-        self.covariance[self._block] = apart.T @ apart / self._count + np.diag(self.noise(h))
+        car.relax(points[:, FORCE.start :], car.process(h))
+        self.mean[:] = points.mean(axis=0)
+        apart = (points - self.mean)[:, self.kept]
+        self.covariance[self._block] = apart.T @ apart / self._count
+        self.covariance.reshape(-1)[U.start * (len(self.mean) + 1) :: len(self.mean) + 1] += car.noise(h)
+        car.linearize()
 
-    def expect(self, index: int) -> tuple[Array, Array, Array]:
-        measure = self._measures[index]
-        assert measure is not None, "inputs have no innovation"
-        kernel, biases = measure
-        points = self._points()
-        biases[:] = points[:, self.layout.biases[index]]
-        if self.sensors[index].uses_acceleration:
+    def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
+        """With the covariances of the sigma points in place of P Hᵀ and H P Hᵀ."""
+        expected, across, spread = self._expect(sensor)
+        found = whiten(value - expected, scale * (spread + np.diag(variance)), across.T)
+        found.write(self._whitened, self._factor)
+        if 0.0 <= found.nis <= limit:
+            self.mean[self.kept] += found.error
+            left = self.covariance[self._block] - found.projected.T @ found.projected
+            self.covariance[self._block] = 0.5 * (left + left.T)
+            self.car.linearize()  # what the next sensor is compared with
+        return found.nis
+
+    def _expect(self, sensor: str) -> tuple[Array, Array, Array]:
+        """What a sensor should measure (m,), covariance with the state (k, m), and its own (m, m) without noise."""
+        kernel, biases = self._measures[sensor]
+        sensed, points = self.car.sensed[sensor], self._points()
+        biases[:] = points[:, sensed.biases]
+        if sensed.uses_acceleration:
             self._dynamics.call()
         kernel.call()
         measured = kernel.results[0].T
         expected = measured.mean(axis=0)
         apart = measured - expected
-        across = (points - self.state)[:, self.kept].T @ apart / self._count
+        across = (points - self.mean)[:, self.kept].T @ apart / self._count
         return expected, across, apart.T @ apart / self._count
 
 

@@ -1,16 +1,16 @@
-"""Recordings of other formats, one module each. A new one is a module with NAME, DESCRIPTION, matches, read, and a
-line in `IMPORTERS`."""
+"""Recordings of any format, one module each. A new one is a module in this folder with NAME, DESCRIPTION,
+`matches(path)`, and `read(path, **options)`; the other modules here, which have no NAME, are what several share."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
-from vsense_ros.bag import mcap
-from vsense_ros.bag.importers import comma2k19, csv, genesis, mdf4, racelogic_vbb
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
@@ -30,18 +30,13 @@ class Importer:
         return tuple(inspect.signature(self.read).parameters)[1:]
 
 
-def _is_bag(path: Path) -> bool:
-    return path.suffix == ".mcap" or (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))
-
-
-IMPORTERS = (
-    Importer("mcap", "ROS 2 bag in MCAP", _is_bag, mcap.read_bag),
-    Importer(comma2k19.NAME, comma2k19.DESCRIPTION, comma2k19.matches, comma2k19.read),
-    Importer(genesis.NAME, genesis.DESCRIPTION, genesis.matches, genesis.read),
-    Importer(racelogic_vbb.NAME, racelogic_vbb.DESCRIPTION, racelogic_vbb.matches, racelogic_vbb.read),
-    Importer(mdf4.NAME, mdf4.DESCRIPTION, mdf4.matches, mdf4.read),
-    Importer(csv.NAME, csv.DESCRIPTION, csv.matches, csv.read),
-)
+def importers() -> list[Importer]:
+    """The importers of this folder in the order in which they are asked: by name, those that judge by a file's ending
+    alone (LAST = True) after the others."""
+    modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
+    formats = [module for module in modules if hasattr(module, "NAME")]
+    formats.sort(key=lambda module: getattr(module, "LAST", False))
+    return [Importer(module.NAME, module.DESCRIPTION, module.matches, module.read) for module in formats]
 
 
 def find_importer(path: str | Path) -> Importer:
@@ -49,11 +44,12 @@ def find_importer(path: str | Path) -> Importer:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    for importer in IMPORTERS:
+    known = importers()
+    for importer in known:
         if importer.matches(path):
             return importer
-    known = "; ".join(f"{importer.name}: {importer.description}" for importer in IMPORTERS)
-    raise InputError(f"{path}: no importer knows this. Known: {known}")
+    names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
+    raise InputError(f"{path}: no importer knows this. Known: {names}")
 
 
 def import_recording(path: str | Path, **options: Any) -> Recording:

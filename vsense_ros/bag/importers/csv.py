@@ -16,6 +16,7 @@ from vsense_ros.messages.recording import Recording
 
 NAME = "csv"
 DESCRIPTION = "text table with a column mapping (.csv, .tsv, .txt)"
+LAST = True  # a text of a known format is known better by its own importer
 
 
 def matches(path: Path) -> bool:

@@ -1,0 +1,1 @@
+"""Multibody formulations in relative coordinates: open trees and closed loops."""

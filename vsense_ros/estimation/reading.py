@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import SensorBase
 
@@ -17,17 +17,6 @@ Array = NDArray[np.float64]
 
 _LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
 _SMALLEST_VARIANCE = 1e-6  # of the sensor's own: no message makes a sensor a thousand times better than it is
-
-
-@dataclass(slots=True)
-class Event:
-    """A measurement or input that belongs to a time."""
-
-    sensor: int
-    stamp: int  # of the measurement, latency taken off [ns]
-    value: Array  # (m,), NaN where absent
-    variance: Array  # (m,)
-    counted: bool = False  # in the sensor's health
 
 
 class Map:

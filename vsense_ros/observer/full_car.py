@@ -1,4 +1,4 @@
-"""The errorEKF whose model is the car with all its bodies and linkages, as the one of Rodríguez 2020's full model.
+"""The car with all its bodies and linkages as the model of the errorEKF, as Rodríguez 2020's full model.
 
 What moves is the full car; how errors move, and what they do to the sensors, is told by the simplified car at the same
 14 coordinates, whose Jacobians differ from those of the full one by what the suspension tables leave out. Between
@@ -8,28 +8,36 @@ in which its linkages are closed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import FORCE, SURROUND, Q, U
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.state import FORCE, SURROUND, Prior, Q, U
 
 Array = NDArray[np.float64]
 
 LONGEST_STEP = 1e-3  # [s] of the full car: at rest its tyres are stiff, and Newton's method fails with a longer one
 
 
-class FullCarEkf(ErrorEkf):
-    """The filter of a vehicle with a `linkage` section.
+class FullCarBlocks(CarBlocks):
+    """A vehicle with a `linkage` section.
 
-    Raises `InputError` for a vehicle with errors of the tyre radius or physical effects, which the full car lacks.
+    `numbers()` gives the full car its numbers, where a filter of parameters changes them. Raises `InputError` for a
+    vehicle with errors of the tyre radius or physical effects, which the full car lacks.
     """
 
-    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], extra: int = 0) -> None:
+    in_blocks = False
+
+    def __init__(
+        self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, extra: int = 0, prior: Prior | None = None
+    ) -> None:
         if vehicle.observer.surroundings.radius_error > 0:
             raise InputError(
                 f"{vehicle.name}: the full car has no error of the tyre radius; set observer.surroundings.radius_error "
@@ -38,51 +46,58 @@ class FullCarEkf(ErrorEkf):
         if vehicle.physics.effects.present():
             raise InputError(f"{vehicle.name}: the full car has no physics.effects; leave them out")
         self.plant = FullCarPlant(vehicle, LONGEST_STEP)
+        self.numbers: Callable[[], Array] | None = None
         size, accelerations = self.plant.memory().size, len(self.plant.udot)
-        super().__init__(vehicle, sensors, extra=extra + size + accelerations)
+        super().__init__(vehicle, sensors, extra=extra + size + accelerations, prior=prior)
         self.extra, self._kept, self._kept_udot = np.split(self.extra, [extra, extra + size])
 
-    def start(self, speed: float) -> None:
-        super().start(speed)
+    def start(self, belief: Gaussian) -> None:
+        super().start(belief)
         self.plant.force[:] = 0.0
         self.plant.surroundings[:] = 0.0
-        self.plant.place(self.state[Q], self.state[U], self.inputs)
+        self._take_numbers()
+        self.plant.place(self.mean[Q], self.mean[U], self.inputs)
         self._keep()
 
     def linearize(self) -> None:
         super().linearize()
         self.udot[:, 0] = self._kept_udot
 
-    def predict(self, h: float) -> None:
-        process, kalman, plant, state = self._process(h), self._kalman, self.plant, self.state
-        kalman.transition(h)
-        self._kinematics.call()
-        self._return()
+    def step(self, h: float) -> None:
+        process, plant = self.process(h), self.plant
+        self.respond(h)
+        self.kinematics.call()
+        self.put_back()
         try:
             plant.advance(self.inputs, h)
         except InputError as error:
             raise FloatingPointError(str(error)) from None
-        kalman.propagate(h, process.decay, process.noise)
-        state[Q], state[U] = plant.q, plant.u
-        self._relax(state[U.stop :], process)
+        self.propagate(self.transition(h, process.decay), process.noise)
+        self.move(plant.q, plant.u, process)
         self._keep()
+        self.linearize()
 
     def present(self) -> tuple[Array, Array]:
         try:
-            self._return()
+            self.put_back()
         except FloatingPointError:
             return super().present()
         return self.plant.udot.copy(), self.plant.wheels
 
-    def _return(self) -> None:
-        """Puts the car where the filter is."""
-        plant, state = self.plant, self.state
-        plant.force[:], plant.surroundings[:] = state[FORCE], state[SURROUND]
+    def put_back(self) -> None:
+        """Puts the full car where the filter is."""
+        plant = self.plant
+        self._take_numbers()
+        plant.force[:], plant.surroundings[:] = self.mean[FORCE], self.mean[SURROUND]
         try:
             plant.recall(self._kept, self.inputs)
-            plant.correct(state[Q], state[U])
+            plant.correct(self.mean[Q], self.mean[U])
         except InputError as error:
             raise FloatingPointError(str(error)) from None
+
+    def _take_numbers(self) -> None:
+        if self.numbers is not None:
+            self.plant.integrator.parameters[:] = self.numbers()
 
     def _keep(self) -> None:
         self._kept[:], self._kept_udot[:] = self.plant.memory(), self.plant.udot

@@ -1,0 +1,136 @@
+"""A random linear model of the car's structure, and the algebra of a filter on it: with full matrices, and in C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.observer.car_blocks import CarBlocks, Sensed
+from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, kalman
+from vsense_ros.observer.state import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Layout, Q, U
+
+Array = NDArray[np.float64]
+N = 52
+BIASES = slice(46, 52)
+
+
+class _Returned:
+    """A function that returns what it is given beforehand."""
+
+    def __init__(self, results: list[Array]) -> None:
+        self.results = results
+
+    def call(self) -> None:
+        pass
+
+
+class RandomBlocks(CarBlocks):
+    """`CarBlocks` of no car: linearisation and kinematics are given."""
+
+    def __init__(self, jacobians: list[Array], by_angles: Array, by_velocity: Array, covariance: Array) -> None:
+        self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = jacobians
+        self.by_angles, self.by_velocity = by_angles, by_velocity
+        self.kinematics: Any = _Returned([by_angles, by_velocity])
+        self.layout = Layout((BIASES,), ("",) * N, N)
+        self.mean, self.covariance = np.zeros(N), covariance
+        self.inverse, self.gain = np.zeros((14, 14), order="F"), np.zeros((14, len(GAIN_COLUMNS)))
+        self.error = np.zeros(N)
+        self.forces: Any = _Returned([np.zeros((14, 1))])
+        self.sensed = {}
+        self.names, self.sensors, self.memory, self.inputs = (), (), np.zeros(0), np.zeros(0)
+        self.compiled = None
+
+
+class WithFullMatrices:
+    """`CarBlocks` and `Ekf` without a compiler."""
+
+    def __init__(self, blocks: RandomBlocks) -> None:
+        self.blocks, self.model, self._ekf = blocks, blocks, Ekf(blocks)
+        self.covariance, self.gain, self.inverse = blocks.covariance, blocks.gain, blocks.inverse
+        self.by_angles, self.by_velocity, self.error = blocks.by_angles, blocks.by_velocity, blocks.error
+        self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
+
+    def transition(self, h: float) -> None:
+        self.blocks.respond(h)
+
+    def propagate(self, h: float, decay: Array, noise: Array) -> None:
+        self.blocks.propagate(self.blocks.transition(h, decay), noise)
+
+    def correct(
+        self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
+        limit: float,
+    ) -> float:  # fmt: skip
+        kernel: Any = _Returned(sensed)
+        self.blocks.sensed["one"] = Sensed(0, kernel, biases, accelerations, np.zeros(0))
+        found = self._ekf.correct("one", value, variance, limit, scale)
+        m = len(value)
+        self.whitened[:m], self.factor[: m * m] = found.whitened, found.factor.reshape(-1)
+        return found.nis
+
+
+def in_c(blocks: RandomBlocks) -> CompiledKalman:
+    """The same compiled."""
+    bound: Any = SimpleNamespace(**vars(blocks))
+    made = kalman(bound)
+    assert made is not None
+    for name in ("covariance", "gain", "inverse", "error", "by_angles", "by_velocity"):
+        setattr(made, name, getattr(blocks, name))
+    made.model = blocks  # type: ignore[attr-defined]
+    return made
+
+
+@dataclass
+class Problem:
+    """A random linear model of the car's structure, and a covariance."""
+
+    jacobians: list[Array]
+    by_angles: Array
+    by_velocity: Array
+    covariance: Array
+    random: np.random.Generator
+
+    def build(self, kind: Any = WithFullMatrices) -> Any:
+        return kind(RandomBlocks(self.jacobians, self.by_angles, self.by_velocity, self.covariance.copy()))
+
+    def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
+        """What a sensor's function returns: expectation and Jacobians."""
+        widths = (1, 14, 14, 14, 4)
+        parts = [np.asfortranarray(self.random.normal(size=(m, width))) for width in widths]
+        if not accelerations:
+            parts[3][:] = 0
+        return parts
+
+    def through(self) -> Array:
+        """Dense (14, n) Jacobian of the accelerations by the state."""
+        _, by_q, by_u, by_disturbances, _ = self.jacobians
+        through = np.zeros((14, N))
+        through[:, DYNAMIC], through[:, U] = by_q, by_u
+        through[:, FORCE], through[:, SURROUND] = np.eye(14), by_disturbances
+        return through
+
+    def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
+        """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
+        _, by_q, by_u, by_udot, by_surroundings = sensed
+        h = np.zeros((len(by_q), N))
+        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
+        if accelerations:
+            h += by_udot @ self.through()
+        if biased:
+            h[:, BIASES] += np.eye(len(by_q))
+        return h
+
+
+def problem(seed: int) -> Problem:
+    random = np.random.default_rng(seed)
+    jacobians = [np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (1, 7, 14, 4, 14)]
+    root = random.normal(size=(N, N)) * 10 ** random.uniform(-2, 1, N)[:, None]
+    covariance = root @ root.T + 1e-4 * np.eye(N)
+    covariance = 0.5 * (covariance + covariance.T)
+    by_angles = np.asfortranarray(random.normal(size=(6, 3)))
+    by_velocity = np.asfortranarray(random.normal(size=(6, 6)))
+    return Problem(jacobians, by_angles, by_velocity, covariance, random)

@@ -1,0 +1,62 @@
+"""Run an observer over a recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
+
+
+@click.command()
+@click.argument("bag", type=EXISTING)
+@vehicle_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results; default: out/run/<name>.")
+@click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
+def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
+    """Estimate what BAG does not tell, and compare with its reference where it has one.
+
+    BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
+    also a picture (PNG, SVG) and a report that opens without a network.
+
+    \b
+    Examples:
+      vsense run bags/double_lane_change --vehicle prototype_model --report
+      vsense run med_lap --vehicle genesis --out out/med_lap
+    """
+    from dataclasses import replace
+
+    from vsense_ros import observer
+    from vsense_ros.bag import write_bag
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.drive import Drive
+    from vsense_ros.evaluate.reference import at_reference, mounting_in_words
+    from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
+
+    car = load_car(vehicle)
+    with waiting(f"reading {bag.name}"):
+        recording = import_recording(bag)
+    name = recording.name or bag.stem
+    with progress(f"estimating {name}") as done:
+        result = observer.run(recording, car, progress=done)
+    compared = replace(result, output=at_reference(result.output, car))
+    notes = tuple(filter(None, [mounting_in_words(car)]))
+    drive = Drive.of(name, f"{name}, {car.name}", recording, compared, way="without ROS", notes=notes)
+    folder = out if out is not None else Path("out") / "run" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    write_bag(folder / "output", result.output, overwrite=True)
+    (folder / "summary.json").write_text(json.dumps({name: drive.summary()}, indent=2) + "\n", encoding="utf-8")
+    if report:
+        from vsense_ros.evaluate.picture import draw
+        from vsense_ros.evaluate.report import write_report
+
+        with waiting("drawing"):
+            picture = draw(drive, folder / "picture")[0]
+            write_report([drive], folder / "report.html", title=drive.title, pictures={name: picture})
+    show_drive(drive, console())
+    say(f"Results in {folder}.")
+
+
+COMMANDS = (run,)

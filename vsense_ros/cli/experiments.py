@@ -1,0 +1,135 @@
+"""Repeat what the documents tell: demo, Genesis, thesis, simplification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import load_car, warn
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, help="Folder.")
+@click.option("--without-ros", is_flag=True, help="Run everything in this process.")
+def demo(out: Path, without_ros: bool) -> None:
+    """Three drives through the ROS processes: tables, pictures, a report.
+
+    A Toyota RAV4 from its raw CAN, IMU and GNSS bytes, a lap of a Hyundai Genesis, a generated double lane change.
+    Says what it leaves out where recordings, network or ROS are missing.
+
+    \b
+    Examples:
+      vsense demo
+      vsense demo --without-ros --out /tmp/demo
+    """
+    from vsense_ros.evaluate.terminal import console
+    from vsense_ros.experiments.demo import run_demo
+
+    run_demo(out, console(), through_ros=not without_ros)
+
+
+@click.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File."
+)
+@click.option("--vehicle", metavar="FILE", default="genesis", show_default=True, help="Vehicle file, or its name.")
+@click.option(
+    "--identify", metavar="FILE", type=click.Path(path_type=Path), help="Identify the car instead, and write FILE."
+)
+@click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
+@click.option(
+    "--reference", metavar="FILE", help="Vehicle file that tells place and mounting of the reference instead."
+)
+def genesis(out: Path, vehicle: str, identify: Path | None, start: str, reference: str | None) -> None:
+    """Examine the observer on the third Genesis lap, or identify the car from the two others.
+
+    Identification takes a quarter of an hour and gives the same values every time. It does not look at the third lap,
+    so that nothing is chosen by what comes out there.
+
+    \b
+    Examples:
+      vsense genesis
+      vsense genesis --identify out/genesis.yaml
+      vsense genesis --vehicle out/genesis.yaml
+      vsense genesis --vehicle genesis_start --reference genesis_identified
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import genesis as job
+    from vsense_ros.experiments import genesis_tables as tables
+    from vsense_ros.experiments.demo import dataset
+    from vsense_ros.files.vehicle import save_vehicle
+    from vsense_ros.model.vehicle import left_out_of_observer
+
+    folder = dataset("genesis_oxts_can")
+    folder = folder if folder.is_dir() else folder.parent
+    if identify is None:
+        car = load_car(vehicle)
+        warn(left_out_of_observer(car))
+        if reference is not None:
+            car = car.model_copy(update={"reference": load_car(reference).reference})
+        with progress("estimating the third lap") as done:
+            results = job.examine(folder, car, done)
+        job.write_results(results, out)
+        tables.show_examination(results, console())
+        return
+    if reference is not None:
+        raise click.UsageError("--identify finds place and mounting of the reference itself")
+    before = load_car(start)
+    warn(left_out_of_observer(before))
+    with progress("identifying from the slow and the fast lap") as done:
+        found = job.identify(before, job.identification_laps(folder), done)
+    identify.parent.mkdir(parents=True, exist_ok=True)
+    save_vehicle(identify, found.vehicle)
+    tables.show_identification(before, found, console())
+    say(f"Written to {identify}.")
+
+
+@click.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/thesis.json"), show_default=True, help="File."
+)
+def thesis(out: Path) -> None:
+    """Repeat the tables of Rodríguez 2020: a full car of 600 kg, observers that believe in 700 kg and more grip.
+
+    \b
+    Examples:
+      vsense thesis
+    """
+    from vsense_ros.evaluate.terminal import console, progress
+    from vsense_ros.experiments import thesis as job
+
+    plant, model = (load_car(name) for name in ("prototype_real", "prototype_model"))
+    with progress("driving and estimating") as done:
+        results = job.repeat(plant, model, progress=done)
+    job.write(results, out)
+    job.show(results, console())
+
+
+@click.command()
+@click.option(
+    "--vehicle", default="prototype_real", show_default=True, metavar="FILE", help="With linkages and tables."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("docs"), show_default=True, help="Folder.")
+def simplification(vehicle: str, out: Path) -> None:
+    """Compare the simplified car with the one that has all its bodies, on each generated manoeuvre.
+
+    Writes simplification.md with tables and pictures: on suspension tables, and on straight guides.
+
+    \b
+    Examples:
+      vsense simplification
+      vsense simplification --vehicle my_car_with_tables.yaml --out out
+    """
+    from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.experiments import simplification as job
+
+    car = load_car(vehicle)
+    if ids := [effect.id for effect in car.physics.effects.present()]:
+        warn(f"the comparison leaves out {', '.join(ids)} (physics.effects), which the full car cannot have")
+    with progress("driving") as done:
+        document = job.write(car, out, done)
+    click.echo(document)
+
+
+COMMANDS = (demo, genesis, thesis, simplification)

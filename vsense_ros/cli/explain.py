@@ -1,0 +1,138 @@
+"""Say what physics a model leaves out, and which test would tell more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, HoldsOut, distinct_names, import_named, load_car, warn
+
+
+@click.command(cls=HoldsOut)
+@click.argument("recordings", nargs=-1, type=EXISTING)
+@click.option("--vehicle", metavar="FILE", help=VEHICLE_HELP)
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
+@click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
+@click.option(
+    "--ablation",
+    metavar="PART",
+    help="For comparison, the method without a part: no_refit, no_projection, chi2_thresholds.",
+)
+@click.option("--fleet", type=EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
+@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
+@click.option("--next", "design", is_flag=True, help="Say which test would tell the answer in --report apart.")
+@click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
+def explain(
+    recordings: tuple[Path, ...],
+    vehicle: str | None,
+    held_out: tuple[Path, ...],
+    assume: tuple[str, ...],
+    ablation: str | None,
+    fleet: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    design: bool,
+    report: Path,
+) -> None:
+    """Say what physics the model of a car leaves out on RECORDINGS.
+
+    The parameters that a vehicle file is never sure of are fitted first; what is then left over is held against the
+    effects of the library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
+    which every other command takes as --vehicle.
+
+    With --fleet, DIR has one folder for each vehicle: its recordings, vehicle.yaml (or one in DIR for all that have
+    none), and in held_out/ those to prove it on. All recordings of a vehicle are explained together, as what is named
+    must hold on those left out of the fit. Vehicles run beside each other on Dask; what was done before, of the same
+    files, is not done again; what cannot be used is listed with its reason. Writes into --report, outside of DIR, a
+    folder for each vehicle, fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
+
+    After an ambiguous answer generated manoeuvres are driven with each effect of the answer set at its fitted size, and
+    ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the answer in the folder
+    of --report.
+
+    \b
+    Examples:
+      vsense explain lap_1 lap_2 --hold-out lap_3 --vehicle genesis --report out/explain
+      vsense explain --next --vehicle genesis --report out/explain
+      vsense explain --fleet recordings --report out/fleet
+    """
+    if fleet is not None:
+        if recordings or vehicle or held_out or assume or ablation or design:
+            raise click.UsageError("--fleet takes recordings and vehicle files from its folder, and no others")
+        _explain_fleet(fleet, report, scheduler, workers)
+        return
+    if scheduler or workers:
+        raise click.UsageError("--scheduler and --workers belong to --fleet")
+    if not vehicle or not (recordings or design):
+        raise click.UsageError("expected --vehicle and RECORDINGS, or --vehicle and --next, or --fleet")
+    if not recordings and (held_out or assume):
+        raise click.UsageError("--hold-out and --assume need RECORDINGS")
+    verdict = _explain(recordings, vehicle, held_out, assume, ablation or "", report) if recordings else "ambiguous"
+    if verdict == "ambiguous":
+        try:
+            _design(vehicle, report)
+        except Exception as error:  # the answer is there without the next test
+            if not recordings:
+                raise
+            warn(f"no next test could be designed: {type(error).__name__}: {error}")
+    elif design:
+        click.echo(f"No next test: it would tell apart what an ambiguous answer leaves open; this one is {verdict}.")
+
+
+def _explain(
+    recordings: tuple[Path, ...],
+    vehicle: str,
+    held_out: tuple[Path, ...],
+    assume: tuple[str, ...],
+    ablation: str,
+    report: Path,
+) -> str:
+    """The verdict."""
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.mismatch.explain import STAGES, explain_recordings
+    from vsense_ros.mismatch.terminal import printed
+
+    car = load_car(vehicle)
+    report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
+    names = distinct_names([*recordings, *held_out])
+    train, proof = (import_named(paths, names) for paths in (recordings, held_out))
+    with progress("searching") as done:
+        steps = iter(range(STAGES))
+        found = explain_recordings(
+            train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+        )
+    found.write(report)
+    printed(found.answer, console())
+    say(f"Results in {report}.")
+    return found.answer.verdict
+
+
+def _design(vehicle: str, report: Path) -> None:
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.mismatch import design
+    from vsense_ros.mismatch.answer_schema import read_answer
+
+    car = load_car(vehicle)
+    design.left_open(read_answer(report), car)  # says what is wrong before a bar begins
+    with progress("driving manoeuvres that may tell it apart") as done:
+        found = design.designed(report, car, done)
+    design.printed(found, console())
+    say(f"Results in {report / design.NEXT}.")
+
+
+def _explain_fleet(folder: Path, report: Path, scheduler: str | None, count: int | None) -> None:
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.mismatch import fleet, fleet_report
+
+    fleet.make_room(report, folder)
+    members = fleet.members(folder)
+    with progress(f"explaining {len(members)} vehicles") as done, fleet.workers(scheduler, count) as client:
+        results = fleet.explain_fleet(members, report, client, progress=done)
+    fleet_report.write(results, report)
+    fleet_report.printed(results, console())
+    say(f"Results in {report}.")
+
+
+COMMANDS = (explain,)

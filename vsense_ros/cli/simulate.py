@@ -1,0 +1,67 @@
+"""Drive manoeuvres with the 14-DOF car."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import load_car, vehicle_option, warn
+
+
+@click.command()
+@click.argument("manoeuvre")
+@vehicle_option
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the sensors' noise.")
+@click.option("--overwrite", is_flag=True, help="Replace a bag that stands at BAG.")
+def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool) -> None:
+    """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.
+
+    An unknown name lists those there are.
+
+    \b
+    Examples:
+      vsense simulate step_steer --vehicle prototype_real --out out/step_steer
+      vsense run out/step_steer --vehicle prototype_model
+    """
+    from vsense_ros.bag import write_bag
+    from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
+    from vsense_ros.manoeuvre import generate
+    from vsense_ros.messages.inspect import inspect
+    from vsense_ros.model.vehicle import left_out_of_simulation
+
+    car = load_car(vehicle)
+    warn(left_out_of_simulation(car))
+    with waiting(f"driving {manoeuvre}"):
+        recording = generate(manoeuvre, car, seed)
+        write_bag(out, recording, overwrite=overwrite)
+    show_inspection(inspect(recording), console())
+    say(f"Written to {out}.")
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("bags"), show_default=True, help="Folder.")
+def bags(out: Path) -> None:
+    """Generate the manoeuvre bags of the repository again, bit by bit.
+
+    \b
+    Examples:
+      vsense bags
+      vsense bags --out /tmp/bags && diff -r bags /tmp/bags
+    """
+    from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.experiments.bags import plant, write_bags
+    from vsense_ros.manoeuvre import STANDARD
+
+    written: list[Path] = []
+    with progress("generating") as done:
+        for path in write_bags(out, plant()):
+            written.append(path)
+            done(len(written) / len(STANDARD))
+    for path in written:
+        size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
+        click.echo(f"{path} {size:.2f} MB")
+
+
+COMMANDS = (simulate, bags)

@@ -1,0 +1,99 @@
+"""Tune how much the observer trusts its sensors and its model; watch whether the model still fits."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, HoldsOut, distinct_names, import_named, load_car, vehicle_option, warn
+
+
+@click.command(cls=HoldsOut)
+@click.argument("recordings", nargs=-1, required=True, type=EXISTING)
+@vehicle_option
+@click.option("--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="YAML.")
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To judge by.")
+@click.option("--own-noise", is_flag=True, help="Tune what messages state about their noise, too, and ignore that.")
+def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tuple[Path, ...], own_noise: bool) -> None:
+    """Find the noise covariances of the observer under which RECORDINGS are likeliest.
+
+    Writes the vehicle file with them, comments kept, beside it a picture and all figures as JSON: how consistent the
+    filter is with its innovations before and after, and with the truth where there is one.
+
+    \b
+    Examples:
+      vsense tune drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml --output my_car_tuned.yaml
+    """
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.installed import vehicle_path
+    from vsense_ros.files.vehicle import save_changes
+    from vsense_ros.identify import noise as job
+    from vsense_ros.identify import noise_report
+    from vsense_ros.model.vehicle import left_out_of_observer
+
+    path = vehicle_path(vehicle)
+    car = load_car(vehicle)
+    warn(left_out_of_observer(car))
+    drives, proof = ([import_recording(recording) for recording in paths] for paths in (recordings, held_out))
+    with progress("tuning") as done:
+        result = job.tune(car, drives, proof, own_noise=own_noise, progress=done)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    save_changes(path, output, result.vehicle, result.changed(car))
+    result.write(output.with_suffix(".json"))
+    picture = noise_report.draw(result, output.with_suffix(".png"))
+    noise_report.show(result, console())
+    say(f"Written to {output}, {output.with_suffix('.json').name}, {picture.name}.")
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, type=EXISTING)
+@vehicle_option
+@click.option("--calibrate", type=click.Path(path_type=Path), metavar="LIMITS", help="File to write the limits to.")
+@click.option("--limits", "limits_file", type=EXISTING, metavar="LIMITS", help="Limits to judge RECORDINGS by.")
+def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, limits_file: Path | None) -> None:
+    """Watch whether the observer's model still fits: find out what is normal, or judge RECORDINGS.
+
+    Innovations of each sensor, generalized forces that the model lacks, and estimated errors are looked at over ten
+    seconds. With --calibrate, RECORDINGS are at least two drives with nothing wrong, as different as they come; what
+    they have, with a margin that each of them left out would have needed, becomes the limits. What one of them lacks
+    has none, and is told. The observer node takes them as its parameter `monitor` and says in its diagnostics what has
+    left them, and since when.
+
+    \b
+    Examples:
+      vsense monitor monday tuesday --vehicle my_car.yaml --calibrate my_car.monitor.yaml
+      vsense monitor friday --vehicle my_car.yaml --limits my_car.monitor.yaml
+      ros2 run vsense_ros observer --ros-args -p vehicle:=my_car.yaml -p monitor:=my_car.monitor.yaml
+    """
+    if (calibrate is None) == (limits_file is None):
+        raise click.UsageError("expected either --calibrate or --limits")
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.identify import monitor_report
+    from vsense_ros.model.vehicle import left_out_of_observer
+    from vsense_ros.observer import calibration
+    from vsense_ros.observer.monitor import load_limits, save_limits
+
+    car = load_car(vehicle)
+    warn(left_out_of_observer(car))
+    limits = load_limits(limits_file) if limits_file is not None else None
+    names = distinct_names(recordings)
+    watched = []
+    with progress("watching") as done:
+        for i, path in enumerate(recordings):
+            (recording,) = import_named([path], names)
+            before = i / len(recordings)
+            report = partial(lambda before, share: done(before + share / len(recordings)), before)
+            watched.append(calibration.watch(recording, car, limits, report))
+    if calibrate is None:
+        monitor_report.show_watched(watched, console())
+        return
+    found = calibration.calibrate(watched, car)
+    save_limits(calibrate, found.limits)
+    monitor_report.show_limits(found, console())
+    say(f"Written to {calibrate}.")
+
+
+COMMANDS = (tune, monitor)

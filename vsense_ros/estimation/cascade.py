@@ -1,0 +1,245 @@
+"""Filters in a row: what one estimates is, with its variance, an input or a measurement of another.
+
+So are the kinematic filters of Leung 2010 (chapter 4): the heading filter's gyro bias corrects the yaw rate by which
+the velocity filter turns its axes, and its heading turns the velocity that GNSS measured into the car's axes. How the
+errors of two filters belong together is not known here: where much goes back and forth, one filter of all states is the
+right one, and its NEES shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import block_diag
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
+from vsense_ros.estimation.gaussian import check_belief
+from vsense_ros.estimation.state_space import Measurement, Named, StateSpace, Symbols, expression
+
+
+class Part(Protocol):
+    """A filter that can be a part of another: `Ekf` of a `Dense`, `Ukf`."""
+
+    memory: Array
+    mean: Array
+    covariance: Array
+    names: tuple[str, ...]
+    sensors: tuple[str, ...]
+
+    def at(self, memory: Array) -> Any:
+        """The same, with its memory in this array (s,)."""
+
+
+@dataclass(frozen=True)
+class PassedInput:
+    """Before each step, inputs `names` of the filter `target` are `equation(x, u)` (m,) of the state of `source` and
+    the inputs of the cascade; and inputs `variances` (m,), if it has any, their variances."""
+
+    source: str
+    target: str
+    equation: Callable[[Named, Named], Any]
+    names: tuple[str, ...]
+    variances: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PassedMeasurement:
+    """What `sensor` measures becomes, as `equation(x, value)` (m,) of the state of `source`, the `measurement` of the
+    filter `target`. Its variances are those of the sensor and of the source, carried through the equation; how its
+    components belong together is left out."""
+
+    sensor: Measurement
+    source: str
+    target: str
+    measurement: str
+    equation: Callable[[Named, ca.SX], Any]
+
+
+class Cascade(Filter):
+    """Filters by name, in the order in which they act. Elements of the state are called `filter.state`.
+
+    `inputs` are those of all filters, by name, that no link fills; `input_names` says in which order.
+    """
+
+    def __init__(
+        self, filters: Mapping[str, Part], inputs: tuple[PassedInput, ...], measurements: tuple[PassedMeasurement, ...]
+    ) -> None:
+        self._check(filters, inputs, measurements)
+        passed = {(one.target, name) for one in inputs for name in (*one.names, *one.variances)}
+        wanted = [(key, name) for key, one in filters.items() for name in _system(one).inputs]
+        self.input_names = tuple(dict.fromkeys(name for key, name in wanted if (key, name) not in passed))
+        lengths = [len(self.input_names), *(len(one.memory) for one in filters.values())]
+        self.memory = np.zeros(sum(lengths))
+        self.inputs, *parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
+        self.filters: dict[str, Any] = {
+            key: one.at(part) for (key, one), part in zip(filters.items(), parts, strict=True)
+        }
+        self.names = tuple(f"{key}.{name}" for key, one in filters.items() for name in one.names)
+        outside = [name for key, one in filters.items() for name in one.sensors if not _is_fed(key, name, measurements)]
+        self.sensors = tuple(dict.fromkeys([*outside, *(one.sensor.name for one in measurements)]))
+        self._taken = {
+            key: [
+                (i, self.input_names.index(name))
+                for i, name in enumerate(_system(one).inputs)
+                if (key, name) not in passed
+            ]
+            for key, one in filters.items()
+        }
+        self._inputs = [_Input(one, self) for one in inputs]
+        self._measurements = [_Measured(one, self) for one in measurements]
+
+    @staticmethod
+    def _check(
+        filters: Mapping[str, Part], inputs: tuple[PassedInput, ...], given: tuple[PassedMeasurement, ...]
+    ) -> None:
+        """Raises `InputError` where a link names what is not there."""
+        for key in (key for one in (*inputs, *given) for key in (one.source, one.target)):  # type: ignore[attr-defined]
+            if key not in filters:
+                raise InputError(f"a link names the filter {key!r}; there are: {', '.join(filters)}")
+        for link in inputs:
+            known = _system(filters[link.target]).inputs
+            if unknown := [name for name in (*link.names, *link.variances) if name not in known]:
+                raise InputError(f"the filter {link.target!r} has no input {unknown[0]!r}; it has: {', '.join(known)}")
+        for derived in given:
+            known = filters[derived.target].sensors
+            if derived.measurement not in known:
+                raise InputError(
+                    f"the filter {derived.target!r} has no measurement {derived.measurement!r}; it has: "
+                    f"{', '.join(known)}"
+                )
+
+    def start(self, belief: Gaussian) -> None:
+        """Begin anew; between filters nothing of the covariance is kept."""
+        n = [len(one.mean) for one in self.filters.values()]
+        e = [len(one.covariance) for one in self.filters.values()]
+        mean, covariance = np.asarray(belief.mean, dtype=float), np.asarray(belief.covariance, dtype=float)
+        check_belief(mean, covariance, sum(n), sum(e))
+        for key, one in self.filters.items():
+            self._pass_inputs(key)
+            i = list(self.filters).index(key)
+            at, of = slice(sum(n[:i]), sum(n[: i + 1])), slice(sum(e[:i]), sum(e[: i + 1]))
+            one.start(Gaussian(mean[at], covariance[of, of]))
+
+    def predict(self, h: float) -> None:
+        """Go on by `h` [s], one filter after the other."""
+        for key, one in self.filters.items():
+            self._pass_inputs(key)
+            one.predict(h)
+
+    def _pass_inputs(self, key: str) -> None:
+        """Give one filter its inputs, of the cascade and of other filters."""
+        own = self.filters[key].inputs
+        for i, j in self._taken[key]:
+            own[i] = self.inputs[j]
+        for link in self._inputs:
+            if link.target == key:
+                link.act()
+
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        """Correct every filter that has this sensor, then those to which a link passes it on.
+
+        The innovations of all of them stand one behind the other, as if they were independent; accepted is what each
+        has accepted. `limit` holds for each.
+        """
+        if sensor not in self.sensors:
+            raise InputError(f"the cascade has no sensor {sensor!r}; it has: {', '.join(self.sensors)}")
+        found = []
+        for key, one in self.filters.items():
+            if sensor in one.sensors and not _is_fed(key, sensor, [m.link for m in self._measurements]):
+                found.append(_copied(one.correct(sensor, value, variance, limit, scale)))
+        for link in self._measurements:
+            if link.link.sensor.name == sensor:
+                target, measurement = self.filters[link.link.target], link.link.measurement
+                found.append(_copied(target.correct(measurement, *link.made(value, variance), limit, scale)))
+        return _together(found)
+
+    def belief(self) -> Gaussian:
+        """Mean and covariance of all filters, nothing between them."""
+        every = [one.belief() for one in self.filters.values()]
+        return Gaussian(np.concatenate([b.mean for b in every]), block_diag(*(b.covariance for b in every)))
+
+    def is_valid(self) -> bool:
+        """Whether each filter is."""
+        return all(one.is_valid() for one in self.filters.values())
+
+    def inflate(self) -> None:
+        """Each filter."""
+        for one in self.filters.values():
+            one.inflate()
+
+
+def _system(filter: Any) -> StateSpace:
+    """The state space of an `Ekf` of a `Dense`, or of a `Ukf`."""
+    system = filter.system
+    return system if isinstance(system, StateSpace) else system.system
+
+
+def _is_fed(key: str, sensor: str, links: Any) -> bool:
+    """Whether a link makes this measurement of this filter, under another name than it has outside."""
+    return any(one.target == key and one.measurement == sensor for one in links)
+
+
+class _Input:
+    """A link to inputs, with its function."""
+
+    def __init__(self, link: PassedInput, cascade: Cascade) -> None:
+        self.target, self._cascade = link.target, cascade
+        self._source, self._own = cascade.filters[link.source], cascade.filters[link.target].inputs
+        known = _system(cascade.filters[link.target]).inputs
+        self._places = [known.index(name) for name in link.names]
+        self._variances = [known.index(name) for name in link.variances]
+        at = Symbols(_system(self._source))
+        u = Named(ca.SX.sym("u", len(cascade.input_names)), cascade.input_names, "input")
+        found = expression(link.equation(at.x, u))
+        if found.numel() != len(link.names) or len(link.variances) not in (0, len(link.names)):
+            raise InputError(f"the link to {', '.join(link.names)} of {link.target!r} gives {found.numel()} numbers")
+        self._function = ca.Function("passed", [at.x.vector, u.vector], [found, at.by_error(found)])
+
+    def act(self) -> None:
+        """Set the inputs."""
+        value, by_error = self._function(self._source.mean, self._cascade.inputs)
+        self._own[self._places] = np.array(value)[:, 0]
+        if self._variances:
+            self._own[self._variances] = _variances(np.array(by_error), self._source.covariance)
+
+
+class _Measured:
+    """A link to a measurement, with its function."""
+
+    def __init__(self, link: PassedMeasurement, cascade: Cascade) -> None:
+        self.link, self._source = link, cascade.filters[link.source]
+        at = Symbols(_system(self._source))
+        value = ca.SX.sym("value", len(link.sensor.deviations))
+        found = expression(link.equation(at.x, value))
+        by = [at.by_error(found), ca.jacobian(found, value)]
+        self._function = ca.Function("passed", [at.x.vector, value], [found, *by])
+
+    def made(self, value: Array, variance: Array) -> tuple[Array, Array]:
+        """Measurement (m,) of the target, and its variances (m,)."""
+        found, by_error, by_value = (np.array(one) for one in self._function(self._source.mean, value))
+        variances = _variances(by_error, self._source.covariance) + np.square(by_value) @ variance
+        return found[:, 0], variances
+
+
+def _variances(by_error: Array, covariance: Array) -> Array:
+    """Of what depends on an error by this Jacobian (m, e), (m,)."""
+    return np.einsum("ij,jk,ik->i", by_error, covariance, by_error)
+
+
+def _copied(found: Innovation) -> Innovation:
+    return found._replace(whitened=found.whitened.copy(), factor=found.factor.copy())
+
+
+def _together(found: list[Innovation]) -> Innovation:
+    """Several innovations as one."""
+    whitened = np.concatenate([one.whitened for one in found])
+    present = [one.nis for one in found if not one.nis < 0]
+    nis = float(np.sum(present)) if present else -1.0
+    return Innovation(whitened, block_diag(*(one.factor for one in found)), nis, all(one.accepted for one in found))

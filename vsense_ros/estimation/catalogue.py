@@ -1,0 +1,82 @@
+"""Filters that can be chosen by name: `vsense filters` lists them, `--filter NAME` takes one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.state_space import Measurement, StateSpace
+
+
+@dataclass(frozen=True)
+class FilterFamily:
+    """What a user reads of a filter before choosing it, and `make`, which builds one from what its room gives it."""
+
+    name: str  # as in `--filter NAME`
+    title: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    sensors: tuple[str, ...]
+    when: str  # to take which: one sentence
+    make: Callable[..., Any] = field(compare=False)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        title: str,
+        when: str,
+        system: StateSpace,
+        measurements: Iterable[Measurement],
+        make: Callable[..., Any],
+    ) -> FilterFamily:
+        """Of a filter of one state space: its states, inputs and sensors are read from that."""
+        return cls(name, title, system.names, system.inputs, tuple(one.name for one in measurements), when, make)
+
+
+class Catalogue:
+    """Families by name. Rooms that have filters add theirs; this one names none."""
+
+    def __init__(self, families: Iterable[FilterFamily] = ()) -> None:
+        self._families: dict[str, FilterFamily] = {}
+        for family in families:
+            self.add(family)
+
+    def add(self, family: FilterFamily) -> FilterFamily:
+        """Raises `ValueError` for a second family of one name."""
+        if family.name in self._families:
+            raise ValueError(f"there are two filters called {family.name!r}")
+        self._families[family.name] = family
+        return family
+
+    def __iter__(self) -> Any:
+        return iter(self._families.values())
+
+    def __len__(self) -> int:
+        return len(self._families)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order in which they were added."""
+        return tuple(self._families)
+
+    def __getitem__(self, name: str) -> FilterFamily:
+        """Raises `InputError` for a name that is not there, with those that are."""
+        found = self._families.get(name)
+        if found is None:
+            near = get_close_matches(name, self._families, 1)
+            hint = f", did you mean {near[0]!r}?" if near else "."
+            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}")
+        return found
+
+    def check_sensors(self, name: str, present: Iterable[str]) -> None:
+        """Raises `InputError` if a recording or a vehicle lacks all, or some, of the sensors that a filter needs."""
+        family, there = self[name], set(present)
+        if missing := [sensor for sensor in family.sensors if sensor not in there]:
+            raise InputError(
+                f"the filter {name!r} needs the sensor {missing[0]!r}, which is not there; there are: "
+                f"{', '.join(sorted(there)) or 'none'}"
+            )

@@ -1,0 +1,95 @@
+"""The extended Kalman filter in error coordinates (Jazwinski 1970, section 8.3; Solà 2017, section 6).
+
+The error δ of the state is what has a covariance: the true state is x ⊞ δ. With ⊞ = + it is the textbook's filter. A
+correction whitens the innovation, with L Lᵀ = H P Hᵀ + R and W = P Hᵀ L⁻ᵀ, and P ← P - W Wᵀ: symmetric to the last bit,
+and a third of Joseph's work (docs/covariance.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from vsense_ros.estimation.filter import Array, Gaussian, Given, Innovation, Measured, Step
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, whiten
+from vsense_ros.estimation.linearised import Linearised
+
+
+class Ekf(GaussianFilter):
+    """Of any linearised system: compiled where the system is, else in NumPy."""
+
+    def __init__(self, system: Linearised) -> None:
+        self.system = system
+        self.memory, self.inputs = system.memory, system.inputs
+        self.mean, self.covariance = system.mean, system.covariance
+        self.names, self.sensors = system.names, system.sensors
+        self._operations = system.operations
+        if self._operations is None:
+            self._whitened, self._factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
+        else:
+            self._whitened, self._factor = self._operations.whitened, self._operations.factor
+        self._views = [_views(self._whitened, self._factor, m) for m in range(COMPONENTS + 1)]
+
+    def at(self, memory: Array) -> Ekf:
+        """The same, with its memory in this array (s,), if its system can do that: for filters that contain others."""
+        return Ekf(cast("Any", self.system).at(memory))
+
+    def start(self, belief: Gaussian) -> None:
+        """As `GaussianFilter.start`; inputs that the system needs must be there before."""
+        self.check(belief)
+        self.system.start(belief)
+        self.system.linearize()
+
+    def predict(self, h: float) -> None:
+        """Go on by `h` [s]."""
+        if self._operations is not None:
+            self._operations.predict(h)
+        else:
+            self.system.step(h)
+
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
+        if self._operations is not None:
+            nis = self._operations.correct(sensor, value, variance, limit, scale)
+        else:
+            nis = self._correct(sensor, value, variance, limit, scale)
+        if nis != nis:
+            self.recover(sensor)
+        whitened, factor = self._views[len(value)]
+        return Innovation(whitened, factor, nis, 0.0 <= nis <= limit)
+
+    def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
+        """What algebra.c does, in NumPy."""
+        residual, by_error = self.system.sense(sensor, value)
+        across = by_error @ self.covariance
+        found = whiten(residual, scale * (across @ by_error.T + np.diag(variance)), across)
+        found.write(self._whitened, self._factor)
+        if 0.0 <= found.nis <= limit:
+            self.covariance -= found.projected.T @ found.projected
+            self.system.retract(found.error)
+        return found.nis
+
+    def is_valid(self) -> bool:
+        """Whether the state is finite and within its bounds, and the variances positive."""
+        return self.system.is_valid()
+
+    def advance(self, step: Step) -> bool:
+        """As `Filter.advance`, in one call where the system is compiled."""
+        if self._operations is not None:
+            return self._operations.advance(step)
+        return super().advance(step)
+
+    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
+        """As `Filter.repeat`, in one call where the system is compiled."""
+        if self._operations is not None:
+            return self._operations.repeat(events)
+        return super().repeat(events)
+
+
+def _views(whitened: Array, factor: Array, m: int) -> tuple[Array, Array]:
+    """The parts that a measurement with m components fills."""
+    return whitened[:m], factor[: m * m].reshape(m, m)

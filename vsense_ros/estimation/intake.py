@@ -1,0 +1,168 @@
+"""Which messages reach a filter: no copies, nothing frozen, no clock that went elsewhere on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum, auto
+from math import isfinite
+
+import numpy as np
+
+from vsense_ros.estimation.health import PATIENCE, Health
+from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.sensors import SensorBase
+
+LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
+_FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
+_ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
+
+
+class Timing(Enum):
+    """What the stamp of an event says."""
+
+    USED = auto()  # it belongs to the stretch of time that the filter knows, or goes on from there
+    REFUSED = auto()
+    RESTART = auto()  # time has gone on, or back, for all sensors
+
+
+class Intake:
+    """The messages of all sensors, in order of arrival; `health` (one for each) says what became of them.
+
+    `moving()` tells whether the car moves, so that an inertial sensor of coarse resolution may not repeat itself.
+    """
+
+    def __init__(
+        self, sensors: Mapping[str, SensorBase], on_map: Map, reach: float, moving: Callable[[], bool]
+    ) -> None:
+        self.sensors = tuple(sensors.values())
+        self.health = [Health() for _ in self.sensors]
+        self.newest_arrival = 0  # [ns]
+        self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self.sensors)]
+        self._reach, self._moving = int(reach * 1e9), moving
+        self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
+        self._silence = 0  # before the newest message [ns]
+
+    def read(self, index: int, sample: Sample) -> Event | None:
+        """The measurement in a message of a sensor, if it can be true and is new."""
+        health = self.health[index]
+        health.last_received = self._arrival(sample)
+        event = self._readers[index].read(sample)
+        if not isinstance(event, Event):
+            self.refuse(index, event)
+        elif sample.stamp <= health.last_stamp and sample.stamp in health.stamps:
+            self.refuse(index, "stamp repeated")
+        elif self._frozen(index, event):
+            self.refuse(index, "value frozen")
+        else:
+            return event
+        return None
+
+    def _arrival(self, sample: Sample) -> int:
+        """When a message arrived; where it does not tell, its stamp, as far as that goes on with the others."""
+        received, newest = sample.received, self.newest_arrival
+        if received is None:
+            received = min(sample.stamp, newest + _ARRIVAL_STEP) if newest else sample.stamp
+        self._silence = received - newest
+        self.newest_arrival = max(newest, received)
+        return received
+
+    def believe(self, index: int, stamp: int) -> None:
+        """The stamp of a message is that of a measurement."""
+        health = self.health[index]
+        health.last_stamp = max(health.last_stamp, stamp)
+        health.stamps.append(stamp)
+
+    def _frozen(self, index: int, event: Event) -> bool:
+        if self.sensors[index].kind != "imu":
+            return False
+        health, content = self.health[index], event.value.tobytes()
+        health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0
+        health.last_content = content
+        if health.same_in_a_row < _FROZEN:
+            return False
+        turning = np.nanmax(np.abs(event.value[:3]), initial=0.0) > 1e-3
+        return bool(turning or self._moving())
+
+    def refuse(self, index: int, why: str) -> None:
+        """A message that cannot be true."""
+        health = self.health[index]
+        health.invalid += 1
+        health.complain(why)
+
+    def timing(self, event: Event, oldest: int, newest: int) -> Timing:
+        """Whether a stamp belongs to the stretch of time from `oldest` to `newest` [ns], or goes on from there.
+
+        Where a stamp does not, time has gone on if there was as long a silence. Otherwise the other sensors tell
+        whether this clock is wrong: once all that still send are there too, the filter follows them. A clock that alone
+        went elsewhere is never followed.
+        """
+        index, stamp = event.sensor, event.stamp
+        if oldest <= stamp <= newest + self._reach:
+            if self._jumps:
+                self._jumps.pop(index, None)
+            return Timing.USED
+        silent = abs(stamp - newest - self._silence) < self._reach
+        agreed = silent or self._others_are_there(index, stamp)
+        distance = (stamp - newest) * 1e-9
+        if agreed and abs(distance) > LONGEST_GAP:
+            return Timing.RESTART
+        if distance > 0:
+            if agreed:
+                return Timing.USED
+            self.refuse(index, f"stamp {distance:.3g} s ahead of all others")
+            return Timing.REFUSED
+        health = self.health[index]
+        health.too_late += 1
+        health.complain(f"measurement {-distance:.3g} s old, history is {self._reach * 1e-9:g} s")
+        return Timing.REFUSED
+
+    def _others_are_there(self, index: int, stamp: int) -> bool:
+        """Whether every other sensor that still sends went to the same time, or none has sent lately."""
+        self._jumps[index] = stamp
+        others = (i for i in range(len(self.sensors)) if i != index and self.sends(i))
+        return all(i in self._jumps and abs(self._jumps[i] - stamp) < LONGEST_GAP * 1e9 for i in others)
+
+    def sends(self, index: int) -> bool:
+        """Whether a sensor was believed, and is not silent."""
+        health = self.health[index]
+        silence = self.newest_arrival - health.last_received
+        return health.last_stamp > 0 and silence < self.sensors[index].timeout * 1e9
+
+    def forget_clocks(self) -> None:
+        """Wait for clocks to agree anew."""
+        self._jumps.clear()
+
+    def restart(self, index: int) -> None:
+        """Time is where the newest message of a sensor is: stamps from before mean nothing."""
+        self.newest_arrival = self.health[index].last_received
+        for health in self.health:
+            health.last_stamp = 0
+            health.stamps.clear()
+
+    def count(self, event: Event, nis: float, limit: float, *, measured: bool) -> None:
+        """Keep what became of an event, of a measurement its normalized innovation squared."""
+        health = self.health[event.sensor]
+        if not measured:
+            health.used += 1
+        elif nis <= limit:
+            health.refused_in_a_row = 0
+            health.used += 1
+            health.innovation_ratio += 0.02 * (nis / len(event.value) - health.innovation_ratio)
+        else:
+            health.refused += 1
+            health.refused_in_a_row += 1
+            health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
+
+    def out_of_patience(self, index: int, nis: float, limit: float) -> bool:
+        """Whether so many measurements were refused that it may be the filter that is wrong."""
+        return not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and isfinite(nis)
+
+
+def by_topic(sensors: Sequence[SensorBase]) -> dict[str, list[int]]:
+    """Places of the sensors that listen to each topic."""
+    found: dict[str, list[int]] = {}
+    for i, sensor in enumerate(sensors):
+        found.setdefault(sensor.topic, []).append(i)
+    return found

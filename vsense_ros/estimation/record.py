@@ -1,0 +1,78 @@
+"""A run of an extended Kalman filter that is kept step by step: for smoothers and for what could be observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.dense import Dense
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
+
+
+@dataclass
+class Instant:
+    """One time of a run: beliefs before and after its corrections, F (e, e) from the last instant to this one, and the
+    information Σ Hᵀ R⁻¹ H (e, e) of its measurements."""
+
+    time: float  # [s] since the start
+    transition: Array
+    before: Gaussian
+    after: Gaussian
+    information: Array
+
+
+class Record(Filter):
+    """A filter that does what the given one does, and keeps each step in `instants`, at most `length` of them."""
+
+    def __init__(self, filter: Ekf, length: int | None = None) -> None:
+        if not isinstance(filter.system, Dense):
+            raise InputError(
+                f"only filters of a state space can be recorded, not one of {type(filter.system).__name__}"
+            )
+        self.filter, self.system, self.length = filter, filter.system, length
+        self.memory, self.inputs, self.names, self.sensors = filter.memory, filter.inputs, filter.names, filter.sensors
+        self.instants: list[Instant] = []
+
+    def start(self, belief: Gaussian) -> None:
+        """As the filter does; what was kept is forgotten."""
+        self.filter.start(belief)
+        now, e = self.filter.belief(), len(self.filter.covariance)
+        self.instants = [Instant(0.0, np.eye(e), now, now, np.zeros((e, e)))]
+
+    def predict(self, h: float) -> None:
+        """As the filter does; a new instant."""
+        self.filter.predict(h)
+        now = self.filter.belief()
+        transition = self.system.transition_matrix
+        self.instants.append(Instant(self.instants[-1].time + h, transition, now, now, np.zeros_like(transition)))
+        if self.length is not None and len(self.instants) > self.length:
+            del self.instants[0]
+
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        """As the filter does, kept with the present instant."""
+        residual, by_error = (found.copy() for found in self.system.sense(sensor, value))
+        found = self.filter.correct(sensor, value, variance, limit, scale)
+        if found.accepted:
+            present = np.isfinite(residual)
+            h = by_error[present]
+            self.instants[-1].information += h.T @ (h / np.asarray(variance)[present, None])
+            self.instants[-1].after = self.filter.belief()
+        return found
+
+    def belief(self) -> Gaussian:
+        """As the filter."""
+        return self.filter.belief()
+
+    def is_valid(self) -> bool:
+        """As the filter."""
+        return self.filter.is_valid()
+
+    def inflate(self) -> None:
+        """As the filter."""
+        self.filter.inflate()
+        self.instants[-1].after = self.filter.belief()

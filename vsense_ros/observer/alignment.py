@@ -1,0 +1,118 @@
+"""The heading of a car, and where it is on the map, until the filter knows them; and again when it is astray."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.health import PATIENCE
+from vsense_ros.estimation.intake import Intake
+from vsense_ros.estimation.timeline import Event, Timeline
+from vsense_ros.model.coordinates import YAW, X, Y
+from vsense_ros.model.effects.base import ON_MAP
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.standstill import Standstill
+from vsense_ros.observer.state import FORWARD, LATERAL
+
+Array = NDArray[np.float64]
+
+_ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
+_SAME_SPEED = 0.2  # of a speed by which another may differ from it
+_STANDING = 0.2  # [m/s] below it the car does
+_ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is known
+
+
+class Alignment:
+    """Of the filter on a timeline; `known` once the heading is."""
+
+    def __init__(self, filter: CarFilter, timeline: Timeline, intake: Intake) -> None:
+        self._filter, self._timeline, self._intake = filter, timeline, intake
+        self._mean = filter.car.mean
+        self._sensors = intake.sensors
+        self._standstill = Standstill()
+        self.known = False
+
+    def start(self, events: dict[str, Event]) -> None:
+        """The filter has just started, with these measurements."""
+        self.known = bool(self._filter.car.prior.deviation[YAW] < 1.0)  # where the map is laid by the start
+        self._standstill = Standstill()
+        if (fix := events.get("gnss_position")) is not None:
+            self._stand(fix)
+        for kind in ("gnss_attitude", "gnss_velocity"):
+            if kind in events and not self.known:
+                self.align(events[kind])
+
+    def helps(self, event: Event) -> bool:
+        """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
+        kind = self._sensors[event.sensor].kind
+        if kind not in ON_MAP:
+            return True
+        if kind != "gnss_position":
+            return self.align(event)
+        if not self._velocity_comes() and self.align(event):
+            return True
+        self._stand(event)
+        return False
+
+    def astray(self, velocity: Event) -> bool:
+        """Whether the heading is wrong: the car is as fast as GNSS says, yet all that is seen on the map is refused."""
+        if self._sensors[velocity.sensor].kind != "gnss_velocity":
+            return False
+        speed = np.hypot(*velocity.value)
+        same = abs(np.hypot(self._mean[FORWARD], self._mean[LATERAL]) - speed) < _SAME_SPEED * speed
+        health = self._intake.health
+        seen = (h for i, h in enumerate(health) if self._sensors[i].kind in ON_MAP and self._intake.sends(i))
+        return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
+
+    def align(self, event: Event) -> bool:
+        """Take the heading from a measurement, if it tells one; True if that has just been done."""
+        told = self._heading(event)
+        if told is None:
+            return False
+        f, (yaw, deviation) = self._filter, told
+        was, position, spread = self._mean[YAW], self._mean[[X, Y]], _ANYWHERE
+        if self._standstill.known:
+            position, spread = self._standstill.place(position, was, yaw)
+        f.set_element(YAW, yaw, deviation)
+        for i, value in zip((X, Y), position, strict=True):
+            f.set_element(i, value, spread)
+        self.known, self._standstill = True, Standstill()
+        self._timeline.forget_past()
+        return True
+
+    def _heading(self, event: Event) -> tuple[float, float] | None:
+        """Yaw that a measurement tells [rad] and its standard deviation: two antennas; the course once it means
+        something; without velocities the way between positions."""
+        mean, sensor = self._mean, self._sensors[event.sensor]
+        if sensor.kind == "gnss_attitude":
+            cosine, sine = event.value
+            return float(np.arctan2(sine, cosine) - sensor.mounting()[0]), float(np.sqrt(event.variance.max()))
+        if sensor.kind == "gnss_position":
+            return self._standstill.heading(mean[[X, Y]], mean[YAW], event.value, event.variance)
+        east, north = event.value
+        speed = float(np.hypot(east, north))
+        if not _ALIGNMENT_SPEED < speed < self._filter.car.largest[FORWARD]:
+            return None
+        forward = mean[FORWARD] if abs(mean[FORWARD]) > 0.1 else 0.1
+        yaw = np.arctan2(north, east) - np.arctan2(mean[LATERAL], forward)
+        return float(yaw), float(np.hypot(0.05, np.sqrt(event.variance.max()) / speed))
+
+    def _stand(self, event: Event) -> None:
+        """Take a position for where the car is, as long as its heading is not known: all while it stands."""
+        mean = self._mean
+        seen = event.value, event.variance, self._sensors[event.sensor].mounting(), mean[YAW]
+        if abs(mean[FORWARD]) < _STANDING:
+            if not event.counted:
+                self._standstill.add(*seen)
+            mean[[X, Y]] = self._standstill.antenna
+        elif self._standstill.known:
+            self._standstill.leave()
+        else:
+            np.copyto(mean[X : Y + 1], event.value, where=np.isfinite(event.value))
+            if self._timeline.begun and not self._velocity_comes():
+                self._standstill.add(*seen)  # the way from here will tell the heading
+                self._standstill.leave()
+                self._timeline.forget_past()
+
+    def _velocity_comes(self) -> bool:
+        return any(s.kind == "gnss_velocity" and self._intake.sends(i) for i, s in enumerate(self._sensors))

@@ -1,0 +1,89 @@
+"""What it takes to start: messages until they tell how the car moves; a start at a wrong speed is worse than none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsense_ros.estimation.intake import LONGEST_GAP, Intake
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.model.vehicle import Vehicle
+
+TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
+_DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
+
+
+@dataclass(frozen=True)
+class Start:
+    """The first time [ns], the speed there [m/s], and the newest measurement of each kind of sensor."""
+
+    stamp: int
+    speed: float
+    events: dict[str, Event]
+
+
+class Beginning:
+    """Collects the first messages; `fastest` is the largest speed of a car [m/s]."""
+
+    def __init__(self, vehicle: Vehicle, intake: Intake, fastest: float) -> None:
+        self._vehicle, self._intake, self._fastest = vehicle, intake, fastest
+        self._kinds = [sensor.kind for sensor in intake.sensors]
+        self._first: dict[int, Event] = {}  # newest measurement of each sensor
+        self._gathered: dict[int, int] = {}  # when these arrived [ns]
+        self._first_stamp = 0
+
+    @property
+    def tells_speed(self) -> bool:
+        """Whether a sensor has sent that could tell the speed."""
+        return any(self._kinds[i] in TELL_SPEED for i in self._first)
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._first.clear()
+
+    def add(self, event: Event) -> Start | None:
+        """Take in a measurement; what to start with, once that is known."""
+        stamp, index = event.stamp, event.sensor
+        for speed in self._speeds({self._kinds[index]: event}):
+            if not abs(speed) < self._fastest:
+                self._intake.refuse(index, f"speed {speed:.3g} m/s before the start, limit {self._fastest:g}")
+                return None
+        if not self._keep(event):
+            return None
+        kinds = {self._kinds[i]: e for i, e in self._first.items()}
+        speeds = self._speeds(kinds)
+        waited = (stamp - self._first_stamp) * 1e-9
+        if "steering" in self._kinds and "steering" not in kinds and waited < LONGEST_GAP:
+            return None
+        if not speeds:
+            return None
+        if "gnss_velocity" in self._kinds and "gnss_velocity" not in kinds and waited < 1.0:
+            return None
+        if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < LONGEST_GAP:
+            return None
+        return Start(stamp, speeds[0], kinds)
+
+    def _keep(self, event: Event) -> bool:
+        """What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that
+        differs from several others, of which there was news lately, is wrong; else the newest message counts."""
+        stamp, gap, now = event.stamp, LONGEST_GAP * 1e9, self._intake.newest_arrival
+        near = {i for i, e in self._first.items() if abs(e.stamp - stamp) < gap}
+        others = [i for i in self._first if i != event.sensor and now - self._gathered[i] < gap]
+        if len(others) > 1 and not near.intersection(others):
+            return False
+        self._first = {i: e for i, e in self._first.items() if i in near}
+        if not self._first:
+            self._first_stamp = stamp
+        self._first[event.sensor] = event
+        self._gathered[event.sensor] = now
+        return True
+
+    def _speeds(self, kinds: dict[str, Event]) -> list[float]:
+        """What each sensor that tells the car's speed says [m/s], the wheels first."""
+        speeds = []
+        if (wheels := kinds.get("wheel_speeds")) is not None:
+            speeds.append(float(np.nanmean(wheels.value) * self._vehicle.physics.rear.unloaded_radius * 0.98))
+        if (velocity := kinds.get("gnss_velocity")) is not None and np.isfinite(velocity.value).all():
+            speeds.append(float(np.hypot(*velocity.value)))
+        return speeds

@@ -1,0 +1,108 @@
+"""The filters of the multibody car by name: what they estimate, and when to take which."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
+from vsense_ros.model.coordinates import INPUTS
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.dekf import WholeCar
+from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.full_car import FullCarBlocks
+from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
+from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
+from vsense_ros.observer.spi import Spi, numbers_kept
+from vsense_ros.observer.state import Prior, layout
+from vsense_ros.observer.ukf import Ukf
+
+
+class MakeFilter(Protocol):
+    """Makes a filter of a vehicle with sensors; by default `prior` is that of the vehicle file."""
+
+    def __call__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter: ...
+
+
+def error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The errorEKF with force estimation."""
+    return ErrorEkf(CarBlocks(vehicle, sensors, prior=prior))
+
+
+def dekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The textbook's EKF in discrete form."""
+    return ErrorEkf(WholeCar(vehicle, sensors, prior=prior))
+
+
+def ukf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The unscented Kalman filter."""
+    return Ukf(WholeCar(vehicle, sensors, prior=prior))
+
+
+def full_error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The errorEKF whose model is the car with all its bodies."""
+    return ErrorEkf(FullCarBlocks(vehicle, sensors, prior=prior))
+
+
+def spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """State, parameter and input observer, its parameter filter as the vehicle file says."""
+    room = _room(vehicle, sensors)
+    car = CarBlocks(vehicle, sensors, extra=room, prior=prior)
+    return Spi(car, PARAMETER_FILTERS[vehicle.observer.parameter_filter])
+
+
+def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The same on the car with all its bodies."""
+    room = _room(vehicle, sensors)
+    car = FullCarBlocks(vehicle, sensors, extra=room, prior=prior)
+    return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter])
+
+
+def _room(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
+    """For an SPI. Raises `InputError` for a vehicle file that lists no parameters."""
+    settings = vehicle.observer.parameters
+    if not settings:
+        raise InputError(
+            f"{vehicle.name}: the SPI estimates parameters, and the vehicle file lists none; name some in "
+            "observer.parameters, or take the filter error_ekf"
+        )
+    return numbers_kept(layout(sensors).size, len(settings))
+
+
+_WHOLE = ("coordinates", "velocities", "disturbances", "biases of the sensors")
+_WITH_FORCES = (*_WHOLE, "forces beyond the model's")
+_SENSORS = ("those of the vehicle file",)
+
+FILTERS = Catalogue(
+    [
+        FilterFamily(
+            "error_ekf", "errorEKF with force estimation", _WITH_FORCES, INPUTS, _SENSORS,
+            "nearly always: it is quick, and finds the forces that the model lacks", error_ekf,
+        ),
+        FilterFamily(
+            "spi", "SPI: state, parameters and inputs", (*_WITH_FORCES, "observer.parameters of the vehicle file"),
+            INPUTS, _SENSORS, "where mass, friction or another number of the car is not known well enough", spi,
+        ),
+        FilterFamily(
+            "dekf", "discrete EKF", _WHOLE, INPUTS, _SENSORS, "as a reference without forces, with full matrices", dekf
+        ),
+        FilterFamily(
+            "ukf", "UKF", _WHOLE, INPUTS, _SENSORS, "as a reference with sigma points, at twenty times the cost", ukf
+        ),
+        FilterFamily(
+            "full_error_ekf", "errorEKF on the full car", _WITH_FORCES, INPUTS, _SENSORS,
+            "where the linkages matter, which the vehicle file then describes", full_error_ekf,
+        ),
+        FilterFamily(
+            "full_spi", "SPI on the full car", (*_WITH_FORCES, "observer.parameters of the vehicle file"), INPUTS,
+            _SENSORS, "where the linkages matter and a number of the car is not known well enough", full_spi,
+        ),
+    ]
+)  # fmt: skip
+
+
+def default_filter(vehicle: Vehicle) -> MakeFilter:
+    """The SPI where the vehicle file lists parameters, else the errorEKF."""
+    return FILTERS["spi" if vehicle.observer.parameters else "error_ekf"].make

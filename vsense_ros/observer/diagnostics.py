@@ -1,0 +1,63 @@
+"""How an observer is, in words: REP-107 statuses of the filter, its parameters and each sensor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.observer.beginning import TELL_SPEED
+from vsense_ros.observer.spi import Spi
+
+if TYPE_CHECKING:
+    from vsense_ros.observer.observer import Observer
+
+_ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
+
+
+def of_observer(observer: Observer, now: int) -> list[Diagnostic]:
+    """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
+    lines = [_own(observer)]
+    if observer.left_out:
+        lines.append(Diagnostic("effects", Level.WARN, observer.left_out))
+    if isinstance(observer.filter, Spi):
+        lines.append(_parameters(observer.filter))
+    if observer.monitor is not None and observer.monitor.limits is not None:
+        lines.append(observer.monitor.diagnostic())
+    for (name, sensor), health in zip(observer.sensors.items(), observer.health, strict=True):
+        lines.append(health.diagnostic(name, sensor, now))
+    return lines
+
+
+def _own(observer: Observer) -> Diagnostic:
+    values = {"faults": str(observer.faults), "restarts": str(observer.restarts)}
+    if not observer.started:
+        missing = [n for n, h in zip(observer.names, observer.health, strict=True) if not h.last_stamp]
+        text = "waiting for " + (", ".join(missing) if missing else "a speed")
+        if missing and observer.waits_for_speed:
+            able = (n for n, sensor in observer.sensors.items() if sensor.kind in TELL_SPEED)
+            text += f"; nothing tells the speed, which {' or '.join(able)} would"
+        return Diagnostic("observer", Level.WARN, text, values)
+    if not observer.heading_known:
+        moving = {"gnss_velocity", "gnss_position"} & {s.kind for s in observer.sensors.values()}
+        until = "the car moves" if moving else "two antennas tell it"
+        return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
+    level = Level.OK if observer.converged else Level.WARN
+    return Diagnostic("observer", level, "converged" if observer.converged else "converging", values)
+
+
+def _parameters(spi: Spi) -> Diagnostic:
+    seen = spi.observability()
+    values = {
+        name: f"{value:.6g} ± {deviation:.2g}, {share:.0%} of the deviation at start"
+        for name, value, deviation, share in zip(seen.names, spi.values, seen.deviation, seen.share, strict=True)
+    }
+    values["independent combinations told"] = f"{seen.rank} of {len(seen.names)}"
+    closest = np.abs(np.triu(seen.correlation, 1))
+    if closest.max(initial=0.0) > _ALIKE:
+        i, j = np.unravel_index(closest.argmax(), closest.shape)
+        values["hard to tell apart"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
+    if stuck := spi.at_bounds():
+        return Diagnostic("parameters", Level.WARN, f"at its bound: {', '.join(stuck)}; {seen}", values)
+    return Diagnostic("parameters", Level.OK, str(seen), values)

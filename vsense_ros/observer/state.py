@@ -1,0 +1,134 @@
+"""The state of the car as its observers have it: where what stands, what is known of it at start, where it goes.
+
+The state (n,) holds the coordinates, velocities and generalized forces of the car (14 each), the slow disturbances, and
+the biases of each sensor; the errors of the same elements have accelerations in place of the forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.coordinates import (
+    COORDINATES,
+    DYNAMIC_COORDINATES,
+    PITCH,
+    ROLL,
+    SPIN,
+    SURROUNDINGS,
+    WHEELS,
+    YAW,
+    X,
+    Y,
+    Z,
+)
+from vsense_ros.model.effects.base import ON_MAP
+from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+# Parts of the state.
+Q, U, FORCE = (slice(i * COORDINATES, (i + 1) * COORDINATES) for i in range(3))
+SURROUND = slice(FORCE.stop, FORCE.stop + len(SURROUNDINGS))
+SLOPES = slice(SURROUND.start, SURROUND.start + 2)  # of the road, along and across
+POSE, TWIST = slice(0, 6), slice(U.start, U.start + 6)  # position and attitude, velocity and rates of the body
+FORWARD, LATERAL, YAW_RATE = U.start + X, U.start + Y, U.start + YAW
+SPIN_RATES = slice(U.start + SPIN.start, U.start + SPIN.stop)
+_PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
+# Errors that those of the velocities depend on after a step.
+DYNAMIC = np.array(DYNAMIC_COORDINATES)
+GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(U.start, SURROUND.stop)])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the biases of each sensor stand in the state."""
+
+    biases: tuple[slice, ...]  # of each sensor
+    names: tuple[str, ...]  # of all elements of the state
+    size: int
+
+
+def layout(sensors: dict[str, SensorBase]) -> Layout:
+    """State of a vehicle with these sensors."""
+    coordinates = ["x", "y", "z", "roll", "pitch", "yaw"] + [f"travel_{w}" for w in WHEELS]
+    coordinates += [f"spin_{w}" for w in WHEELS]
+    names = [*coordinates, *(f"{c}_rate" for c in coordinates), *(f"{c}_force" for c in coordinates), *SURROUNDINGS]
+    slices = []
+    for name, sensor in sensors.items():
+        first = len(names)
+        names += [f"{name}.{bias.name}" for bias in sensor.biases()]
+        slices.append(slice(first, len(names)))
+    return Layout(tuple(slices), tuple(names), len(names))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the state before any measurement, and how fast that is forgotten."""
+
+    deviation: Array  # (n,) standard deviations of the errors at start
+    rate: Array  # (n,) [1/s] at which errors decay, 0: not at all
+    density: Array  # (n,) variance added in one second where they do not
+    reversion_mean: Array  # (n,) what the state goes back to, and where that behind the velocities starts
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
+        """Of a vehicle with these sensors."""
+        where, kinds = layout(sensors), {sensor.kind for sensor in sensors.values()}
+        errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
+        spin = [errors.wheel_spin if "wheel_speeds" in kinds else 0.0] * 4
+        for sensor in sensors.values():
+            if isinstance(sensor, WheelTorques):
+                axles = (vehicle.physics.front, vehicle.physics.rear)
+                spin = [sensor.noise / axle.wheel_spin_inertia for axle in axles for _ in range(2)]
+        body = [errors.longitudinal, errors.lateral, errors.vertical, errors.roll, errors.pitch, errors.yaw]
+        deviation = np.zeros(where.size)
+        deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
+        deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
+        if not kinds & ON_MAP:
+            deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
+        deviation[FORCE] = body + [errors.suspension] * 4 + spin
+        deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
+        time_constant = np.full(where.size, np.inf)
+        time_constant[FORCE] = errors.time_constant
+        time_constant[FORCE.stop - 4 : FORCE.stop] = errors.wheel_spin_time_constant
+        time_constant[SURROUND] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
+        drift = np.zeros(where.size)
+        drift[SURROUND] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
+        for sensor, part in zip(sensors.values(), where.biases, strict=True):
+            biases: tuple[Bias, ...] = sensor.biases()
+            deviation[part] = [b.deviation for b in biases]
+            drift[part] = [b.drift for b in biases]
+            time_constant[part] = [b.time_constant for b in biases]
+        reversion_mean = np.zeros(where.size)
+        reversion_mean[SLOPES] = np.sum([effect.usual_slope for effect in vehicle.physics.effects.present()], axis=0)
+        return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), reversion_mean)
+
+    def placed(self) -> Prior:
+        """The same where place and heading are known at start: the map is laid by them."""
+        deviation = self.deviation.copy()
+        deviation[[X, Y, YAW]] = _PLACED
+        return replace(self, deviation=deviation)
+
+
+def rolling_state(vehicle: Vehicle, speed: float) -> Array:
+    """Coordinates and velocities (28,) of a car that rolls straight ahead at `speed` [m/s] on level ground."""
+    physics = vehicle.physics
+    state = np.zeros(U.stop)
+    state[Z] = physics.chassis.cog_height
+    state[U.start] = speed
+    for i, axle in enumerate((physics.front, physics.front, physics.rear, physics.rear)):
+        state[U][SPIN][i] = speed / (axle.unloaded_radius * 0.98)
+    return state
+
+
+def largest_state(size: int) -> Array:
+    """Amounts (n,) beyond which no car's state is."""
+    largest = np.full(size, 1e15)
+    largest[[ROLL, PITCH]] = 1.5, 1.4
+    velocities = largest[U]
+    velocities[[X, Y, YAW]] = 150.0, 150.0, 20.0
+    return largest
