@@ -174,10 +174,10 @@ def test_what_was_assumed_is_not_told_as_found_and_an_error_that_grows_as_growin
     assert BADGES["named"].title not in text
 
 
-def test_the_page_says_where_a_held_out_road_was_foretold_by_its_pieces(tmp_path):
+def test_the_page_says_where_a_held_out_road_was_predicted_from_its_pieces(tmp_path):
     text = read(finding("named", by_pieces=True), traces("named"), tmp_path).text
     assert "which no fit has seen" not in text
-    assert text.count("of another road, each piece as its neighbours foretell it") == 2  # headline and caption
+    assert text.count("of another road, each piece as its neighbours predict it") == 2  # headline and caption
 
 
 def test_the_page_says_how_far_from_a_good_model_the_extended_one_stays(tmp_path):
@@ -408,7 +408,7 @@ def test_the_places_of_a_road_are_said_to_be_in_a_file_that_is_written(verdict, 
 def test_remarks_speak_of_an_extended_vehicle_only_where_one_is_written(verdict):
     road = SimpleNamespace(effects=("road_bank",), candidates=[SimpleNamespace(along_road=True)], fit=None)
     judged = SimpleNamespace(leader=road, verdict=verdict, besides=(), other_places=tuple)
-    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", surveyed=lambda fit: False)
+    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", by_pieces=lambda fit: False)
     (said,) = remarks(judged, proof, None, {"imu", "gnss_velocity"}, {}, "")
     assert said.startswith("what it is along the road is told by the distance driven")
     assert ("extended vehicle" in said, "road.csv" in said) == (verdict == "named",) * 2

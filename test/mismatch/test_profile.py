@@ -20,7 +20,7 @@ from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
-from vsense_ros.mismatch.road_prediction import survey
+from vsense_ros.mismatch.road_prediction import predict_road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import ParameterSet, Predictor
 from vsense_ros.mismatch.windows import build_dataset
@@ -235,8 +235,8 @@ def test_a_road_is_proven_on_one_that_no_fit_has_seen():
     found = explain_recordings([known], wrong(prototype()), [unseen]).answer
     assert (found.verdict, found.answer_set) == ("named", ("road_bank",))
     assert found.effects[0].gain_held_out > 0.2
-    assert "on another road, where neighbouring pieces foretell each other" in found.sentence
-    assert any("each second piece of 50 m" in remark for remark in found.remarks)
+    assert "on another road, where neighbouring pieces predict each other" in found.sentence
+    assert any("each piece of 50 m" in remark for remark in found.remarks)
 
 
 @pytest.mark.slow
@@ -252,7 +252,7 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
 
 
 @pytest.mark.slow
-def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_foretold_of_it():
+def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_predicted_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
     vehicle = prototype()
     dataset = build_dataset([without_place(vehicle, hills)], vehicle)
@@ -265,7 +265,7 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_fo
     size = "effects.road_bank.bank"
     of = {}
     for residuals in (told, spoilt):
-        there = survey(residuals, residuals(residuals.predictor.start), elsewhere)
+        there = predict_road(residuals, residuals(residuals.predictor.start), elsewhere)
         of[residuals] = [np.array([*s._profiles[size].values()]) for s in (there.by_odd, there.by_even)]
     assert np.abs(of[spoilt][0] - of[told][0]).mean() < 0.004
     assert np.abs(of[spoilt][1] - of[told][1]).mean() > 0.05

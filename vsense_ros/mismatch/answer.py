@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 NO_PLACE = "what it is along the road is told by the distance driven, as no sensor knows the place"
 IN_FILES = "the extended vehicle has of it what it is everywhere, and road.csv all"  # written where one is named
 OWN_ROAD = (
-    "what was held out is of another road, which nothing that was fitted can know: each second piece of 50 m of it is "
-    "held against what follows from its neighbours, with the car as it was fitted"
+    "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
+    "follows from its neighbours, with the car as it was fitted"
 )
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
@@ -59,9 +59,9 @@ NO_COURSE = (
 def remarks(
     judged: Judged, validation: Validation, shown: Fit, kinds: Collection[str], beyond: Mapping[str, str], varying: str
 ) -> list[str]:
-    """What a reader has to know of an answer. `shown` is the fit that is told, `kinds` those of the sensors that were
-    heard, `beyond` effects that lack a sensor, with the reason; `varying` is the signal that tells of an effect of the
-    road that is another at every place, where one size is told all the same."""
+    """What a reader has to know of an answer. `shown` is the fit that it shows, `kinds` are those of the sensors that
+    gave measurements, `beyond` the effects that lack a sensor, with the reason. `varying` is the signal that stays off
+    with one size for all of the road, where that is told all the same."""
     leader, said = judged.leader, validation.lost(shown)
     if varying:
         said.append(
@@ -76,8 +76,8 @@ def remarks(
             "all of it: that tells of no missing physics"
         )
     if leader is not None and judged.verdict != "unknown":
-        # Where wheel torques are unknown the car follows its wheels, whatever resists them: what an accelerometer tells
-        # of the car is something else.
+        # Where wheel torques are unknown the simulated car follows its wheel speeds, whatever resists them: what an
+        # accelerometer tells of is then no effect that needs wheel torques.
         unlike = {"wheel_torques"} if "imu" in kinds else set()
         said += [
             f"{BY_ID[id].sentence} may look the same and is not excluded: {reason}"
@@ -88,7 +88,7 @@ def remarks(
         said.append(NO_COURSE)
     if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
         said.append(NO_PLACE if judged.verdict == "ambiguous" else f"{NO_PLACE}: {IN_FILES}")
-    if leader is not None and validation.surveyed(leader.fit):
+    if leader is not None and validation.by_pieces(leader.fit):
         said.append(OWN_ROAD)
     if leader is not None and (elsewhere := judged.other_places()):
         place = leader.candidates[0].where
@@ -102,7 +102,7 @@ def remarks(
 
 
 def _in_words(hypothesis: Hypothesis, candidate: Candidate) -> str:
-    """The physics of a candidate; of a force with a moment that follows the same, where it acts."""
+    """The physics of a candidate; of a force with a moment that is proportional to the same, also where it acts."""
     arm = _lever_arm(hypothesis)
     if arm is None:
         return candidate.sentence
@@ -271,8 +271,8 @@ def _force(judged: Judged, validation: Validation) -> Force | None:
 
 
 def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
-    """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
-    what was held out, where they are far from those of a good model there alone."""
+    """The residuals of the base fit in training; or held out, with words that say so, where only those are far from
+    those of a good model."""
     unseen, off_from = validation.residuals, validation.thresholds.signal_off
     if unseen is not None and residuals.worst(base.residuals) < off_from < unseen.worst(validation.before):
         return unseen, validation.before, " on what was held out"
@@ -280,7 +280,7 @@ def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[
 
 
 def _region(residuals: Residuals, off: list[Array], of: str) -> Region | None:
-    """Where the residual of the worst signal is large: what it goes along with, of what is measured itself."""
+    """With which measured signal the residual of the worst signal grows or falls most."""
     signal, _ = residuals.furthest(off)
     size: list[Array] = []
     features: dict[str, list[Array]] = {"speed": [], "lateral_acceleration": [], "longitudinal_acceleration": []}
@@ -377,7 +377,7 @@ def _falls(found: EffectEntry | Force, answer: Answer) -> str:
     """By how much the error falls with what was found, and where that is proven."""
     trained, proven, on = found.gain_training, found.gain_held_out, "on recordings it was not fitted to"
     if answer.by_pieces:
-        on = "on another road, where neighbouring pieces foretell each other"
+        on = "on another road, where neighbouring pieces predict each other"
     if proven is None:
         proven, on = found.gain_left_out, "where it was left out of the fit"
     ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
@@ -386,7 +386,7 @@ def _falls(found: EffectEntry | Force, answer: Answer) -> str:
 
 
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
-    """Each signal in each window as it was measured, as simulated with the base fit, and with what is told."""
+    """Each signal in each window as it was measured, as simulated with the base fit, and as `simulated`."""
     predictor = residuals.predictor
     units = {signal.name: signal.unit for signal in SIGNALS}
     pairs = zip(

@@ -1,11 +1,12 @@
-"""The next test: which manoeuvre would tell effects apart that the recordings at hand leave open.
+"""The next test: which manoeuvre would tell apart the effects that the recordings leave open.
 
-Each manoeuvre is driven with the car as it was fitted, recorded with those sensors of the vehicle that its recordings
-had, and simulated with each effect at its fitted size. What the signals of two effects differ by counts as far as the
-base parameters, and the other effect's size within its interval, cannot make up for it (the projection of `search`), in
-units of what sensors and a good model leave. That is the distance between two hypotheses about a Gaussian residual, d′
-(Green & Swets 1966); half its square is the information, the expected log-likelihood ratio (Kullback & Leibler 1951).
-Residuals of neighbouring instants err together, which makes both too large, of all tests alike.
+Each manoeuvre is driven with the car as it was fitted, recorded with those sensors of the vehicle that gave
+measurements, and simulated with each effect at its fitted size. The signals of two effects differ; what counts is the
+part of the difference that neither base parameters nor the other effect's size within its interval can make up for
+(the projection of `search`), in units of what sensors and a good model leave. That is the distance d′ between two
+hypotheses about a Gaussian residual (Green & Swets 1966); half its square is the information, the expected
+log-likelihood ratio (Kullback & Leibler 1951). Residuals of neighbouring instants are correlated, which makes both too
+large, for all tests alike.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ Array = NDArray[np.float64]
 
 NEXT = "next.json"
 TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
-SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
+SEED = 1  # of the sensors' noise, by which signals are weighted, and which cancels otherwise
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Option:
-    """A manoeuvre to choose from; `opposite`: on the same road as the recordings, the other way."""
+    """A manoeuvre to choose from; `opposite`: on the road of the recordings, in the other direction."""
 
     manoeuvre: Manoeuvre
     opposite: bool = False
@@ -77,7 +78,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a test would tell of the two rivals that it tells apart worst."""
+    """How well a test tells apart the two rivals that it tells apart worst."""
 
     test: Option
     distance: float  # d′ [-]
@@ -149,10 +150,10 @@ def separations(
     choice: Sequence[Option] = CHOICE,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Separation]:
-    """What each test would tell, the most telling first; those that the car cannot drive are left out.
+    """How well each test that the car can drive tells the rivals apart, the best first.
 
-    `base` are the fitted offsets of the base parameters by name; their names tell as well what the recordings had.
-    Raises `InputError` for a size that no effect has.
+    `base` are the fitted offsets of the base parameters by name; from the names it also follows which sensors the
+    recordings had. Raises `InputError` for a size that no effect has.
     """
     vehicle, fitted = _as_recorded(vehicle, base)
     library = candidates((), ParameterSet.of(vehicle).values)
@@ -173,8 +174,8 @@ def separations(
 
 
 def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[FreeParameter, ...]]:
-    """The car without sensors that its recordings lacked, as far as the names of the fitted `base` parameters tell, and
-    these parameters; all that a fit would have, where there are none."""
+    """The car without the sensors that its recordings lacked, as far as that follows from the names of the fitted
+    `base` parameters, and these parameters; without any, all that a fit would have."""
     kinds = {sensor.kind for sensor in vehicle.sensors.values()}
     by_torque = tuple(f"effects.{id}." for id, effect in BY_ID.items() if "wheel_torques" in effect.needs)
     if base and not any(name.startswith(by_torque) for name in base):
@@ -191,8 +192,8 @@ def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, 
 def designed(
     report: Path, vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> list[Separation]:
-    """What each test would tell of what the ambiguous answer in a folder leaves open, the most telling first; it is
-    written into the folder, too. Raises `InputError` where there is no such answer."""
+    """How well each test tells apart what the ambiguous answer in a folder leaves open, the best first; it is written
+    into the folder, too. Raises `InputError` where there is no such answer."""
     rivals, base = left_open(read_answer(report), vehicle)
     found = separations(vehicle, rivals, base, progress=progress)
     written(found, rivals, report)
@@ -216,14 +217,14 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
 
 
 def _with_next_test(answer: Answer, found: Sequence[Separation]) -> Answer:
-    """The answer with the best test, if that is telling."""
+    """The answer with the best test, if it tells the rivals apart."""
     best = found[0].next_test if found and found[0].distance >= TELLING else None
     effects = tuple(effect.with_(would_separate=best) if effect.answer_set else effect for effect in answer.effects)
     return answer.with_(would_separate=best, effects=effects)
 
 
 def printed(found: Sequence[Separation], console: Console) -> None:
-    """Print what each test would tell, and which to drive."""
+    """Print how well each test tells the rivals apart, and which to drive."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
     several = len({name for one in found for name in one.pair}) > 2
     for name in ("next test", "signal that tells", "d′", "information", *(["least apart"] if several else [])):
@@ -293,7 +294,7 @@ def _rival(
     free_parameters: Mapping[tuple[str, str], FreeParameter],
     test: Option,
 ) -> Fit:
-    """The car with a rival, and what its sizes do."""
+    """The car with a rival, and the slopes of the residuals by its sizes."""
     turning = tuple(free_parameters[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     parameter_set = turned(fitted, turning, sizes)
@@ -303,14 +304,14 @@ def _rival(
 
 
 def _seen(name: str, size: float, test: Option) -> float:
-    """A size as a test meets it: a road slopes the other way for who drives the other way."""
+    """A size as the test meets it: driven in the other direction, a road slopes the other way."""
     _, effect, _ = name.split(".")
     road = BY_ID[effect].slope is not Effect.slope
     return -size if test.opposite and road else size
 
 
 def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
-    """Without the noise of the steering angle, to which models would respond that the car did not hear of."""
+    """The same without the noise of the steering angle, to which the models would respond although the car did not."""
     steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
     windows = []
     for window in dataset.windows:
@@ -324,7 +325,7 @@ def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
 
 
 def _with_run_up(car: Vehicle, test: Option) -> Trajectory:
-    """The drive, after a straight run that is as long as what a comparison passes over."""
+    """The drive after a straight run that is as long as the beginning of a window that is not compared."""
     motion = drive(test.manoeuvre.name, car)
     count = round((RUN_IN + 0.5) * 1e3)
     q, u = rolling_straight(car, test.manoeuvre.speed)

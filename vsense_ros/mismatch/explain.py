@@ -1,8 +1,11 @@
-"""From recordings and a vehicle file to what the model leaves out: gate, refit, locate, screen, name, prove.
+"""From recordings and a vehicle file to what the model leaves out.
 
-The answer is one of: `named`, one effect explains what was left over, on recordings it was not fitted to as well;
-`ambiguous`, several do about equally; `unknown`, something is left over and nothing in the library explains it;
-`no_mismatch`; `not_assessable`, with the reason.
+The recordings are checked, the base parameters fitted, and the effects of the library fitted besides: alone, then
+several at once. The verdict rests on what was left out of the fit.
+
+The answer is one of: `named`, an effect, or several at once, explain what was left over, on recordings they were not
+fitted to as well; `ambiguous`, several explain it about equally well; `unknown`, something is left over and nothing in
+the library explains it; `no_mismatch`; `not_assessable`, with the reason.
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ LONGEST_FITTED = 900.0
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
 NOTHING_TO_COMPARE = (
-    "where the car drives and its inputs are known, nothing is measured that the model foretells; expected readings of "
+    "where the car drives and its inputs are known, nothing is measured that the model predicts; expected readings of "
     "an inertial sensor, wheel speeds or GNSS velocities throughout"
 )
 TRACELESS = "nothing that was recorded depends on it"
@@ -186,7 +189,7 @@ class _Explainer:
         return tuple(dict.fromkeys(self.answer.assumed))
 
     def _note_traceless(self, search: Search, beyond: Mapping[str, str]) -> None:
-        """Which effects cannot be assessed, for want of a sensor or because nothing depends on them."""
+        """Write down which effects cannot be assessed, for want of a sensor or because nothing depends on them."""
         traceless = {c.effect for c in search.offered} - search.visible
         reasons = {**beyond, **dict.fromkeys(sorted(traceless), TRACELESS)}
         self.answer = self.answer.with_(
@@ -196,7 +199,7 @@ class _Explainer:
             raise NotAssessableError("no effect of the library would leave a trace in these recordings")
 
     def _note_validation(self, residuals: Residuals, validation: Validation) -> None:
-        """What is proven on what."""
+        """Write down on which recordings the answer is proven."""
         remarks = [*residuals.predictor.dataset.remarks, *validation.remarks]
         if validation.residuals is None and len(residuals.layout) == 1:
             remarks.append(entries.ALONE)
@@ -207,7 +210,7 @@ class _Explainer:
         )
 
     def _threshold(self, search: Search, validation: Validation) -> float:
-        """The least gain of an effect on so much driving."""
+        """The least gain of an effect on as much driving as there is."""
         if self.answer.ablation == "chi2_thresholds":
             return float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
         proving = validation.residuals.predictor.dataset.driven if validation.residuals is not None else 0.0
@@ -229,7 +232,7 @@ class _Explainer:
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
         answer = self.answer.with_(
             verdict=judged.verdict,
-            by_pieces=leader is not None and validation.surveyed(leader.fit),
+            by_pieces=leader is not None and validation.by_pieces(leader.fit),
             located=entries.located(residuals, base, judged, validation, effects),
             effects=effects,
             answer_set=entries.answer_set(judged),
@@ -329,8 +332,8 @@ def _refined(search: Search, judged: Judged, validation: Validation) -> tuple[Ju
 def _refitted(
     vehicle: Vehicle, dataset: Dataset, free_parameters: Sequence[FreeParameter], progress: Callable[[], None]
 ) -> tuple[Dataset, Residuals, Fit]:
-    """The base parameters fitted to the data set; to the rest of it where the simulated car is lost in some windows
-    even when it is fitted to the others. Where it is lost in most of them, to all."""
+    """The base parameters fitted to all windows; without those in which the simulated car gets lost even when it is
+    fitted to the others, unless they are most of them. Returned with the windows that were fitted."""
     residuals = Residuals(Predictor(vehicle, dataset))
     if not any(residuals.layout):
         raise NotAssessableError(NOTHING_TO_COMPARE)
@@ -349,7 +352,7 @@ def _refitted(
 
 
 def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:
-    """An effect with all its sizes free."""
+    """An effect with all its sizes free, wherever on the car they are."""
     single = (c for c in library if c.effect == id and not c.along_road)
     free_parameters = {
         parameter.name: parameter for c in single for parameter in c.free_parameters if not parameter.form

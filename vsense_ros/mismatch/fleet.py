@@ -1,4 +1,4 @@
-"""Many cars at once: each vehicle of a fleet explained in a process of its own, and what was done kept.
+"""Many cars at once: each vehicle of a fleet is explained in a process of its own, and its result is kept.
 
 A fleet is a folder with one folder for each vehicle. The recordings of a vehicle are explained together, because what
 is named must hold on recordings that were left out of the fit.
@@ -174,7 +174,7 @@ def _unwritable(folder: Path) -> str:
 @contextmanager
 def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]:
     """A Dask cluster: the one at an address, or processes of this machine, as many as it has cores, one thread each."""
-    # A recording that brings a process down does so again, and must not take one with it that waits for its turn there.
+    # A recording that crashes a process does so again, and must not take other vehicles with it that wait there.
     settings = {
         "distributed.scheduler.allowed-failures": 1,
         "distributed.scheduler.worker-saturation": 1.0,
@@ -209,8 +209,8 @@ def explain_fleet(
     work: Work | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Result]:
-    """Result of each vehicle, in the order of the fleet, from processes that see the same files; `out/<vehicle>` keeps
-    it. Nothing that happens with one vehicle stops the others."""
+    """Result of each vehicle, in the order of the fleet, from processes that see the same files. It is kept in
+    `out/<vehicle>`. An error with one vehicle does not stop the others."""
     shares = dict.fromkeys((member.name for member in fleet), 0.0)
 
     def at(event: tuple[float, Any]) -> None:
@@ -233,7 +233,7 @@ def explain_fleet(
         except Exception:
             lost.append(member)
         at((0.0, (member.name, 1.0)))
-    for member in lost:  # once more and alone: another vehicle may have brought its process down
+    for member in lost:  # once more and alone: another vehicle may have crashed its process
         try:
             results[member.name] = submitted(member).result()
         except Exception as error:
@@ -252,7 +252,7 @@ def _task(work: Work, member: Member, out: Path) -> Result:
         try:
             out.mkdir(parents=True, exist_ok=True)
             (out / FAULT).write_text(traceback.format_exc(), encoding="utf-8")
-        except OSError:  # raised on, it would look like the death of this process, and all be done again
+        except OSError:  # raised further, it would look like a crash of this process, and all would be done again
             return _failed(member, reason)
         return _failed(member, f"{reason}; see {FAULT}")
 
@@ -285,7 +285,7 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
     key = _key(car, member)
     if (earlier := _kept(out, key)) is not None:
         return earlier
-    if reason := _unwritable(out):  # before it is worked out
+    if reason := _unwritable(out):  # before any computing
         return _failed(member, reason)
     found, reasons = _explained(member, car, progress)
     (out / RESULT).unlink(missing_ok=True)  # an earlier one, to which the files that come now do not belong
@@ -355,7 +355,7 @@ def _with_next_test(answer: Answer, car: Vehicle, out: Path) -> Answer:
 
 
 def _unusable(read: Mapping[str, Recording], car: Vehicle) -> dict[str, str]:
-    """Recordings that cannot be looked at even alone, with the reason."""
+    """Recordings that cannot be divided into windows even alone, with the reason."""
     reasons = {}
     for name, recording in read.items():
         try:
@@ -407,9 +407,9 @@ def _key(car: Vehicle, member: Member) -> str:
 
 @cache
 def _program() -> str:
-    """Hash of the sources of this package: another version may answer otherwise."""
+    """Hash of the sources and thresholds of this package: another version may answer otherwise."""
     root = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
-    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".c")):
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".c", ".yaml")):
         digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""What a fleet came to: a table for other programs (Parquet), one for people (CSV, page, terminal)."""
+"""The results of a fleet: a table for other programs (Parquet) and one for people (CSV, page, terminal)."""
 
 from __future__ import annotations
 
@@ -214,5 +214,5 @@ def _frequency(results: Sequence[Result]) -> dict[str, list[str]]:
 
 
 def _mark(result: Result, id: str) -> str:
-    """How an effect stands with a vehicle: named, possible, or nothing."""
+    """Whether an effect is named or ambiguous for a vehicle; empty for neither."""
     return result.found.verdict if id in {effect.id for effect in result.in_answer} else ""

@@ -184,7 +184,7 @@ def _remainder_headline(answer: Answer) -> list[Headline]:
 def _unseen(answer: Answer) -> str:
     """What makes held-out recordings a proof."""
     if answer.by_pieces:
-        return "of another road, each piece as its neighbours foretell it"
+        return "of another road, each piece as its neighbours predict it"
     return "which no fit has seen"
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a mismatch: recording, model and model with what was left out, and when the error arises.
+"""Pictures of a mismatch: signals as recorded, of the model and of the extended model, and when the error arises.
 
 They are SVG, so that a page can carry them and a printer loses nothing.
 """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
 from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
-from vsense_ros.mismatch.road_prediction import Survey, survey
+from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
@@ -64,7 +64,7 @@ class Validation:
         self.thresholds, self._progress = thresholds, progress
         self.base, self.fitted = base, residuals
         self._comparisons: list[Comparison] = []
-        self._surveys: list[tuple[Fit, Survey]] = []
+        self._roads: list[tuple[Fit, RoadPrediction]] = []
         if dataset.windows:
             dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
         self.remarks = dataset.remarks
@@ -79,8 +79,8 @@ class Validation:
         car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of the base
         fit from there on. A road that no fit has seen is compared as its other pieces predict it."""
         assert self.residuals is not None
-        if (there := self._survey(fitted)) is not None:
-            return self.before, there.foretold(self.before)
+        if (there := self._road(fitted)) is not None:
+            return self.before, there.predicted(self.before)
         return self._until_lost(self.residuals, self.before, fitted)
 
     def training(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
@@ -90,14 +90,14 @@ class Validation:
     def simulated(self, fitted: Fit) -> list[dict[str, Array]]:
         """Signals of each held-out window, as they are compared."""
         assert self.residuals is not None
-        there = self._survey(fitted)
+        there = self._road(fitted)
         return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.parameter_set)
 
-    def surveyed(self, fitted: Fit) -> bool:
+    def by_pieces(self, fitted: Fit) -> bool:
         """Whether a fit has found a road, and the held-out road is another, which is predicted by its own pieces."""
-        return self._survey(fitted) is not None
+        return self._road(fitted) is not None
 
-    def _survey(self, fitted: Fit) -> Survey | None:
+    def _road(self, fitted: Fit) -> RoadPrediction | None:
         if (
             self.residuals is None
             or not self.on_another_road
@@ -105,10 +105,10 @@ class Validation:
             or not tells_its_pieces(self.residuals.predictor.dataset)
         ):
             return None
-        known = next((there for of, there in self._surveys if of is fitted), None)
+        known = next((there for of, there in self._roads if of is fitted), None)
         if known is None:
-            known = survey(self.residuals, self.before, fitted)
-            self._surveys.append((fitted, known))
+            known = predict_road(self.residuals, self.before, fitted)
+            self._roads.append((fitted, known))
         return known
 
     def _until_lost(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> tuple[list[Array], list[Array]]:
