@@ -113,6 +113,11 @@ class Segment(Span):
 
     share: float = _field("Its share of the squared error of all windows, with the base parameters fitted.", "-")
 
+    @property
+    def density(self) -> float:
+        """The share per time [1/s]."""
+        return self.share / max(self.end - self.begin, 1e-9)
+
 
 class Region(_Part):
     """With what the error of the worst signal grows or falls."""

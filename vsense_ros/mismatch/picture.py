@@ -147,8 +147,7 @@ def when(segments: Sequence[Segment], traces: Sequence[Trace]) -> bytes | None:
         return None
     names = list(dict.fromkeys(segment.recording for segment in segments))
     largest = sorted(segments, key=lambda segment: segment.share, reverse=True)[:LABELLED]
-    density = {id(s): s.share / max(s.end - s.begin, 1e-9) for s in segments}
-    highest = max(*density.values(), 1e-12)
+    highest = max(*(segment.density for segment in segments), 1e-12)
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 0.62 * len(names) + 0.62), facecolor="white", layout="constrained")
         axes = figure.add_subplot()
@@ -160,7 +159,7 @@ def when(segments: Sequence[Segment], traces: Sequence[Trace]) -> bytes | None:
                 if segment.recording != name:
                     continue
                 begin, length = segment.begin, segment.end - segment.begin
-                height = 0.62 * density[id(segment)] / highest
+                height = 0.62 * segment.density / highest
                 axes.bar(begin, height, length, -row, align="edge", color=BEFORE, edgecolor="white", lw=1.0, zorder=2)
                 if any(segment is one for one in largest):
                     axes.text(
