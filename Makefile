@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test lint format demo bench thesis genesis blind bags clean
+.PHONY: help venv check test lint format demo bench thesis genesis blind bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +27,9 @@ venv: ## the virtual environment that the other targets use
 
 test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
 	@.ci/test
+
+check: venv ## within a minute: lint, types, contracts, and the fast tests of what changed since main
+	@.ci/check
 
 lint: venv ## ruff, mypy, and the contracts about which room may import which
 	$(VENV)/bin/ruff check .

@@ -64,9 +64,9 @@ def test_a_plant_with_the_models_tyre_accelerates_as_the_model_does_where_it_is(
     batch = cars.side_by_side([car] * len(COURSES))
     nothing = knobs.side_by_side([{} for _ in COURSES])
     drive = PLANTS[plant](batch, nothing, list(COURSES), _tyre_of(model, parameters, len(COURSES)))
-    asked = [model.q, model.u, model.force, model.surroundings, model.inputs, model.p]
+    asked = [model.q, model.u, model.force, model.disturbances, model.inputs, model.p]
     accelerations = ca.Function("accelerations", asked, [model.dynamics])
-    level, none = np.zeros(model.surroundings.numel()), np.zeros(model.force.numel())
+    level, none = np.zeros(model.disturbances.numel()), np.zeros(model.force.numel())
     for i, course in enumerate(COURSES):
         lane = drive.lane(i, course.duration)
         change = {name: (values[2:] - values[:-2]) / (2 * log.PERIOD) for name, values in lane.items()}

@@ -14,8 +14,10 @@ from numpy.testing import assert_allclose
 from vsense_ros import mismatch
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.model import effects
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.effects import BY_ID, Effects
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.effects import BY_ID, EVERY, Effects
 from vsense_ros.model.effects.unmodelled import Unmodelled
 from vsense_ros.model.effects.unmodelled_reading import UnmodelledReading
 from vsense_ros.model.sensors import Imu
@@ -61,6 +63,7 @@ PROMISED = [
     "accelerometer_bias",
     "sensor_delay",
 ]
+UNKNOWN = {"unmodelled", "unmodelled_reading"}  # effects without known physics
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +108,13 @@ def sizes(id: str) -> dict[str, float]:
 
 def test_the_library_has_all_the_effects_that_are_promised():
     assert set(PROMISED) <= set(BY_ID)
+
+
+def test_every_file_of_the_folder_is_an_effect_of_its_name():
+    files = {path.stem for path in Path(effects.__file__).parent.glob("*.py")} - {"__init__", "base"}
+    assert set(EVERY) == files
+    assert set(BY_ID) == files - UNKNOWN
+    assert len(BY_ID) > 30
 
 
 def test_nothing_that_looks_for_a_mismatch_names_an_effect():
@@ -172,7 +182,7 @@ def test_tyre_relaxation_lags_by_its_length_whatever_the_step(full):
 def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bare):
     soft = having(bare, Effects(tyre_underinflation={"rr": 0.4, "cornering": 0.5}))
     car = car_of(soft)
-    side = ca.Function("side", [car.q, car.u, car.surroundings, car.inputs, car.p], [car.wheel_outputs[1, :]])
+    side = ca.Function("side", [car.q, car.u, car.disturbances, car.inputs, car.p], [car.wheel_outputs[1, :]])
     q, u = rolling_straight(soft, 20.0)
     u[1] = 0.02  # 1 mrad of side slip: the linear range
     found, as_stiff = (
@@ -186,11 +196,11 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
 def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_grip(bare, slip, least, most):
     pushing = having(bare, Effects(tyre_conicity={}))
     car = car_of(pushing)
-    arguments = [car.q, car.u, car.surroundings, car.inputs, car.p]
+    arguments = [car.q, car.u, car.disturbances, car.inputs, car.p]
     outputs = ca.Function("outputs", arguments, [car.wheel_outputs[[1, 2, 5], :]])
     q, u = rolling_straight(pushing, 20.0)
     u[1] = 20.0 * slip
-    changes = {f"effects.tyre_conicity.{wheel}": 0.05 for wheel in ("fl", "fr", "rl", "rr")}
+    changes = {f"effects.tyre_conicity.{wheel}": 0.05 for wheel in WHEELS}
     without, with_it = (
         np.array(outputs(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
         for c in ({}, changes)
@@ -204,8 +214,8 @@ def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     swinging, omega, share = having(bare, Effects(sloshing_load={"mass": 1.0, "frequency": 4.0})), 4.0, 0.2
     mass = bare.physics.chassis.mass
     car, h = car_of(swinging), 1e-4
-    arguments = [car.q, car.u, car.memory, car.surroundings, car.inputs, car.p]
-    moved = ca.Function("moved", arguments, [car.remember(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
+    arguments = [car.q, car.u, car.internal_state, car.disturbances, car.inputs, car.p]
+    moved = ca.Function("moved", arguments, [car.next_internal_state(ca.SX(h)), ca.sum2(car.wheel_outputs[1:3, :])])
     q, u = rolling_straight(swinging, 20.0)
     parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()
     for roll, place in ((0.0, 0.05), (0.03, 0.0)):
@@ -234,7 +244,7 @@ def test_terms_without_known_physics_push_the_chassis_where_they_say(bare):
     car = car_of(bare)
     terms = Unmodelled(longitudinal_force_constant=300.0, lateral_force_yaw_rate=5000.0, roll_moment_lateral=10.0)
     force = ca.Function(
-        "force", [car.q, car.u, car.inputs, car.p], [terms.chassis_force(ca.SX.zeros(6), car, car.memory)]
+        "force", [car.q, car.u, car.inputs, car.p], [terms.chassis_force(ca.SX.zeros(6), car, car.internal_state)]
     )
     q, u = rolling_straight(bare, 20.0)
     u[5] = 0.1  # yaw rate, and with it 2 m/s² to the left
@@ -265,7 +275,7 @@ def test_terms_between_the_wheels_of_an_axle_take_from_the_left_what_they_give_t
 
 def test_terms_of_the_front_wheels_turn_them_by_more_the_further_they_are_steered(bare):
     car = car_of(bare)
-    angle = Unmodelled(front_angle_steering_squared=0.5).front_angle(ca.SX(0), car, car.memory)
+    angle = Unmodelled(front_angle_steering_squared=0.5).front_angle(ca.SX(0), car, car.internal_state)
     turned = ca.Function("turned", [car.inputs], [angle])
     for side in (1.0, -1.0):
         assert float(turned([side * 0.1, 0, 0, 0, 0])) == pytest.approx(side * 0.5 * 0.01)

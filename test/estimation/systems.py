@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from vsense_ros.estimation import attitude
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
@@ -89,6 +90,10 @@ SALOON = {
 }  # fmt: skip
 
 
+STIFFNESS = ("front_stiffness", "rear_stiffness")
+REST = {name: value for name, value in SALOON.items() if name not in STIFFNESS}
+
+
 class Pendulum(StateSpace):
     """A nonlinear one: angle [rad] and rate of a pendulum with damping, in the semi-implicit Euler form."""
 
@@ -147,6 +152,12 @@ class Case:
 
     def dense(self) -> Dense:
         return Dense(self.system, self.measurements, self.parameters)
+
+    def begun(self, filter: Any) -> Any:
+        """The filter, with the first inputs, at the start."""
+        filter.inputs[:] = self.inputs(0.0)
+        filter.start(self.start)
+        return filter
 
 
 LINEAR = {
@@ -220,3 +231,43 @@ def drive(filter: Any, case: Case, run: list[tuple[Array, list[Any]]]) -> list[A
             innovation = filter.correct(*value)
             found.append(innovation._replace(whitened=innovation.whitened.copy(), factor=innovation.factor.copy()))
     return found
+
+
+class Attitude(StateSpace):
+    """Attitude by quaternion and biases of three gyros: an error-state filter (Solà 2017), n = 7, e = 6."""
+
+    names = ("w", "i", "j", "k", "bias_x", "bias_y", "bias_z")
+    errors = ("about_x", "about_y", "about_z", "bias_x", "bias_y", "bias_z")
+    inputs = ("rate_x", "rate_y", "rate_z")
+
+    def __init__(self, rate_noise: float = 0.01, bias_drift: float = 1e-4) -> None:
+        self.density = np.square([rate_noise] * 3 + [bias_drift] * 3)
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        q, bias = x.vector[:4], x.vector[4:]
+        return ca.vertcat(attitude.product(q, attitude.rotation(h * (u.vector - bias))), bias)
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        return self.density * h
+
+    def retract(self, x: Named, delta: ca.SX) -> Any:
+        return ca.vertcat(attitude.retract(x.vector[:4], delta[:3]), x.vector[4:] + delta[3:])
+
+    def difference(self, y: Named, x: Named) -> Any:
+        return ca.vertcat(attitude.difference(y.vector[:4], x.vector[:4]), y.vector[4:] - x.vector[4:])
+
+
+def _seen(x: Named, direction: list[float]) -> ca.SX:
+    """A direction of the frame of reference, in the body."""
+    return attitude.turned(attitude.inverse(x.vector[:4]), ca.DM(direction))
+
+
+GRAVITY = Measurement("gravity", lambda x, z, u, p: _seen(x, [0, 0, 1]), (0.02,) * 3)
+NORTH = Measurement("north", lambda x, z, u, p: _seen(x, [0, 1, 0]), (0.05,) * 3)
+ATTITUDE = Case(
+    Attitude(),
+    (GRAVITY, NORTH),
+    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.2, 0.2, 0.2, 0.02, 0.02, 0.02),
+    inputs=lambda t: [0.5 * np.sin(t), 0.3 * np.cos(0.7 * t), 0.4],
+)

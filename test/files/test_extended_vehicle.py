@@ -21,7 +21,7 @@ from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.simulation import with_all_effects
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import SURROUNDINGS, YAW, X
+from vsense_ros.model.coordinates import DISTURBANCES, YAW, X
 from vsense_ros.model.effects import EVERY, Effects
 from vsense_ros.model.effects.aero_drag import AeroDrag
 from vsense_ros.model.effects.crosswind import Crosswind
@@ -36,10 +36,10 @@ from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.state import SURROUND, Prior
+from vsense_ros.observer.state import DISTURB, Prior
 
 DRAG, GRADE, BIAS, DELAY = 0.4, 0.03, 0.03, 0.02  # [m²], [rad], [rad/s], [s]
-GRADE_STATE = SURROUND.start + SURROUNDINGS.index("grade")
+GRADE_STATE = DISTURB.start + DISTURBANCES.index("grade")
 PLACE = (43.5, -8.2, 0.0, 0.05)
 
 
@@ -107,7 +107,7 @@ def test_every_effect_of_the_library_reaches_the_observer_or_is_told_to_be_left_
     """By what the equations depend on: the motion, the sensors, or the slope that the road goes back to."""
     every = with_all_effects(bare)
     car = car_of(every)
-    moving = {symbol.name() for symbol in ca.symvar(ca.vertcat(car.dynamics, car.remember(ca.SX(0.01))))}
+    moving = {symbol.name() for symbol in ca.symvar(ca.vertcat(car.dynamics, car.next_internal_state(ca.SX(0.01))))}
     of = dict(zip(car.parameter_names, (symbol.name() for symbol in ca.vertsplit(car.p)), strict=True))
     for id, kind in EVERY.items():
         for name, field in kind.model_fields.items():

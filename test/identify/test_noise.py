@@ -22,7 +22,8 @@ from vsense_ros.evaluate.consistency import consistency, lag_1
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import noise
-from vsense_ros.identify.noise import PRIOR, maximise, noise_numbers, with_own_noise
+from vsense_ros.identify.free_parameter import FreeParameter, multiplied
+from vsense_ros.identify.noise import BOUND, PRIOR, maximise, noise_numbers, with_own_noise
 from vsense_ros.manoeuvre import generate, sensing
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
@@ -31,6 +32,12 @@ from vsense_ros.observer.innovations import Innovations, innovations
 Array = NDArray[np.float64]
 COUNT = 200
 STARTS = np.array([0.3, 0.5])  # standard deviations of the steps and of the measurements, as believed at first
+
+
+def free(count: int) -> list[FreeParameter]:
+    """Logarithms of standard deviations."""
+    names = [f"deviation {i}" for i in range(count)]
+    return [FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied({name: 1.0})) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +87,7 @@ def test_the_optimum_and_its_deviations_are_those_of_the_dense_density(walk: Arr
     def cost(point: Array) -> float:
         return -dense(walk, point) + 0.5 * float(point @ point) / PRIOR**2
 
-    found, deviation = maximise(evaluate, 2)
+    found, deviation = maximise(evaluate, free(2))
     best = minimize(cost, np.zeros(2), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01}).x
     assert np.all(np.abs(found - best) < 0.2 * deviation)
     near = 0.3
@@ -91,11 +98,11 @@ def test_the_optimum_and_its_deviations_are_those_of_the_dense_density(walk: Arr
     assert np.all(np.abs(np.log(STARTS * np.exp(found) / (0.1, 1.0))) < 3 * deviation)
 
 
-def test_a_number_that_the_measurements_do_not_tell_stays(walk: Array):
+def test_a_number_that_the_measurements_say_nothing_about_stays(walk: Array):
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(walk, point[:2])] for point in points]
 
-    found, deviation = maximise(evaluate, 3)
+    found, deviation = maximise(evaluate, free(3))
     assert found[2] == 0.0
     assert deviation[2] == pytest.approx(PRIOR)
 
@@ -107,7 +114,7 @@ def test_outliers_that_the_gate_refuses_do_not_become_noise(walk: Array):
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(wild, point, limit=36.0)] for point in points]
 
-    found, _ = maximise(evaluate, 2)
+    found, _ = maximise(evaluate, free(2))
     last = filtered(wild, found, limit=36.0)
     assert (~last.used).sum() == COUNT // 25
     assert STARTS[1] * np.exp(found[1]) == pytest.approx(1.0, rel=0.15)
@@ -118,7 +125,7 @@ def test_a_gate_that_refuses_much_is_taken_for_a_wrong_file(walk: Array):
         return [[filtered(walk, point, limit=4.0)] for point in points]
 
     assert filtered(walk, np.zeros(2), limit=4.0).used.mean() < 0.9
-    found, _ = maximise(evaluate, 2)
+    found, _ = maximise(evaluate, free(2))
     assert STARTS[1] * np.exp(found[1]) == pytest.approx(1.0, rel=0.15)
 
 
@@ -204,7 +211,7 @@ def test_the_noise_that_was_put_into_a_recording_is_found(
 ):
     """The file believes in sensors that are better or worse than those of the recording by a factor of two or three.
 
-    The steering angle is told as it is: it drives the model, which its noise shakes as if gyros were noisier.
+    The steering angle has no noise: it drives the model, which would be shaken as if gyros were noisier.
     """
     monkeypatch.setattr(sensing, "STEERING_NOISE", 0.0)
     drive = generate("double_lane_change", car, seed=3)

@@ -1,5 +1,6 @@
 """Fits of vehicle files: on a generated drive, whose sensors are then changed in a known way."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,15 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import side_slip
-from vsense_ros.identify.side_slip import FreeParameter, fit, side_slip_error, turned
+from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied, with_offsets
+from vsense_ros.identify.least_squares import DivergedError, cost
+from vsense_ros.identify.parameter_set import of_vehicle, with_values
+from vsense_ros.identify.side_slip import SideSlipResiduals, fit_side_slip, side_slip_error
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 
-GAIN = FreeParameter("steering gain", {"sensors.steering.gain": 1}, 0.1)
-PLACE = FreeParameter("place of the reference", {"reference.position.0": 1}, 0.3, adds=True)
+GAIN = FreeParameter("steering gain", "-", 0.1, -np.inf, np.inf, multiplied({"sensors.steering.gain": 1}))
+PLACE = FreeParameter("place of the reference", "m", 0.3, -np.inf, np.inf, added("reference.position.0"))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +45,7 @@ def _mounted(drive: Recording, ahead: float, angle: float) -> Recording:
 
 @pytest.mark.slow
 def test_the_mounting_of_the_reference_is_found(car: Vehicle, drive: Recording):
-    at_cog, mounted = (fit(car, [PLACE], [_mounted(drive, *m)]) for m in ((0.0, 0.0), (0.7, 0.02)))
+    at_cog, mounted = (fit_side_slip(car, [PLACE], [_mounted(drive, *m)]) for m in ((0.0, 0.0), (0.7, 0.02)))
     here, there = (found.vehicle.reference for found in (at_cog, mounted))
     assert there.position[0] - here.position[0] == pytest.approx(0.7, abs=0.02)
     assert there.yaw - here.yaw == pytest.approx(0.02, abs=2e-4)
@@ -70,21 +74,27 @@ def test_a_recording_without_reference_cannot_be_fitted_to(car: Vehicle, drive: 
         side_slip_error(car, blind)
 
 
-def test_a_knob_turns_its_numbers_together_and_back(car: Vehicle):
-    both = FreeParameter("both", {"sensors.imu.force_noise": 1, "physics.chassis.mass": -1}, 0.5)
-    there = turned(car, [both], [1.0])
-    assert there.physics.chassis.mass == pytest.approx(car.physics.chassis.mass * np.exp(-0.5))
-    noise = [v.sensors["imu"].force_noise for v in (there, car)]
-    assert noise[0] == pytest.approx(np.exp(0.5) * np.array(noise[1]))
-    assert turned(there, [both], [-1.0], digits=10).values() == pytest.approx(car.values())
-
-
-def test_a_knob_that_adds_moves_a_number_that_is_zero():
-    car = load_vehicle(vehicle_path("genesis_start"))
-    place = FreeParameter("place", {"reference.position.0": 1}, 0.3, adds=True)
-    assert turned(car, [place], [2.0]).reference.position == pytest.approx((0.6, 0.0, 0.0))
-
-
 def test_fitted_numbers_have_the_digits_that_mean_something(car: Vehicle):
-    gain = GAIN.value(turned(car, [GAIN], [0.123456], side_slip.DIGITS))
-    assert gain == float(f"{gain:.4g}")
+    turned = with_offsets(of_vehicle(car), [GAIN], [0.0123456])
+    gain = with_values(car, turned, side_slip.DIGITS).sensors["steering"].gain
+    assert gain == float(f"{gain:.4g}") != car.sensors["steering"].gain
+
+
+def test_residuals_of_the_car_as_it_is_have_a_cost_of_one_and_no_mean(car: Vehicle, drive: Recording):
+    with ThreadPoolExecutor(1) as pool:
+        short = replace(drive, channels={t: c.select(c.seconds < 6.0) for t, c in drive.channels.items()})
+        residuals = SideSlipResiduals(car, [drive, short], pool)
+        found = residuals(of_vehicle(car))
+        assert cost(found) == pytest.approx(1.0)
+        assert sum(float(part.sum()) * np.sqrt(len(part)) / len(part) for part in found) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_car_that_cannot_be_diverges(car: Vehicle, drive: Recording):
+    with ThreadPoolExecutor(1) as pool:
+        residuals = SideSlipResiduals(car, [drive], pool)
+        impossible = of_vehicle(car).changed({"chassis.mass": -1.0})
+        assert residuals.diverged(impossible) == [True]
+        assert residuals(impossible, [np.ones(3)])[0] == pytest.approx(1.0)
+        with pytest.raises(DivergedError):
+            residuals(impossible)
+        assert residuals.diverged(of_vehicle(car)) == [False]

@@ -1,4 +1,4 @@
-"""What a fit turns, and how far."""
+"""What a fit may change of an effect, and how far."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from vsense_ros.model.effects import EVERY, Effects
 CAR = having(prototype(), tyre_underinflation={"fl": 0.3}, accelerometer_bias={"y": 0.7})
 VALUES = {f"effects.{id}.{name}": f.default for id, kind in EVERY.items() for name, f in kind.model_fields.items()}
 VALUES |= CAR.values()
-KNOBS = {f"{k.name} {k.form}": k for c in candidates(values=CAR.values()) for k in c.free_parameters}
+SIZES = {f"{k.name} {k.form}": k for c in candidates(values=CAR.values()) for k in c.free_parameters}
 
 
-@given(st.sampled_from(sorted(KNOBS)), st.floats(0.0, 1.0))
-def test_an_effect_that_is_turned_to_its_bound_is_one_that_a_vehicle_file_may_have(name, share):
-    parameter = KNOBS[name]
+@given(st.sampled_from(sorted(SIZES)), st.floats(0.0, 1.0))
+def test_an_effect_at_the_bound_of_its_size_is_one_that_a_vehicle_file_may_have(name, share):
+    parameter = SIZES[name]
     offset = parameter.high if share == 1.0 else parameter.low + share * (parameter.high - parameter.low)
     effects: dict[str, dict[str, float]] = {}
-    for dotted, value in parameter.turn(VALUES, offset).items():
+    for dotted, value in parameter.apply(VALUES, offset).items():
         _, effect, field = dotted.split(".")
         effects.setdefault(effect, {})[field] = value
     assert TypeAdapter(Effects).validate_python(effects)

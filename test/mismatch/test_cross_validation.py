@@ -1,4 +1,4 @@
-"""What is left out of a fit in turn."""
+"""Folds of a cross-validation."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense_ros.estimation.reading import Map
-from vsense_ros.mismatch.candidates import FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter, added
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
-from vsense_ros.mismatch.fit import Fit
 from vsense_ros.mismatch.road import STRETCH, Road
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Dataset, Readings
 
-KNOBS = tuple(FreeParameter(name, "-", 0.1, -1.0, 1.0, lambda values, offset: {}) for name in ("mass", "drag", "slope"))
+UNKNOWNS = tuple(FreeParameter(name, "-", 0.1, -1.0, 1.0, added(name)) for name in ("mass", "drag", "slope"))
 SIGNALS = ["longitudinal_acceleration", "speed"]
 
 
@@ -41,7 +41,7 @@ def fit_of(windows: list[SimpleNamespace], seed: int, free_parameters: int = 3) 
     slopes = [rng.normal(size=(n, free_parameters)) for n in rows]
     offsets = 0.05 * np.ones(free_parameters)
     return Fit(
-        ParameterSet({}), KNOBS[:free_parameters], offsets, [rng.normal(size=n) for n in rows], slopes, weight=2.0
+        ParameterSet({}), UNKNOWNS[:free_parameters], offsets, [rng.normal(size=n) for n in rows], slopes, weight=2.0
     )
 
 
@@ -50,22 +50,22 @@ def test_all_that_is_known_is_in_the_parts_and_nothing_twice(seed, speed, durati
     windows = [window(0, 0.0, duration, speed, 3e5), window(0, duration, 2 * duration, speed, 3e5 + duration * speed)]
     for parts_of, some in ((by_pieces, windows), (by_stretches, windows[:1]), (by_windows, windows)):
         whole = fit_of(some, seed, free_parameters)
-        left_out = parts_of(residuals_of(some), whole)
-        parts, known = left_out.apart(whole).equations, whole.equations
-        assert sorted(i for group in left_out.groups for i in group) == list(range(len(parts.rows)))
-        assert left_out.rows.sum() == known.rows.sum()
+        folds = parts_of(residuals_of(some), whole)
+        parts, known = folds.apart(whole).equations, whole.equations
+        assert sorted(i for group in folds.groups for i in group) == list(range(len(parts.rows)))
+        assert folds.rows.sum() == known.rows.sum()
         assert parts.normal.sum(axis=0) == pytest.approx(known.normal.sum(axis=0))
         assert parts.right.sum(axis=0) == pytest.approx(known.right.sum(axis=0))
-        assert left_out.own.sum() == pytest.approx(whole.value)
-        assert left_out.gains(parts, whole.value) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert folds.own.sum() == pytest.approx(whole.value)
+        assert folds.gains(parts, whole.value) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-def test_of_two_neighbouring_pieces_of_a_road_one_is_left_out():
+def test_of_two_neighbouring_pieces_of_a_road_one_is_in_each_fold():
     """20 m/s for 25 s: where a row is on the road is written into its residual."""
     (driven,) = windows = [window(0, 0.0, 25.0, 20.0, 0.5 * STRETCH)]
     whole = fit_of(windows, 0)
     place = np.interp(grid(driven), driven.place.t, driven.place.value[:, 0]) - 0.5 * STRETCH
-    told = Fit(whole.parameter_set, KNOBS, whole.offsets, [np.tile(place, 2)], whole.slopes, whole.weight)
+    told = Fit(whole.parameter_set, UNKNOWNS, whole.offsets, [np.tile(place, 2)], whole.slopes, whole.weight)
     first, second = by_pieces(residuals_of(windows), told).apart(told).residuals
     assert {int(at // 50) for at in first} == {1, 3, 5, 7, 9}
     assert {int(at // 50) for at in second} == {2, 4, 6, 8}  # the first 2.5 s find the state of the car
@@ -86,7 +86,7 @@ def recordings_of(*roads: float) -> SimpleNamespace:
     return SimpleNamespace(windows=[w for part in each for w in part], by_recording=lambda: each, points=points)
 
 
-def test_several_short_recordings_of_roads_of_their_own_are_proven_by_those_left_out():
+def test_several_short_recordings_of_roads_of_their_own_are_proven_by_dropping_each_in_turn():
     assert not pieces_alone_tell(recordings_of(*8 * [300.0]))
     assert pieces_alone_tell(recordings_of(*2 * [800.0]))
     assert pieces_alone_tell(recordings_of(300.0))

@@ -19,7 +19,7 @@ from vsense_ros.mismatch.answer_schema import Answer, read_answer
 from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.explain import EXTENDED, ROAD, explain_recordings
-from vsense_ros.mismatch.fit import Residuals
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.effects import BY_ID
@@ -182,7 +182,7 @@ def test_a_size_that_the_vehicle_file_has_may_shrink_to_nothing_and_grow_to_its_
     (drag,) = next(c for c in candidates((), values) if c.name == "brake_drag rl").free_parameters
     (fresh,) = next(c for c in candidates() if c.name == "brake_drag rl").free_parameters
     assert (drag.low, drag.high) == (-100.0, fresh.high - 100.0)
-    assert drag.turn(values, drag.low) == {drag.name: 0.0}
+    assert drag.apply(values, drag.low) == {drag.name: 0.0}
 
 
 def test_what_a_vehicle_file_knows_of_its_sensors_counts_once():

@@ -11,17 +11,17 @@ from hidden import driven, having, prototype, without
 from vsense_ros.estimation.reading import Map
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import SURROUNDINGS, YAW, X, Y
+from vsense_ros.model.coordinates import DISTURBANCES, YAW, X, Y
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.road_map import NEAR, SPACING, Profile, RoadMap
-from vsense_ros.observer.state import SURROUND
+from vsense_ros.observer.state import DISTURB
 
 ORIGIN = (43.5, -8.2, 50.0)
-BANK = SURROUND.start + SURROUNDINGS.index("bank")
+BANK = DISTURB.start + DISTURBANCES.index("bank")
 EAST = np.arange(-50.0, 651.0, SPACING)
 
 

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hidden import STEP, driven, having, prototype, wrong
-from vsense_ros.mismatch.candidates import FreeParameter, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.fit import ASTRAY_BEFORE, FAR, Fit, Residuals, fit, slope, tempered, turned, untempered
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import Fit, Settings, fit, slope
+from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach
+from vsense_ros.mismatch.residuals import ASTRAY_BEFORE, FAR, Residuals, tempered, untempered
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
@@ -67,7 +69,7 @@ def test_a_secant_with_which_the_car_gets_lost_is_taken_with_a_smaller_step(slal
     residuals = Residuals(slalom)
     less_grip = FreeParameter("less grip", "-", 1.0, 0.0, 0.95, lambda values, offset: {"rear.grip_scale": 1 - offset})
     at = Fit(slalom.start, (), np.zeros(0), residuals(slalom.start), [], 0.0)
-    assert slalom.lost(turned(slalom.start, [less_grip], np.array([0.8]))) == [True]
+    assert slalom.lost(with_offsets(slalom.start, [less_grip], np.array([0.8]))) == [True]
     (found,), (expected,) = (slope(residuals, slalom.start, at, less_grip, step) for step in (0.8, 0.2))
     assert np.array_equal(found, expected)
     assert np.any(expected)
@@ -116,12 +118,13 @@ def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     residuals = Residuals(predictor)
     beyond = out_of_reach({sensor.kind for sensor in dataset.sensors.values()})
     free_parameters = base_parameters(predictor.vehicle, beyond)
-    short = fit(residuals, predictor.start, free_parameters, begin=np.zeros(len(free_parameters)), iterations=0)
-    short = fit(residuals, predictor.start, free_parameters, first=short, iterations=0)
+    unmoved = Settings(iterations=0)
+    short = fit(residuals, predictor.start, free_parameters, begin=np.zeros(len(free_parameters)), settings=unmoved)
+    short = fit(residuals, predictor.start, free_parameters, first=short, settings=unmoved)
     whole = fit(residuals, predictor.start, free_parameters)
     offered = [c for c in candidates() if c.effect == "brake_drag"]
     search = Search(residuals, predictor.start, short, offered)
-    better = search.better_base(search.singles())
+    better = search.better_base(search.single())
     assert better is not None
     assert better.value < 0.3 * short.value
     assert better.value == pytest.approx(whole.value, rel=0.05)
@@ -143,39 +146,39 @@ def biased(*manoeuvres: str) -> Search:
 
 
 @pytest.mark.slow
-def test_the_size_of_what_is_named_is_hardly_drawn_to_zero():
+def test_the_unshrunk_size_of_what_is_named_is_hardly_drawn_to_zero():
     search = biased("sweep", "slalom")
-    (alone,) = search.singles()
-    settled = search.settled(alone)
+    (alone,) = search.single()
+    unshrunk = search.unshrunk(alone)
     size = "effects.gyro_bias.x"
-    assert abs(settled.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
-    assert settled.sizes[size] == pytest.approx(0.03, rel=0.01)
-    assert settled.gain == pytest.approx(alone.gain, abs=0.01)
+    assert abs(unshrunk.sizes[size] - 0.03) < 0.5 * abs(alone.sizes[size] - 0.03)
+    assert unshrunk.sizes[size] == pytest.approx(0.03, rel=0.01)
+    assert unshrunk.gain == pytest.approx(alone.gain, abs=0.01)
 
 
 @pytest.mark.slow
 def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
     search = searched(["brake_drag fl", "rolling_resistance"], "sweep", "slalom", brake_drag={"fl": 60.0})
-    hidden, other = search.singles()
-    (both,) = search.united([hidden, other, other])
+    hidden, other = search.single()
+    (both,) = search.joint([hidden, other, other])
     assert both.effects == ("brake_drag", "rolling_resistance")
     assert both.gain == pytest.approx(hidden.gain, abs=0.01)
     assert both.gain > other.gain + 0.1
-    assert search.united([hidden, hidden]) == []
+    assert search.joint([hidden, hidden]) == []
 
 
 @pytest.mark.slow
-def test_an_explanation_whose_car_gets_lost_is_found_on_the_road_again():
+def test_a_hypothesis_whose_car_gets_lost_is_fitted_anew_until_it_stays_on_the_road():
     search = biased("sweep", "slalom")
-    (alone,) = search.singles()
+    (alone,) = search.single()
     at = alone.fit
     bent = np.where([parameter.name == "grip, rear" for parameter in at.free_parameters], -0.58, at.offsets)
-    parameter_set = turned(search.start, at.free_parameters, bent)
+    parameter_set = with_offsets(search.start, at.free_parameters, bent)
     assert all(search.residuals.predictor.lost(parameter_set))
     there = replace(
         at, parameter_set=parameter_set, offsets=bent, residuals=search.residuals(parameter_set, search.base.residuals)
     )
-    found = search.polished(replace(alone, fit=there))
+    found = search.refined(replace(alone, fit=there))
     assert not any(search.residuals.predictor.lost(found.fit.parameter_set))
     assert found.sizes == pytest.approx(alone.sizes, rel=0.02)
     assert found.fit.value == pytest.approx(at.value, rel=0.05)
@@ -183,10 +186,10 @@ def test_an_explanation_whose_car_gets_lost_is_found_on_the_road_again():
 
 def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
     search = biased("sweep")
-    (found,) = search.singles()
+    (found,) = search.single()
     size = "effects.gyro_bias.x"
     assert 0 < found.deviations[size] < 0.1 * found.sizes[size]
-    assert abs(search.settled(found).sizes[size] - 0.03) < 3 * found.deviations[size]
+    assert abs(search.unshrunk(found).sizes[size] - 0.03) < 3 * found.deviations[size]
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype
-from vsense_ros.mismatch.fit import Residuals
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor, turning
 from vsense_ros.mismatch.windows import RUN_IN, build_dataset
 
@@ -30,8 +30,8 @@ def test_tyres_are_as_warm_where_a_window_begins_as_what_was_driven_before_has_m
 def test_tyres_cool_where_nothing_is_driven():
     hot = having(prototype(), tyre_heating=HEATING)
     effect = hot.physics.effects.tyre_heating
-    assert effect.rested(np.full(4, 50.0), 0.0) == pytest.approx(50.0)
-    assert effect.rested(np.full(4, 50.0), effect.cooling_time) == pytest.approx(50.0 / np.e)
+    assert effect.relaxed(np.full(4, 50.0), 0.0) == pytest.approx(50.0)
+    assert effect.relaxed(np.full(4, 50.0), effect.cooling_time) == pytest.approx(50.0 / np.e)
     assert 0.1 * effect.cooling_time > RUN_IN
 
 

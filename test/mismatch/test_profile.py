@@ -12,17 +12,19 @@ from hypothesis import strategies as st
 
 from hidden import driven, having, prototype, unheard, wrong
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import extension
 from vsense_ros.mismatch.answer_schema import read_answer
 from vsense_ros.mismatch.candidates import FOLLOWED, candidates
 from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import explain_recordings
-from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import SPACING, STRETCH, point
 from vsense_ros.mismatch.road_prediction import predict_road
 from vsense_ros.mismatch.signals import grid
-from vsense_ros.mismatch.simulation import ParameterSet, Predictor
+from vsense_ros.mismatch.simulation import Predictor, effect_of, parameters_of, profiles_of, varying_sizes
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.vehicle import Vehicle
 
@@ -76,9 +78,10 @@ def test_grip_that_varies_is_that_of_the_place(slalom):
 
 
 def test_a_plane_slopes_the_other_way_for_who_has_turned_round():
-    effect = ParameterSet(
+    parameter_set = ParameterSet(
         {"effects.road_bank.bank": 0.03, "effects.road_bank.follows": 0.0, "effects.road_grade.follows": 1.0}
-    ).effect("road_bank")
+    )
+    effect = effect_of(parameter_set, "road_bank")
     assert effect.slope(0.0) == pytest.approx((0.0, 0.03))
     assert effect.slope(np.pi / 2) == pytest.approx((0.03, 0.0))
     assert effect.slope(np.pi) == pytest.approx((0.0, -0.03))
@@ -148,12 +151,12 @@ def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(s
 
     surveyed = (row(0.0, 0.02), row(SPACING, 0.02), row(2 * SPACING, 0.02))
     known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
-    fitted = ParameterSet.of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
+    fitted = parameters_of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
     extended = extension.extended(known, dataset, fitted)
     predictor = Predictor(extended, dataset)
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
     assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
-    assert extension.extended(known, dataset, ParameterSet.of(known)).physics.effects.road_bank.profile == surveyed
+    assert extension.extended(known, dataset, parameters_of(known)).physics.effects.road_bank.profile == surveyed
 
 
 def test_a_body_that_follows_its_road_turns_with_the_slope_and_is_heavier_on_its_way_into_a_climb(slalom):
@@ -266,7 +269,7 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_pr
     of = {}
     for residuals in (told, spoilt):
         there = predict_road(residuals, residuals(residuals.predictor.start), elsewhere)
-        of[residuals] = [np.array([*s._profiles[size].values()]) for s in (there.by_odd, there.by_even)]
+        of[residuals] = [np.array([*profiles_of(s)[size].values()]) for s in (there.from_odd, there.from_even)]
     assert np.abs(of[spoilt][0] - of[told][0]).mean() < 0.004
     assert np.abs(of[spoilt][1] - of[told][1]).mean() > 0.05
 
@@ -275,5 +278,7 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_pr
 def test_grip_everywhere_and_at_a_place_together_is_never_below_nothing(everywhere, here):
     size = "effects.friction_change.relative"
     parameter_set = ParameterSet({size: everywhere, point(size, 0.0): here})
-    sums = parameter_set.varying(np.array([0.0]), {}).get(size, np.array([everywhere]))
+    sums = varying_sizes(parameter_set.values, [profiles_of(parameter_set)], np.array([0.0])).get(
+        size, np.array([everywhere])
+    )
     assert sums == pytest.approx(min(max(everywhere + here, -0.95), 1.0))

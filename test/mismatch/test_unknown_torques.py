@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from hidden import driven, having, prototype, silent, without
+from vsense_ros.identify.least_squares import fit
 from vsense_ros.mismatch.candidates import TORQUE_SHARES, UNKNOWN_TORQUES, base_parameters
-from vsense_ros.mismatch.fit import Residuals, fit
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor
 from vsense_ros.mismatch.windows import Readings, build_dataset
 

@@ -11,12 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import confidence, interval
-from vsense_ros.mismatch.fit import Fit, Residuals
 from vsense_ros.mismatch.objections import OUTDONE
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, Ranked, judge
@@ -57,10 +59,10 @@ class Made:
         return self
 
     def gain(self, hypothesis: Hypothesis) -> float:
-        return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.left_out
+        return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.cv_gain
 
     def proven(self, hypothesis: Hypothesis) -> float:
-        return min(hypothesis.gain, hypothesis.left_out)
+        return min(hypothesis.gain, hypothesis.cv_gain)
 
     def unmended(self, hypothesis: Hypothesis) -> str:
         return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
@@ -116,7 +118,7 @@ def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what
     along = replace(everywhere, candidates=(profile,), fit=fitted, deviations={place.name: 0.01})
     assert judge([everywhere], (), Suited()).verdict == "named"
     assert judge([along], (), Suited()).verdict == "no_mismatch"
-    assert judge([replace(along, left_out=0.4)], (), Suited()).verdict == "named"
+    assert judge([replace(along, cv_gain=0.4)], (), Suited()).verdict == "named"
 
 
 def test_what_makes_the_whole_of_what_was_held_out_worse_is_no_explanation_even_if_most_of_it_is_better():
@@ -455,7 +457,7 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
 
 @pytest.mark.parametrize(("worst", "left_over"), [(1.48, False), (1.8, True)])  # the first with nothing hidden
 def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
-    dataset = SimpleNamespace(left_out=())
+    dataset = SimpleNamespace(dropped=())
     fitted = SimpleNamespace(predictor=SimpleNamespace(dataset=dataset))
     validation = SimpleNamespace(worst=worst, fitted=fitted, thresholds=THRESHOLDS)
     assert Validation.something_left_over(validation) == left_over

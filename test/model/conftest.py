@@ -27,7 +27,7 @@ def car(vehicle: Vehicle) -> Car:
 
 @pytest.fixture(scope="session")
 def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
-    """Makes a random state of a driving car, its inputs and its surroundings, from a seed.
+    """Makes a random state of a driving car, its inputs and its disturbances, from a seed.
 
     All wheels touch the ground, loaded up to several times what they carry at rest; slips reach from free rolling to
     beyond the maximum of the force.
@@ -52,10 +52,10 @@ def driving(vehicle: Vehicle) -> Callable[[int], dict[str, Array]]:
             "q": q,
             "u": u,
             "force": random.normal(size=14) * np.array([500] * 6 + [100] * 8),
-            "surroundings": random.uniform(-1, 1, 4) * np.array([0.1, 0.05, 0.02, 0.005]),
+            "disturbances": random.uniform(-1, 1, 4) * np.array([0.1, 0.05, 0.02, 0.005]),
             "inputs": np.array([random.uniform(-0.5, 0.5), *random.uniform(-1500, 1500, 4)]),
             "p": vehicle.parameter_vector(),
-            "memory": np.zeros(0),
+            "internal_state": np.zeros(0),
         }
 
     return state

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Stepper:
-    """A car with its state in `q`, `u`; change `inputs`, `force`, `surroundings` in place."""
+    """A car with its state in `q`, `u`; change `inputs`, `force`, `disturbances` in place."""
 
     def __init__(self, vehicle: Vehicle, q: Array | None = None, u: Array | None = None) -> None:
         self.q, self.u = np.zeros(14), np.zeros(14)
@@ -25,10 +25,10 @@ class Stepper:
             self.q[:] = q
         if u is not None:
             self.u[:] = u
-        self.force, self.surroundings, self.inputs = np.zeros(14), np.zeros(4), np.zeros(5)
+        self.force, self.disturbances, self.inputs = np.zeros(14), np.zeros(4), np.zeros(5)
         self._h, self._inverse, self._by_q = np.zeros(1), np.zeros(196), np.zeros(98)
         functions = model_functions(car_of(vehicle))
-        state = [self.q, self.u, self.force, self.surroundings, self.inputs]
+        state = [self.q, self.u, self.force, self.disturbances, self.inputs]
         arguments = [*state, vehicle.parameter_vector(), np.zeros(0)]
         self._linearize = Kernel(functions["linearize"], arguments)
         self._dynamics = Kernel(functions["dynamics"], arguments)

@@ -19,7 +19,7 @@ from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import dynamics_function
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import TMeasy, tmeasy
+from vsense_ros.model.tyres import TMeasy, TyreInput
 from vsense_ros.model.vehicle import Vehicle
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
@@ -30,9 +30,9 @@ relaxed = settings(deadline=None, max_examples=30)
 
 @cache
 def tyre_function(tyre: TMeasy) -> ca.Function:
-    p, namespace = symbols(tyre)
+    p, symbolic = symbols(tyre)
     free = ca.SX.sym("a", 5)
-    return ca.Function("tyre", [p, free], [ca.vertcat(*tmeasy.forces(namespace, *ca.vertsplit(free)))])
+    return ca.Function("tyre", [p, free], [ca.vertcat(*symbolic.forces(TyreInput(*ca.vertsplit(free))))])
 
 
 def tyre_forces(tyre: TMeasy, *arguments: float) -> np.ndarray:
@@ -41,8 +41,8 @@ def tyre_forces(tyre: TMeasy, *arguments: float) -> np.ndarray:
 
 def expected_acceleration(vehicle: Vehicle, state: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of u (14), and outputs of the wheels (7×4), from world coordinates and Pinocchio."""
-    q, u, surroundings, inputs, force = (state[k] for k in ("q", "u", "surroundings", "inputs", "force"))
-    twin = Twin.of(vehicle, inputs[0] - surroundings[2])
+    q, u, disturbances, inputs, force = (state[k] for k in ("q", "u", "disturbances", "inputs", "force"))
+    twin = Twin.of(vehicle, inputs[0] - disturbances[2])
     model, data = twin.model, twin.data
     coordinates, v = twin.coordinates(q), u[PIN_ORDER]
     pin.forwardKinematics(model, data, coordinates, v)
@@ -63,7 +63,7 @@ def expected_acceleration(vehicle: Vehicle, state: dict[str, np.ndarray]) -> tup
         loaded = -wheel.translation[2] / down[2]
         contact = wheel.translation + loaded * down
         velocity = hub_velocity.linear + np.cross(hub_velocity.angular, contact - wheel.translation)
-        unloaded = axle.unloaded_radius * (1 + surroundings[3])
+        unloaded = axle.unloaded_radius * (1 + disturbances[3])
         load = axle.tyre_stiffness * (unloaded - loaded) - axle.tyre_damping * velocity[2]
         load = max(load, 0.0) if unloaded > loaded else 0.0
         effective = axle.dynamic_radius_factor * unloaded + (1 - axle.dynamic_radius_factor) * loaded
@@ -87,7 +87,7 @@ def expected_acceleration(vehicle: Vehicle, state: dict[str, np.ndarray]) -> tup
             + force[6 + i]
         )
         tau[7 + 2 * i] = inputs[1 + i] + force[10 + i]
-    along, across = np.sin(surroundings[:2])
+    along, across = np.sin(disturbances[:2])
     road = -G * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
     model.gravity = pin.Motion(pin.exp3(VERTICAL * q[5]) @ road, np.zeros(3))
     result = np.zeros(14)
@@ -137,12 +137,12 @@ def test_the_mass_matrix_of_the_car_agrees_with_pinocchio(seed, vehicle, car, dr
     state = driving(seed)
     demand = np.random.default_rng(seed).normal(size=14)
     symbol = ca.SX.sym("a", 14)
-    arguments = [car.q, car.inputs, car.surroundings, car.p, symbol]
+    arguments = [car.q, car.inputs, car.disturbances, car.p, symbol]
     force = ca.Function("force", arguments, [car.inertia_times(symbol)])
 
-    found = np.asarray(force(*(state[k] for k in ("q", "inputs", "surroundings", "p")), demand))[:, 0]
+    found = np.asarray(force(*(state[k] for k in ("q", "inputs", "disturbances", "p")), demand))[:, 0]
 
-    twin = Twin.of(vehicle, state["inputs"][0] - state["surroundings"][2])
+    twin = Twin.of(vehicle, state["inputs"][0] - state["disturbances"][2])
     mass = pin.crba(twin.model, twin.data, twin.coordinates(state["q"]))
     mass = np.triu(mass) + np.triu(mass, 1).T
     expected = np.zeros(14)
@@ -159,7 +159,7 @@ def test_a_load_to_one_side_takes_its_inertia_with_it_as_in_pinocchio(share, veh
         update={"physics": physics.model_copy(update={"effects": Effects(payload_offset={"moment": moment})})}
     )
     car, demand = Car(laden), ca.SX.sym("a", 14)
-    force = ca.Function("force", [car.q, car.inputs, car.surroundings, car.p, demand], [car.inertia_times(demand)])
+    force = ca.Function("force", [car.q, car.inputs, car.disturbances, car.p, demand], [car.inertia_times(demand)])
     resting = np.zeros(14), np.zeros(5), np.zeros(4), laden.parameter_vector()
     found = np.column_stack([np.asarray(force(*resting, unit))[:, 0] for unit in np.eye(14)])
 

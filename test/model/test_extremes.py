@@ -38,7 +38,8 @@ def mass_matrix(vehicle: Vehicle, stepper: Stepper) -> np.ndarray:
     """Of the derivatives of u, (14, 14)."""
     car = car_of(vehicle)
     force = model_functions(car)["force"]
-    here = [stepper.q, stepper.inputs, stepper.surroundings, vehicle.parameter_vector(), np.zeros(car.memory.numel())]
+    none = np.zeros(car.internal_state.numel())
+    here = [stepper.q, stepper.inputs, stepper.disturbances, vehicle.parameter_vector(), none]
     columns = [np.asarray(force(*here, unit))[:, 0] for unit in np.eye(14)]
     return np.column_stack(columns)
 

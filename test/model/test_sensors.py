@@ -83,11 +83,11 @@ def measure(car: Car) -> Callable[..., np.ndarray]:
     def value(
         sensor: SensorBase,
         state: tuple[np.ndarray, np.ndarray, np.ndarray],
-        surroundings: tuple[float, ...] = (0, 0, 0, 0),
+        disturbances: tuple[float, ...] = (0, 0, 0, 0),
         biases: np.ndarray | None = None,
     ) -> np.ndarray:
         biases = np.zeros(len(sensor.biases())) if biases is None else biases
-        motion = Motion(*(ca.SX(x) for x in state), ca.SX(surroundings), ca.SX.zeros(5))
+        motion = Motion(*(ca.SX(x) for x in state), ca.SX(disturbances), ca.SX.zeros(5))
         return np.asarray(ca.evalf(sensor.equation(motion, ca.SX(biases), ca.SX(sensor.mounting()))))[:, 0]
 
     return value

@@ -125,24 +125,24 @@ def test_effects_remember_in_each_lane_from_where_a_run_begins_to_where_it_ends(
     plain._compiled = None
     runs = [driven(vehicle, 100 + 31 * i, 0.02 + 0.01 * i) for i in range(3)]
     for run, whole, in_python in zip(runs, loop.runs(runs), plain.runs(runs), strict=True):
-        assert_allclose(whole.memory, in_python.memory, rtol=1e-9, atol=1e-12)
+        assert_allclose(whole.internal_state, in_python.internal_state, rtol=1e-9, atol=1e-12)
         first = loop.runs([replace(run, inputs=run.inputs.first(60))])[0]
-        heat = loop.car.remembering["tyre_heating"]
-        assert (first.memory[heat] > 0.0).all()
-        assert (first.memory[heat] < whole.memory[heat]).all()
-        warm = loop.runs([replace(run, memory=first.memory)])[0]
-        assert (warm.memory[heat] > whole.memory[heat] + 0.5 * first.memory[heat]).all()
+        heat = loop.car.internal_state_slices["tyre_heating"]
+        assert (first.internal_state[heat] > 0.0).all()
+        assert (first.internal_state[heat] < whole.internal_state[heat]).all()
+        warm = loop.runs([replace(run, internal_state=first.internal_state)])[0]
+        assert (warm.internal_state[heat] > whole.internal_state[heat] + 0.5 * first.internal_state[heat]).all()
 
 
 def test_a_car_that_leaves_the_range_of_numbers_stops_alone(vehicle):
     loop = OpenLoop(car_of(vehicle))
     good, bad = driven(vehicle, 200, 0.02), driven(vehicle, 200, 0.02)
-    bad.inputs.surroundings[100:, 0] = np.nan
+    bad.inputs.disturbances[100:, 0] = np.nan
     expected, motion, lost = loop.run(good.q, good.u, good.inputs, good.parameters), *loop.runs([good, bad])
     assert_allclose(motion.u, expected.u, rtol=1e-12, atol=1e-12)
     assert np.isfinite(lost.u[:50]).all()
     assert np.isnan(lost.u[51:]).all()
-    assert np.isnan(lost.memory).all()
+    assert np.isnan(lost.internal_state).all()
 
 
 def test_runs_with_steps_of_different_lengths_do_not_go_together(vehicle):
@@ -154,7 +154,7 @@ def test_runs_with_steps_of_different_lengths_do_not_go_together(vehicle):
 def test_a_rolling_car_in_any_lane_is_accelerated_by_gravity_along_its_slope(vehicle):
     loop, runs = OpenLoop(car_of(vehicle)), [driven(vehicle, 400, 0.0) for _ in range(3)]
     for slope, run in zip((0.0, 0.02, 0.04), runs, strict=True):
-        run.inputs.surroundings[:, 0] = slope
+        run.inputs.disturbances[:, 0] = slope
     motions = loop.runs(runs)
     begin = 100  # the first second: until the car has settled on its slope
     duration = motions[0].t[-1] - motions[0].t[begin]

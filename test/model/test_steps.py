@@ -91,7 +91,7 @@ def test_small_disturbances_of_a_standing_car_fade_at_every_allowed_step_length(
 def test_jacobians_of_the_dynamics_are_their_derivatives(seed, vehicle, car, driving):
     state = driving(seed)
     dynamics, linearize = dynamics_function(car), linearize_function(car)
-    udot, by_q, by_u, by_surroundings, by_q_rates = (np.asarray(r) for r in linearize(*state.values()))
+    udot, by_q, by_u, by_disturbances, by_q_rates = (np.asarray(r) for r in linearize(*state.values()))
 
     def differences(name: str, step: float) -> np.ndarray:
         columns = []
@@ -106,8 +106,8 @@ def test_jacobians_of_the_dynamics_are_their_derivatives(seed, vehicle, car, dri
 
     assert_allclose(udot[:, 0], np.asarray(dynamics(*state.values())[0])[:, 0], rtol=1e-12)
     all_q = differences("q", 1e-7)
-    expected = [all_q[:, list(DYNAMIC_COORDINATES)], differences("u", 1e-6), differences("surroundings", 1e-8)]
-    for found, difference in zip((by_q, by_u, by_surroundings), expected, strict=True):
+    expected = [all_q[:, list(DYNAMIC_COORDINATES)], differences("u", 1e-6), differences("disturbances", 1e-8)]
+    for found, difference in zip((by_q, by_u, by_disturbances), expected, strict=True):
         scale = np.abs(difference).max(axis=1, keepdims=True) + 1e-6
         assert_allclose(found / scale, difference / scale, atol=1e-4)
     elsewhere = [i for i in range(14) if i not in DYNAMIC_COORDINATES]
@@ -142,7 +142,7 @@ def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, car,
     state = driving(seed)
     wish = np.random.default_rng(seed).normal(size=14)
     dynamics = dynamics_function(car)
-    arguments = [state[k] for k in ("q", "inputs", "surroundings", "p", "memory")]
+    arguments = [state[k] for k in ("q", "inputs", "disturbances", "p", "internal_state")]
     more = np.asarray(force_function(car)(*arguments, wish))[:, 0]
 
     before = np.asarray(dynamics(*state.values())[0])[:, 0]

@@ -23,7 +23,7 @@ from vsense_ros.model.car.steps import dynamics_function, force_function, linear
 from vsense_ros.model.car.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import TMeasy, tmeasy
+from vsense_ros.model.tyres import TMeasy, TyreInput
 from vsense_ros.model.vehicle import Vehicle
 
 G = 9.80665
@@ -220,12 +220,9 @@ def dynamics(tabled_car: Car) -> ca.Function:
 
 
 def tyre_function(tyre: TMeasy) -> ca.Function:
-    p, namespace = symbols(tyre)
+    p, symbolic = symbols(tyre)
     free = ca.SX.sym("a", 6)
-    load, x, y, rolling, friction, camber = ca.vertsplit(free)
-    return ca.Function(
-        "tyre", [p, free], [ca.vertcat(*tmeasy.forces(namespace, load, x, y, rolling, friction, camber=camber))]
-    )
+    return ca.Function("tyre", [p, free], [ca.vertcat(*symbolic.forces(TyreInput(*ca.vertsplit(free))))])
 
 
 def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dict[str, np.ndarray]:
@@ -242,10 +239,10 @@ def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dic
         "q": q,
         "u": u,
         "force": random.normal(size=14) * np.array([500] * 6 + [100] * 8),
-        "surroundings": np.zeros(4),
+        "disturbances": np.zeros(4),
         "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4)]),
         "p": vehicle.parameter_vector(),
-        "memory": np.zeros(0),
+        "internal_state": np.zeros(0),
     }
 
 
@@ -338,8 +335,8 @@ def differentiated(tabled_car: Car) -> ca.Function:
     """Jacobians of the articulated-body recursion, by automatic differentiation."""
     car = tabled_car
     by_q = ca.jacobian(car.dynamics, car.q)[:, list(DYNAMIC_COORDINATES)]
-    by_others = [ca.jacobian(car.dynamics, symbols) for symbols in (car.u, car.surroundings)]
-    arguments = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
+    by_others = [ca.jacobian(car.dynamics, symbols) for symbols in (car.u, car.disturbances)]
+    arguments = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
     return ca.Function("differentiated", arguments, [by_q, *by_others])
 
 
@@ -353,7 +350,7 @@ def linearize(tabled_car: Car) -> ca.Function:
 def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height, tabled, linearize, differentiated):
     state = state_of(tabled, seed, 0.045, 0.3)
     state["q"][2] += height
-    state["surroundings"] = np.random.default_rng(seed).uniform(-0.02, 0.02, 4)
+    state["disturbances"] = np.random.default_rng(seed).uniform(-0.02, 0.02, 4)
     _, *found, _ = linearize(*state.values())
     for jacobian, expected in zip(found, differentiated(*state.values()), strict=True):
         rows = np.abs(np.asarray(expected)).max(axis=1, keepdims=True)
@@ -365,7 +362,7 @@ def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height,
 def test_a_generalized_force_causes_the_acceleration_it_was_asked_for(seed, tabled, tabled_car, dynamics):
     state = state_of(tabled, seed, 0.1, 0.5)
     wish = np.random.default_rng(seed).normal(size=14)
-    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "surroundings", "p", "memory")), wish)
+    more = force_function(tabled_car)(*(state[k] for k in ("q", "inputs", "disturbances", "p", "internal_state")), wish)
     before = np.asarray(dynamics(*state.values())[0])[:, 0]
     state["force"] = state["force"] + np.asarray(more)[:, 0]
     after = np.asarray(dynamics(*state.values())[0])[:, 0]

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import TMeasy, tmeasy
+from vsense_ros.model.tyres import TMeasy, TyreInput
 
 
 @st.composite
@@ -56,8 +56,8 @@ _symbols = {name: ca.SX.sym(name) for name in ("load", "speed_x", "speed_y", "ro
 
 
 def _function(tyre: TMeasy) -> ca.Function:
-    p, namespace = symbols(tyre)
-    results = tmeasy.forces(namespace, *_symbols.values())
+    p, symbolic = symbols(tyre)
+    results = symbolic.forces(TyreInput(**_symbols))
     return ca.Function("tyre", [p, *_symbols.values()], [ca.vertcat(*results)])
 
 
@@ -219,8 +219,8 @@ def test_a_wheel_at_rest_has_no_force_and_a_finite_slope(tyre: TMeasy, load: flo
     load *= tyre.nominal_load
     function = _function(tyre)
     velocity = ca.vertcat(_symbols["speed_x"], _symbols["speed_y"], _symbols["rolling_speed"])
-    p, namespace = symbols(tyre)
-    result = ca.vertcat(*tmeasy.forces(namespace, *_symbols.values())[:2])
+    p, symbolic = symbols(tyre)
+    result = ca.vertcat(*symbolic.forces(TyreInput(**_symbols))[:2])
     jacobian = ca.Function("j", [p, *_symbols.values()], [ca.jacobian(result, velocity)])
     rest = (vector(tyre), load, 0.0, 0.0, 0.0, 1.0)
 

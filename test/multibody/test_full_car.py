@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.full_car import OUTPUTS, RACK, FullCar
+from vsense_ros.model.car.full_car import RACK, FullCar
 from vsense_ros.model.car.linkage import Linkages
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import WHEEL_OUTPUTS, WHEELS
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.vehicle import Vehicle
 
@@ -46,8 +46,8 @@ def steps(integrator: Integrator, seconds: float) -> None:
 
 
 def tyres(integrator: Integrator) -> dict[str, np.ndarray]:
-    """Of each of `OUTPUTS` the values of the four wheels."""
-    return dict(zip(OUTPUTS, integrator.outputs().reshape(4, len(OUTPUTS)).T, strict=True))
+    """Of each of `WHEEL_OUTPUTS` the values of the four wheels."""
+    return dict(zip(WHEEL_OUTPUTS, integrator.outputs().reshape(4, len(WHEEL_OUTPUTS)).T, strict=True))
 
 
 def changed(vehicle: Vehicle, axle: str, **parts: object) -> Vehicle:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.observer.car_blocks import CarBlocks, Sensed
 from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, kalman
-from vsense_ros.observer.state import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Layout, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Layout, Q, U
 
 Array = NDArray[np.float64]
 N = 52
@@ -110,14 +110,14 @@ class Problem:
         _, by_q, by_u, by_disturbances, _ = self.jacobians
         through = np.zeros((14, N))
         through[:, DYNAMIC], through[:, U] = by_q, by_u
-        through[:, FORCE], through[:, SURROUND] = np.eye(14), by_disturbances
+        through[:, FORCE], through[:, DISTURB] = np.eye(14), by_disturbances
         return through
 
     def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
         """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
         _, by_q, by_u, by_udot, by_surroundings = sensed
         h = np.zeros((len(by_q), N))
-        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
+        h[:, Q], h[:, U], h[:, DISTURB] = by_q, by_u, by_surroundings
         if accelerations:
             h += by_udot @ self.through()
         if biased:

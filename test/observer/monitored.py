@@ -73,7 +73,7 @@ def driven(
         *rolling_straight(vehicle, speed), Inputs(STEP, felt, around, varying), plant.parameter_vector()
     )
     trajectory = Trajectory(
-        motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), told, surroundings=around
+        motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), told, disturbances=around
     )
     return record(trajectory, vehicle, seed, name=f"{name} {seed}", biased=False)
 

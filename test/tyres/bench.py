@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.files.tyre import load_tyre
 from vsense_ros.model.parameter import numbers, symbols, vector, with_values
-from vsense_ros.model.tyres import FORCES, RELAXATION_LENGTHS, MagicFormula
+from vsense_ros.model.tyres import MagicFormula, TyreInput
 from vsense_ros.model.tyres.magic_formula import ASYMMETRIC
 
 Array = NDArray[np.float64]
@@ -44,10 +44,11 @@ NAMES = ("load", "speed_x", "speed_y", "rolling_speed", "friction", "camber", "s
 @cache
 def _functions(model: str) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Results (5), their Jacobian (5×7) and relaxation lengths (2) of (p, arguments)."""
-    p, namespace = symbols(next(t for t in TYRES.values() if t.model == model))
+    p, tyre = symbols(next(t for t in TYRES.values() if t.model == model))
     a = ca.SX.sym("a", len(NAMES))
-    results = ca.vertcat(*FORCES[model](namespace, *ca.vertsplit(a)))
-    lengths = ca.vertcat(*RELAXATION_LENGTHS[model](namespace, *ca.vertsplit(a)))
+    wheel = TyreInput(*ca.vertsplit(a))
+    results = ca.vertcat(*tyre.forces(wheel))
+    lengths = ca.vertcat(*tyre.relaxation_lengths(wheel))
     return (
         ca.Function("forces", [p, a], [results]),
         ca.Function("jacobian", [p, a], [ca.densify(ca.jacobian(results, a))]),

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from bench import SYMMETRIC, TYRES, at_slip, forces, grip, jacobian, relaxation_lengths
 from vsense_ros.model.parameter import numbers, with_values
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES, FORCES, STEEPEST_SLOPES, relaxation_rate
+from vsense_ros.model.tyres import MODELS, relaxation_rate
 
 relaxed = settings(deadline=None, max_examples=60)
 loads = st.floats(50, 20_000)
@@ -100,8 +100,8 @@ def test_the_slopes_at_zero_slip_are_the_stiffnesses(name, factors, load, fricti
     small = 5e-5  # beyond the rounded tip of the slip's length, 1e-6
     x, *_ = at_slip(tyre, load, small, 0.0, friction=friction)
     _, y, *_ = at_slip(tyre, load, 0.0, small, friction=friction)
-    assert x / small == pytest.approx(float(STEEPEST_SLOPES[tyre.model](tyre, load)), rel=0.04)
-    assert y / small == pytest.approx(float(CORNERING_STIFFNESSES[tyre.model](tyre, load)), rel=0.04)
+    assert x / small == pytest.approx(float(tyre.steepest_slope(load)), rel=0.04)
+    assert y / small == pytest.approx(float(tyre.cornering_stiffness_at(load)), rel=0.04)
 
 
 @every
@@ -259,7 +259,7 @@ def test_a_car_runs_on_every_tyre_and_tells_it_side_and_inclination(genesis):
         axles = {a: getattr(physics, a).model_copy(update={"tyre": tyre}) for a in ("front", "rear")}
         vehicle = genesis.model_copy(update={"physics": physics.model_copy(update=axles)})
         car = Car(vehicle)
-        inputs = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
+        inputs = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
         outputs = ca.Function("outputs", inputs, [car.wheel_outputs, car.dynamics])
         q, u = rolling_straight(vehicle, 20.0)
         q[2] -= 0.02
@@ -276,4 +276,4 @@ def test_a_car_runs_on_every_tyre_and_tells_it_side_and_inclination(genesis):
                 rolling = 20.0 * (1 + wheels[4, i])
                 alone = forces(tyre, wheels[2, i], 20.0, speed_y, rolling, 1.0, wheels[6, i], side)
                 assert wheels[1, i] == pytest.approx(alone[1], rel=1e-3)
-    assert seen == set(FORCES)
+    assert seen == set(MODELS)

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from bench import TYRES, forces, relaxation_lengths
 from vsense_ros.model.parameter import numbers, with_values
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES, STEEPEST_SLOPES, MagicFormula
+from vsense_ros.model.tyres import MagicFormula
 from vsense_ros.model.tyres.magic_formula import AXIS_DEPENDENT, adapted_sae_to_iso
 
 relaxed = settings(deadline=None, max_examples=150)
@@ -148,8 +148,8 @@ def test_a_tyre_described_in_adapted_sae_axes_makes_the_same_forces_to_the_other
 def test_the_tyre_of_the_book_has_its_stiffnesses_and_frictions():
     """Pacejka 2006, appendix 3: at the nominal load K_xκ is p_Kx1 F_z0, and K_yα p_Ky1 F_z0 sin(2 arctan(1/p_Ky2))."""
     tyre = TYRES["pacejka_2006_205_60r15"]
-    assert float(STEEPEST_SLOPES["magic_formula"](tyre, 4000.0)) == pytest.approx(86040.0)
-    assert float(CORNERING_STIFFNESSES["magic_formula"](tyre, 4000.0)) * math.pi / 180 == pytest.approx(803.0, abs=0.1)
+    assert float(tyre.steepest_slope(4000.0)) == pytest.approx(86040.0)
+    assert float(tyre.cornering_stiffness_at(4000.0)) * math.pi / 180 == pytest.approx(803.0, abs=0.1)
     peak = max(forces(tyre, 4000.0, 20.0, 0.0, 20 * (1 + kappa))[0] for kappa in np.linspace(0, 0.3, 301))
     assert peak == pytest.approx(1.21 * 4000, rel=1e-3)
     sideways = [forces(tyre, 4000.0, 20.0, 20 * math.tan(alpha), 20.0)[1] for alpha in np.linspace(0, 0.4, 401)]
@@ -159,7 +159,7 @@ def test_the_tyre_of_the_book_has_its_stiffnesses_and_frictions():
 def test_more_pressure_makes_it_stiffer_along_and_across_as_the_coefficients_say():
     tyre = TYRES["pacejka_2012_205_60r15"]
     hard = with_values(tyre, {"inflation_pressure": 1.1 * tyre.nominal_pressure})
-    slope = [float(STEEPEST_SLOPES["magic_formula"](t, 4000.0)) for t in (tyre, hard)]
+    slope = [float(t.steepest_slope(4000.0)) for t in (tyre, hard)]
     assert slope[1] / slope[0] == pytest.approx(1 - 0.3485 * 0.1 + 0.37824 * 0.01)
 
 

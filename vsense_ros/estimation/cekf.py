@@ -5,8 +5,9 @@
 (Kalman & Bucy 1961, linearised; the CEKF of Rodríguez 2020 and of Sanjurjo et al. 2017). A measurement acts all the
 time until the next one comes, R_c = R T with the period T of its sensor: as if it were continuous, which is true to
 second order of T times the rates of the observer, and false where measurements are rare. It is a reference to compare
-discrete filters with, not one to use: where T is long, the innovation that is held is of the past, and the state swings
-about it or leaves the finite. f, A and Q_c are what a state space does in a step that tends to nothing.
+discrete filters with, not one to use: where T is long, the measurement that is held is of the past, and where the
+equations are integrated at the sampling rate, the gain times T may leave what the method is stable for. f, A and Q_c
+are what a state space does in a step that tends to nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import UNLIMITED, sensing
 from vsense_ros.estimation.filter import Array, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -31,11 +32,15 @@ from vsense_ros.estimation.state_space import (
     title,
 )
 
+_SHARE = 0.5  # of the time in which measurements act, that a step may take
+
 
 class Cekf(GaussianFilter):
     """Of a state space with ⊞ = +, measured by sensors with these `periods` [s], by name.
 
-    The equations are integrated by the fourth-order method of Runge and Kutta in steps of at most `longest_step` [s].
+    The equations are integrated by the fourth-order method of Runge and Kutta in steps of at most `longest_step` [s],
+    and with `adaptive` shorter ones where the covariance changes faster: after the first measurement of a state that is
+    hardly known it falls like 1/t.
     `memory` holds mean, covariance, inputs, parameters, and of each sensor what it measured last, with its variances.
     """
 
@@ -47,6 +52,7 @@ class Cekf(GaussianFilter):
         *,
         periods: Mapping[str, float],
         longest_step: float = 0.001,
+        adaptive: bool = True,
     ) -> None:
         if not system.is_flat:
             raise InputError(f"{title(system)} is no vector space: the continuous filter has no ⊞")
@@ -54,7 +60,7 @@ class Cekf(GaussianFilter):
         self.names, self.sensors = system.names, tuple(self.measurements)
         if missing := [name for name in self.sensors if not periods.get(name, 0.0) > 0]:
             raise InputError(f"the continuous filter needs the period [s] of {missing[0]!r}, greater than zero")
-        self.periods, self.longest_step = dict(periods), longest_step
+        self.periods, self.longest_step, self.adaptive = dict(periods), longest_step, adaptive
         sizes = [len(one.deviations) for one in measurements]
         n, k, p = len(system.names), len(system.inputs), len(system.parameters)
         lengths = [n, n * n, k, p, *np.repeat(sizes, 2).tolist()]
@@ -105,12 +111,27 @@ class Cekf(GaussianFilter):
 
     def predict(self, h: float) -> None:
         """Go on by `h` [s]. Raises `FloatingPointError` where the state leaves the finite."""
-        steps = max(int(np.ceil(h / self.longest_step - 1e-9)), 1)
+        left = h
         with np.errstate(all="ignore"):
-            for _ in range(steps):
-                self._runge_kutta(h / steps)
-        if not np.isfinite(self.memory[: len(self.mean) * (len(self.mean) + 1)]).all():
-            raise FloatingPointError(f"the continuous filter of {title(self.system)} left the finite")
+            while left > 1e-12 * h:
+                step = left / max(np.ceil(left / self._step() - 1e-9), 1)
+                self._runge_kutta(step)
+                left -= step
+                if not (np.isfinite(self.mean).all() and np.isfinite(self.covariance).all()):
+                    raise FloatingPointError(f"the continuous filter of {title(self.system)} left the finite")
+
+    def _step(self) -> float:
+        """What can be integrated at once [s]: a part of the time in which a measurement acts."""
+        rate = 0.0
+        if self.adaptive:
+            self._x[:] = self.mean
+            for name, kernel in self._sense.items():
+                kernel.call()
+                across = self.covariance @ kernel.results[1]
+                power = np.einsum("ij,ij->j", kernel.results[1], across)
+                present = np.isfinite(kernel.results[0][:, 0]) & (kernel.results[2][0, 0] != 0)
+                rate += float(np.sum((power / self._variances[name])[present]) / self.periods[name])
+        return min(self.longest_step, _SHARE / max(rate, 1e-300))
 
     def _runge_kutta(self, h: float) -> None:
         x, p = self.mean.copy(), self.covariance.copy()
@@ -135,6 +156,7 @@ class Cekf(GaussianFilter):
         held, m = self._values[sensor], len(self._values[sensor])
         if len(value) != m:
             raise InputError(f"a measurement of {sensor!r} has {m} components, but got {len(value)}")
+        check_variances(sensor, value, variance)
         held[:], self._variances[sensor][:] = value, np.asarray(variance) * scale
         self._x[:] = self.mean
         self._sense[sensor].call()

@@ -28,6 +28,7 @@ from vsense_ros.estimation.state_space import (
     StateSpace,
     Symbols,
     by_name,
+    check_names,
     parameter_values,
     residual,
     title,
@@ -162,6 +163,7 @@ class Dense:
 
 def laid_out(system: StateSpace, memory: Array | None) -> tuple[Array, Array, Array, Array, Array]:
     """Memory, and the parts of it: mean, covariance, inputs, parameters."""
+    check_names(system)
     n, e, k, p = (len(s) for s in (system.names, system.error_names, system.inputs, system.parameters))
     memory = np.zeros(n + e * e + k + p) if memory is None else memory
     mean, covariance, inputs, parameters = np.split(memory, np.cumsum([n, e * e, k]).tolist())

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from vsense_ros.estimation.filter import Array, Gaussian, Given, Innovation, Measured, Step
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.linearised import Linearised
 
 
@@ -53,6 +53,8 @@ class Ekf(GaussianFilter):
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
         """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
+        if len(variance) != len(value):
+            check_variances(sensor, value, variance)
         if self._operations is not None:
             nis = self._operations.correct(sensor, value, variance, limit, scale)
         else:

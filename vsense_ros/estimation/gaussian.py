@@ -105,6 +105,12 @@ def whiten(residual: Array, total: Array, across: Array) -> Whitened:
     return Whitened(present, whitened, factor, both[:, :-1], float(both[:, -1] @ both[:, -1]))
 
 
+def check_variances(sensor: str, value: Array, variance: Array) -> None:
+    """Raises `InputError` if a measurement has not as many variances as components."""
+    if len(variance) != len(value):
+        raise InputError(f"a measurement of {sensor!r} has {len(value)} variances, but got {len(variance)}")
+
+
 def is_definite(covariance: Array) -> bool:
     """Whether a covariance (e, e) is finite and positive definite."""
     if not np.isfinite(covariance).all():

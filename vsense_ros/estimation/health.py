@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.model.sensors import SensorBase
 
 PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
 _RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
@@ -35,7 +35,7 @@ class Health:
         """Keep a problem of the newest message."""
         self.problem, self.problem_at = why, self.last_received
 
-    def diagnostic(self, name: str, sensor: SensorBase, now: int) -> Diagnostic:
+    def diagnostic(self, name: str, sensor: Source, now: int) -> Diagnostic:
         """One line; `now` [ns] on the clock of arrivals."""
         values = {
             "used": str(self.used),

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum, auto
 from math import isfinite
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from vsense_ros.estimation.health import PATIENCE, Health
 from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase
 
 LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
 _FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
+
+Sensor = TypeVar("Sensor", bound=Source)
 
 
 class Timing(Enum):
@@ -27,15 +30,13 @@ class Timing(Enum):
     RESTART = auto()  # time has gone on, or back, for all sensors
 
 
-class Intake:
+class Intake(Generic[Sensor]):
     """The messages of all sensors, in order of arrival; `health` (one for each) says what became of them.
 
     `moving()` tells whether the car moves, so that an inertial sensor of coarse resolution may not repeat itself.
     """
 
-    def __init__(
-        self, sensors: Mapping[str, SensorBase], on_map: Map, reach: float, moving: Callable[[], bool]
-    ) -> None:
+    def __init__(self, sensors: Mapping[str, Sensor], on_map: Map, reach: float, moving: Callable[[], bool]) -> None:
         self.sensors = tuple(sensors.values())
         self.health = [Health() for _ in self.sensors]
         self.newest_arrival = 0  # [ns]
@@ -160,7 +161,7 @@ class Intake:
         return not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and isfinite(nis)
 
 
-def by_topic(sensors: Sequence[SensorBase]) -> dict[str, list[int]]:
+def by_topic(sensors: Sequence[Source]) -> dict[str, list[int]]:
     """Places of the sensors that listen to each topic."""
     found: dict[str, list[int]] = {}
     for i, sensor in enumerate(sensors):

@@ -9,9 +9,9 @@ import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
+from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Map:
 class Reader:
     """Reads the messages of one sensor."""
 
-    def __init__(self, index: int, sensor: SensorBase, on_map: Map) -> None:
+    def __init__(self, index: int, sensor: Source, on_map: Map) -> None:
         self._index, self._sensor, self._map = index, sensor, on_map
         self._message, self._frame, self._is_place = sensor.message, sensor.frame_id, sensor.kind == "gnss_position"
         offsets = sensor.offsets()

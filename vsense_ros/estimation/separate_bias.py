@@ -25,7 +25,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, check_belief, inflate, is_definite, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, check_belief, check_variances, inflate, is_definite, whiten
 from vsense_ros.estimation.state_space import Symbols, title
 
 
@@ -111,6 +111,7 @@ class SeparateBias(Filter):
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
         """As `Filter.correct`: the innovation is that of state and parameters together."""
+        check_variances(sensor, value, variance)
         own, m = self.filter.covariance, self.bias_covariance
         residual, h = self.filter.system.sense(sensor, value)
         s = h @ self.v + self.sensitivity.sense(sensor)

@@ -17,7 +17,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import UNLIMITED, laid_out
 from vsense_ros.estimation.filter import Array, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -95,7 +95,7 @@ class Ukf(GaussianFilter):
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
         """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
-        measurement = self._measurement(sensor, value)
+        measurement = self._measurement(sensor, value, variance)
         try:
             points = self._spread()
         except FloatingPointError:
@@ -121,7 +121,7 @@ class Ukf(GaussianFilter):
         """Whether the mean is finite and within its bounds, and no variance below zero."""
         return bool((np.abs(self.mean) < self._largest).all() and (self.covariance.diagonal() >= 0).all())
 
-    def _measurement(self, sensor: str, value: Array) -> Measurement:
+    def _measurement(self, sensor: str, value: Array, variance: Array) -> Measurement:
         """Raises `InputError` for a sensor that is not known, or a value that is not one of its."""
         found = self.measurements.get(sensor)
         if found is None:
@@ -129,6 +129,7 @@ class Ukf(GaussianFilter):
         m = len(found.deviations)
         if len(value) != m:
             raise InputError(f"a measurement of {sensor!r} has {m} components, but got {len(value)}")
+        check_variances(sensor, value, variance)
         return found
 
     def _spread(self) -> Array:

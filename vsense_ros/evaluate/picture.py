@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, align
-from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, WHEELS, Array, Series, Signal, read_signals, thin
+from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, Array, Series, Signal, read_signals, thin
+from vsense_ros.messages.topics import WHEELS
 
 ESTIMATE = "#0072B2"
 TRUTH = "#1a1a1a"

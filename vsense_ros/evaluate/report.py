@@ -19,7 +19,8 @@ from plotly.subplots import make_subplots
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
-from vsense_ros.evaluate.signals import SIGNALS, WHEELS, Series, read_signals, thin
+from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
+from vsense_ros.messages.topics import WHEELS
 
 ROW_HEIGHT = 190  # of one interactive plot [px]
 INTERACTIVE = (

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.messages.topics import WHEELS
 
-WHEELS = ("fl", "fr", "rl", "rr")
 MOST_POINTS = 1600  # of a curve, beyond which neither print nor screen shows more
 SLOWEST_SIDE_SLIP = 3.0  # below this speed the angle of the velocity vector says nothing [m/s]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.evaluate.picture import MUTED, STYLE
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import FORCES, RELAXATION_LENGTHS, Tyre, relaxation_rate
+from vsense_ros.model.tyres import Tyre, TyreInput, relaxation_rate
 
 Array = NDArray[np.float64]
 
@@ -31,12 +31,12 @@ class Bench:
     """A tyre on a bench that rolls it at `SPEED` and sets its slips."""
 
     def __init__(self, tyre: Tyre) -> None:
-        self.tyre: Any = tyre
-        p, namespace = symbols(tyre)
+        self.tyre = tyre
+        p, symbolic = symbols(tyre)
         state = ca.SX.sym("state", 6)
-        parts = ca.vertsplit(state)
-        self._forces = ca.Function("forces", [p, state], [ca.vertcat(*FORCES[tyre.model](namespace, *parts))])
-        lengths = ca.vertcat(*RELAXATION_LENGTHS[tyre.model](namespace, *parts))
+        wheel = TyreInput(*ca.vertsplit(state))
+        self._forces = ca.Function("forces", [p, state], [ca.vertcat(*symbolic.forces(wheel))])
+        lengths = ca.vertcat(*symbolic.relaxation_lengths(wheel))
         self._lengths = ca.Function("lengths", [p, state], [lengths])
         self._p = vector(tyre)
 

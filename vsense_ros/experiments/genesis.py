@@ -19,7 +19,9 @@ from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate import baselines
 from vsense_ros.evaluate.metrics import SignalScore, compare
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.side_slip import Fit, FreeParameter, Progress, fit, part
+from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied
+from vsense_ros.identify.progress import Progress, part
+from vsense_ros.identify.side_slip import SideSlipFit, fit_side_slip
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
@@ -29,16 +31,27 @@ EXAMINED_ON = "med_lap_center_8_21.mat"
 OUTAGE = 10.0  # length of the GNSS outage [s]
 
 SOURCE = (
-    "Fitted to the slow and the fast lap by `vsense genesis --identify`: {knobs}, mounting of the reference. "
+    "Fitted to the slow and the fast lap by `vsense genesis --identify`: {fitted}, mounting of the reference. "
     "All else is as in genesis_start.yaml, which says where it comes from."
 )
 
 
-def _cornering(axle: str) -> dict[str, float]:
-    """Cornering stiffness of an axle at unchanged largest force and unchanged shape of the curve."""
+def _factor(name: str, deviation: float, numbers: Mapping[str, float]) -> FreeParameter:
+    """Numbers that change together by a factor, of which `deviation` is a likely logarithm."""
+    return FreeParameter(name, "-", deviation, -np.inf, np.inf, multiplied(numbers))
+
+
+def _shift(name: str, unit: str, deviation: float, *numbers: str) -> FreeParameter:
+    """Numbers that the same is added to."""
+    return FreeParameter(name, unit, deviation, -np.inf, np.inf, added(*numbers))
+
+
+def _cornering_stiffness(axle: str) -> dict[str, float]:
+    """Powers of what makes up the cornering stiffness of an axle, at unchanged largest force and unchanged shape of the
+    curve."""
     powers: dict[str, float] = {}
     for load in ("nominal", "double"):
-        curve = f"physics.{axle}.tyre.lateral.{load}"
+        curve = f"{axle}.tyre.lateral.{load}"
         powers |= {
             f"{curve}.initial_slope": 1.0,
             f"{curve}.slip_at_maximum": -1.0,
@@ -47,35 +60,32 @@ def _cornering(axle: str) -> dict[str, float]:
     return powers
 
 
-KNOBS = (
-    FreeParameter("steering gain", {"sensors.steering.gain": 1}, 0.1),
-    FreeParameter("front cornering stiffness", _cornering("front"), 0.2),
-    FreeParameter("rear cornering stiffness", _cornering("rear"), 0.2),
-    FreeParameter(
-        "place of antenna and reference",
-        {"reference.position.0": 1, "sensors.position.position.0": 1, "sensors.velocity.position.0": 1},
-        0.3,
-        adds=True,
+# Deviations are how far the truth may well be from what genesis_start.yaml says.
+FREE_PARAMETERS = (
+    _factor("steering gain", 0.1, {"sensors.steering.gain": 1}),
+    _factor("front cornering stiffness", 0.2, _cornering_stiffness("front")),
+    _factor("rear cornering stiffness", 0.2, _cornering_stiffness("rear")),
+    _shift(
+        "place of antenna and reference", "m", 0.3,
+        "reference.position.0", "sensors.position.position.0", "sensors.velocity.position.0",
     ),
-    FreeParameter(
-        "latency of the car's bus", {"sensors.imu.latency": 1, "sensors.steering.latency": 1}, 0.02, adds=True
-    ),
-    FreeParameter("lateral force error", {"observer.force_errors.lateral": 1}, 0.7),
-    FreeParameter("yaw force error", {"observer.force_errors.yaw": 1}, 0.7),
-    FreeParameter("force error time constant", {"observer.force_errors.time_constant": 1}, 0.7),
-    FreeParameter("bank", {"observer.surroundings.bank": 1}, 0.7),
-    FreeParameter("steering offset", {"observer.surroundings.steering_offset": 1}, 0.7),
-    FreeParameter("gyro noise", {"sensors.imu.rate_noise": 1}, 0.5),
-    FreeParameter("accelerometer noise", {"sensors.imu.force_noise": 1}, 0.7),
-    FreeParameter("GNSS velocity noise", {"sensors.velocity.noise": 1}, 0.5),
-)
+    _shift("latency of the car's bus", "s", 0.02, "sensors.imu.latency", "sensors.steering.latency"),
+    _factor("lateral force error", 0.7, {"observer.force_errors.lateral": 1}),
+    _factor("yaw force error", 0.7, {"observer.force_errors.yaw": 1}),
+    _factor("force error time constant", 0.7, {"observer.force_errors.time_constant": 1}),
+    _factor("bank", 0.7, {"observer.surroundings.bank": 1}),
+    _factor("steering offset", 0.7, {"observer.surroundings.steering_offset": 1}),
+    _factor("gyro noise", 0.5, {"sensors.imu.rate_noise": 1}),
+    _factor("accelerometer noise", 0.7, {"sensors.imu.force_noise": 1}),
+    _factor("GNSS velocity noise", 0.5, {"sensors.velocity.noise": 1}),
+)  # fmt: skip
 
 
 def identification_laps(folder: Path) -> list[Recording]:
     """The slow and the fast lap, with GNSS as in the three cases of the examination in turn: `OUTAGE` seconds each at
     10 Hz, at 1 Hz and silent.
 
-    With GNSS always there, the fit learns to lean on it, and has nothing to say once it is gone.
+    With GNSS there all the time, the fit would come to rely on it, and fail where it is gone.
     """
     return [_with_changing_gnss(genesis.read(folder / name)) for name in IDENTIFIED_FROM]
 
@@ -84,16 +94,16 @@ def _with_changing_gnss(lap: Recording) -> Recording:
     channels = dict(lap.channels)
     for topic in ("gps/fix", "gps/velocity"):
         channel = channels[topic]
-        turn = (channel.seconds // OUTAGE).astype(int) % 3
-        tenth = np.round(channel.seconds * 10).astype(int) % 10 == 0
-        channels[topic] = channel.select((turn == 0) | ((turn == 1) & tenth))
+        case = (channel.seconds // OUTAGE).astype(int) % 3
+        each_second = np.round(channel.seconds * 10).astype(int) % 10 == 0
+        channels[topic] = channel.select((case == 0) | ((case == 1) & each_second))
     return replace(lap, channels=channels)
 
 
-def identify(start: Vehicle, laps: Sequence[Recording], progress: Progress | None = None) -> Fit:
+def identify(start: Vehicle, laps: Sequence[Recording], progress: Progress | None = None) -> SideSlipFit:
     """The vehicle whose side slip on the laps comes closest to the reference, searched from `start`."""
-    found = fit(start, KNOBS, laps, progress=progress)
-    source = SOURCE.format(free_parameters=", ".join(parameter.name for parameter in KNOBS))
+    found = fit_side_slip(start, FREE_PARAMETERS, laps, progress=progress)
+    source = SOURCE.format(fitted=", ".join(parameter.name for parameter in FREE_PARAMETERS))
     return replace(found, vehicle=found.vehicle.model_copy(update={"source": source}))
 
 
@@ -101,8 +111,8 @@ def fastest_corner(lap: Recording) -> tuple[float, float]:
     """Begin and end [s after the first row] of the `OUTAGE` seconds around the largest product of speed and gyro."""
     imu, velocity = lap["imu/data"], lap["gps/velocity"]
     speed = np.interp(imu.stamp, velocity.stamp, np.hypot(*velocity.columns["linear"][:, :2].T))
-    turn = np.abs(imu.columns["angular_velocity"][:, 2] * speed)
-    middle = float(imu.seconds[np.argmax(turn)])
+    lateral = np.abs(imu.columns["angular_velocity"][:, 2] * speed)
+    middle = float(imu.seconds[np.argmax(lateral)])
     return middle - OUTAGE / 2, middle + OUTAGE / 2
 
 

@@ -8,8 +8,9 @@ from math import degrees
 from rich.console import Console
 
 from vsense_ros.evaluate.terminal import plain_table
-from vsense_ros.experiments.genesis import IDENTIFIED_FROM, KNOBS
-from vsense_ros.identify.side_slip import Fit
+from vsense_ros.experiments.genesis import FREE_PARAMETERS, IDENTIFIED_FROM
+from vsense_ros.identify.parameter_set import of_vehicle
+from vsense_ros.identify.side_slip import SideSlipFit
 from vsense_ros.model.vehicle import Vehicle
 
 
@@ -19,10 +20,11 @@ def show_examination(results: Mapping[str, Mapping[str, float]], console: Consol
     _show(console, ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"), rows)
 
 
-def show_identification(start: Vehicle, found: Fit, console: Console) -> None:
+def show_identification(start: Vehicle, found: SideSlipFit, console: Console) -> None:
     """Print each identified number, and the error of the side slip on each lap, before and after."""
     cars = (start, found.vehicle)
-    numbers = [(one.name, *(f"{one.value(car):.4g}" for car in cars)) for one in KNOBS]
+    values = [of_vehicle(car).values for car in cars]
+    numbers = [(one.name, *(f"{one.value(of_car):.4g}" for of_car in values)) for one in FREE_PARAMETERS]
     yaw = ("mounting angle of the reference", *(f"{car.reference.yaw:.4g}" for car in cars))
     errors = [
         (f"side slip RMSE on {name} [°]", *(f"{degrees(error):.3f}" for error in pair))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import STANDARD, Manoeuvre
 from vsense_ros.model.car.full_car import FullCar
+from vsense_ros.model.coordinates import ROLL, SPEED_X, STEERING, YAW_RATE, Y
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.simulation.full_car import simulate_full_car
@@ -40,15 +41,15 @@ class Signal:
 
 def _slip_angle(motion: Trajectory) -> Array:
     angles = np.degrees(motion.wheels[:, 5])
-    angles[motion.u[:, 0] < SLOWEST] = 0.0
+    angles[motion.u[:, SPEED_X] < SLOWEST] = 0.0
     return angles
 
 
 SIGNALS = (
-    Signal("steering", "°", lambda motion: np.degrees(motion.inputs[:, 0])),
-    Signal("lateral acceleration", "m/s²", lambda motion: motion.acceleration[:, 1]),
-    Signal("yaw rate", "°/s", lambda motion: np.degrees(motion.u[:, 5])),
-    Signal("roll", "°", lambda motion: np.degrees(motion.q[:, 3])),
+    Signal("steering", "°", lambda motion: np.degrees(motion.inputs[:, STEERING])),
+    Signal("lateral acceleration", "m/s²", lambda motion: motion.acceleration[:, Y]),
+    Signal("yaw rate", "°/s", lambda motion: np.degrees(motion.u[:, YAW_RATE])),
+    Signal("roll", "°", lambda motion: np.degrees(motion.q[:, ROLL])),
     Signal("camber of the wheels to the road", "°", lambda motion: np.degrees(motion.wheels[:, 6])),
     Signal("slip angle of the wheels", "°", _slip_angle),
     Signal("longitudinal tyre force", "N", lambda motion: motion.wheels[:, 0]),

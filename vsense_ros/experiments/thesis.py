@@ -27,7 +27,7 @@ from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import EPOCH, record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.observer_settings import EstimatedParameter, ForceErrors, Surroundings
+from vsense_ros.model.observer_settings import Disturbances, EstimatedParameter, ForceErrors
 from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.simulation.full_car import simulate_full_car
@@ -53,7 +53,7 @@ PARAMETERS = {
 LEFT = ForceErrors(
     longitudinal=0.02, lateral=0.05, vertical=0.1, roll=0.2, pitch=0.05, yaw=0.05, suspension=1.0, time_constant=0.5
 )
-_LEVEL = Surroundings(
+_LEVEL = Disturbances(
     grade=0.0, bank=0.0, steering_offset=0.0, steering_offset_drift=0.0, radius_error=0.0, radius_error_drift=0.0
 )
 _THROTTLE = WheelTorques(noise=1.0)

@@ -19,7 +19,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SURROUNDINGS, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
@@ -41,10 +41,10 @@ _ARGUMENTS = {
     "q": "v->state",
     "u": "v->state + MODEL",
     "force": "v->state + 2 * MODEL",
-    "surroundings": "v->state + 3 * MODEL",
+    "disturbances": "v->state + 3 * MODEL",
     "inputs": "v->inputs",
     "p": "v->parameters",
-    "memory": "v->effects",
+    "internal_state": "v->effects",
     "h": "&h",
     "inverse": "inverse",
     "by_q": "v->by_q",
@@ -58,12 +58,12 @@ _RESULTS = {
     "advance": ("q", "u"),
     "kinematics": ("by_angles", "by_velocity"),
     "force": ("by",),
-    "remember": ("effects",),
+    "internal_state": ("effects",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
 _FIELDS = {
-    "state": "coordinates, velocities, forces beyond the model's, surroundings, biases",
+    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
     "inputs": "what drives the model",
     "covariance": "of the errors of the state, row-major",
     "effects": "what physical effects remember of the past",
@@ -154,7 +154,7 @@ class Observer:
             "state": size,
             "inputs": len(INPUTS),
             "covariance": size * size,
-            **({"effects": car.memory.numel()} if car.memory.numel() else {}),
+            **({"effects": car.internal_state.numel()} if car.internal_state.numel() else {}),
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
@@ -224,8 +224,8 @@ class _Contents:
             steps.kinematics_function(self.car),
             steps.force_function(self.car),
         ]
-        if self.car.memory.numel():
-            self.functions.append(steps.remember_function(self.car))
+        if self.car.internal_state.numel():
+            self.functions.append(steps.internal_state_function(self.car))
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
@@ -364,14 +364,14 @@ class _Contents:
 
     def _filter_arguments(self) -> str:
         """The `ParameterFilter.arguments` in C."""
-        names = ("q", "u", "force", "surroundings", "inputs", "p")
+        names = ("q", "u", "force", "disturbances", "inputs", "p")
         linearized = [f"v->{name}" for name in _LINEARIZATION[:4]]
-        memory = _ARGUMENTS["memory"] if self.car.memory.numel() else "0"
+        memory = _ARGUMENTS["internal_state"] if self.car.internal_state.numel() else "0"
         places = [_ARGUMENTS[name] for name in names]
         return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
 
     def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
-        places = _ARGUMENTS | ({} if self.car.memory.numel() else {"memory": "0"}) | special
+        places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
 
@@ -444,7 +444,7 @@ def _state_entries() -> tuple[Entry, ...]:
         "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
         "radius_error": ("-", "relative error of the tyre radius"),
     }
-    return (*entries, *(Entry(name.upper(), *around[name]) for name in SURROUNDINGS))
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
 
 
 _STATE_ENTRIES = _state_entries()

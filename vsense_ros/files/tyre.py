@@ -10,7 +10,7 @@ from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.tir import read_tir
-from vsense_ros.model.tyres import Tyre
+from vsense_ros.model.tyres import AnyTyre, Tyre
 
 
 def load_tyre(path: str | Path) -> Tyre:
@@ -24,7 +24,7 @@ def load_tyre(path: str | Path) -> Tyre:
         raise InputError(f"{path}: no such tyre file") from None
     except (OSError, UnicodeDecodeError, YAMLError) as error:
         raise InputError(f"{path}: cannot be read as YAML: {error}") from None
-    adapter: TypeAdapter[Tyre] = TypeAdapter(Tyre)
+    adapter: TypeAdapter[Tyre] = TypeAdapter(AnyTyre)
     try:
         return adapter.validate_python(content)
     except ValidationError as error:

@@ -1,1 +1,1 @@
-"""Numbers of a vehicle file found from recordings."""
+"""Identification: parameters of a car, found from recordings by nonlinear least squares and by maximum likelihood."""

@@ -1,10 +1,9 @@
 """Noise covariances of the observer, found by maximising the likelihood of recordings.
 
 The likelihood is that of the innovations of the errorEKF: the density of every message given all before it. It needs no
-reference. Unknowns are the logarithms of standard deviations, so none can become negative. The
-method is Fisher scoring (Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by
-differences, give the gradient and the information matrix together, and the inverse of the latter says how well each
-number is told.
+reference. Unknowns are the logarithms of standard deviations, so none can become negative. The method is Fisher scoring
+(Gupta & Mehra 1974): the derivatives of the innovations and of their deviations, by differences, give the gradient and
+the information matrix together, and the inverse of the latter says how well each number is determined.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,7 +21,10 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.consistency import Consistency, Error, consistency, errors_of
 from vsense_ros.evaluate.reference import at_reference
-from vsense_ros.identify.side_slip import FreeParameter, Progress, part, turned
+from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
+from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
+from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
@@ -37,8 +39,9 @@ LARGEST_STEP = float(np.log(5))  # of an iteration
 DIFFERENCE = 0.05  # of a logarithm, for derivatives
 STEEPEST = 3.0  # change of a whitened innovation by a logarithm: beyond that, a gate decided otherwise some time before
 ITERATIONS = 8  # at most
+SHORTER = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried until one is an improvement
 LEAST_GAIN = 0.05  # in log-likelihood, of each number, that an iteration must promise; noise alone gives 0.5
-TOLD = 0.5  # a number is told whose standard deviation is this share of the prior's
+DETERMINED = 0.5  # a number is determined whose standard deviation is at most this share of the prior's
 DIGITS = 3  # that are kept of a number
 
 _NOISE = ("noise", "rate_noise", "force_noise")
@@ -85,9 +88,9 @@ class Found:
     deviation: float
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Whether the recordings say something about it."""
-        return self.deviation < TOLD * PRIOR
+        return self.deviation < DETERMINED * PRIOR
 
     @property
     def at_bound(self) -> bool:
@@ -125,7 +128,7 @@ class Tuning:
     def write(self, path: Path) -> None:
         """Everything but the vehicle as JSON."""
         content = {
-            "numbers": {f.path: asdict(f) | {"told": f.told, "at_bound": f.at_bound} for f in self.found},
+            "numbers": {f.path: asdict(f) | {"determined": f.determined, "at_bound": f.at_bound} for f in self.found},
             "before": asdict(self.before),
             "after": asdict(self.after),
         }
@@ -159,92 +162,134 @@ def tune(
     """
     known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
     start = with_own_noise(known) if own_noise else known
-    knobs = [FreeParameter(path, {path: 1.0}, 1.0) for path in noise_numbers(vehicle)]
-    every = [*recordings, *held_out]
-    jobs = len(recordings) * (len(knobs) + 1)
+    nominal, free_parameters = of_vehicle(start), [_free(name) for name in noise_numbers(vehicle)]
+    every, count = [*recordings, *held_out], len(recordings)
+    jobs = count * (len(free_parameters) + 1)
     with ProcessPoolExecutor(min(os.cpu_count() or 1, jobs), initializer=_keep, initargs=(every,)) as pool:
 
+        def cars(points: Sequence[Array], digits: int = EXACT) -> list[Vehicle]:
+            return [with_values(start, with_offsets(nominal, free_parameters, point), digits) for point in points]
+
         def evaluate(points: Sequence[Array], done: Progress | None) -> list[list[Innovations]]:
-            cars = [turned(start, knobs, point) for point in points]
-            asked = [[pool.submit(_innovations, i, car) for i in range(len(recordings))] for car in cars]
-            found: list[list[Innovations]] = []
-            for i, of_car in enumerate(asked):
-                found.append([one for job in of_car for one in job.result().values()])
-                if done is not None:
-                    done((i + 1) / len(asked))
-            return found
+            return _innovations_of(pool, cars(points), count, done)
 
-        steps, deviations = maximise(evaluate, len(knobs), part(progress, 0, 1))
-        tuned = turned(start, knobs, steps, DIGITS)
-        cars = (known, tuned)
-        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in cars]
-        results = [[job.result() for job in of_car] for of_car in judged]
-    first, last = results
-    count = len(recordings)
-    before, after = _figures(first[:count], first[:count]), _figures(last[:count], first[:count])
-    proof = None
-    if held_out:
-        proof = _figures(first[count:], first[count:]), _figures(last[count:], first[count:])
+        offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
+        (tuned,) = cars([offsets], DIGITS)
+        judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (known, tuned)]
+        first, last = ([job.result() for job in of_car] for of_car in judged)
+    before, after = (_figures(one[:count], first[:count]) for one in (first, last))
+    unseen = [_figures(one[count:], first[count:]) for one in (first, last) if held_out]
+    values = of_vehicle(tuned).values
     found = tuple(
-        Found(knob.name, knob.value(start), knob.value(tuned), float(deviation))
-        for knob, deviation in zip(knobs, deviations, strict=True)
+        Found(free.name, free.value(nominal.values), free.value(values), float(deviation))
+        for free, deviation in zip(free_parameters, deviations, strict=True)
     )
-    result = tuned.model_copy(
-        update={"observer": tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})}
-    )
-    return Tuning(result, found, before, after, proof)
+    observer = tuned.observer.model_copy(update={"parameters": vehicle.observer.parameters})
+    result = tuned.model_copy(update={"observer": observer})
+    return Tuning(result, found, before, after, (unseen[0], unseen[1]) if held_out else None)
 
 
+def _innovations_of(
+    pool: Executor, cars: Sequence[Vehicle], recordings: int, progress: Progress | None
+) -> list[list[Innovations]]:
+    """Of each car, on the first so many recordings, by sensor and recording."""
+    asked = [[pool.submit(_innovations, i, car) for i in range(recordings)] for car in cars]
+    found: list[list[Innovations]] = []
+    for i, of_car in enumerate(asked):
+        found.append([one for job in of_car for one in job.result().values()])
+        if progress is not None:
+            progress((i + 1) / len(asked))
+    return found
+
+
+def _free(name: str) -> FreeParameter:
+    """The logarithm of a standard deviation of the vehicle file."""
+    return FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied({name: 1.0}))
+
+
+# Innovations at each of some points, (k,) offsets, in the same order of the same messages.
 Evaluate = Callable[[Sequence[Array], Progress | None], list[list[Innovations]]]
 
 
-def maximise(evaluate: Evaluate, count: int, progress: Progress | None = None) -> tuple[Array, Array]:
-    """Point (count,) around zero at which innovations are likeliest, and standard deviations of its elements.
+def maximise(
+    evaluate: Evaluate, free_parameters: Sequence[FreeParameter], progress: Progress | None = None
+) -> tuple[Array, Array]:
+    """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, and their standard
+    deviations (k,).
 
-    `evaluate` gives the innovations at each of some points, in the same order of the same messages. The prior is
-    normal with `PRIOR`. Each iteration is a scoring step, shortened until it is an improvement. Which messages are
-    outliers is decided once, at zero: if that could change, a filter that refuses whatever is unlikely would win.
+    Each iteration is a scoring step, shortened until it is an improvement. Which messages are outliers is decided once,
+    at zero: if that could change, a filter that refuses whatever is unlikely would win.
     """
+    count = len(free_parameters)
+    deviations = np.array([free.deviation for free in free_parameters])
+    low, high = np.array([free.low for free in free_parameters]), np.array([free.high for free in free_parameters])
     here = np.zeros(count)
     now = evaluate([here], None)[0]
     if not now:
         raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
     credible = [innovation.credible() for innovation in now]
-    value = _posterior(here, now, credible)
-    information = np.eye(count)
+
+    def value(offsets: Array, found: Sequence[Innovations]) -> float:
+        return _minus_twice_log_likelihood(found, credible) + float(np.sum((offsets / deviations) ** 2))
+
     for iteration in range(ITERATIONS):
-        share = part(progress, iteration, ITERATIONS)
-        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], share)
-        slope, information = _score(now, nearby, credible)
-        slope = slope - here / PRIOR**2
-        information = information + np.eye(count) / PRIOR**2
-        free = (np.abs(here) < BOUND) | (slope * here < 0)  # not held by a bound
-        step = np.zeros(count)
-        step[free] = np.linalg.solve(information[np.ix_(free, free)], slope[free])
-        if 0.5 * slope @ step < LEAST_GAIN * count:
+        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, ITERATIONS))
+        equations = _equations(free_parameters, here, now, nearby, credible)
+        change = _scoring_step(equations, here)
+        if -0.5 * equations.gradient @ change < LEAST_GAIN * count:
             break
+        step = change * deviations
         step *= min(1.0, LARGEST_STEP / float(np.abs(step).max()))
-        for shorter in (1.0, 0.5, 0.25, 0.125):
-            there = np.clip(here + shorter * step, -BOUND, BOUND)
-            innovation = evaluate([there], None)[0]
-            candidate = _posterior(there, innovation, credible)
-            if candidate > value:
+        for shorter in SHORTER:
+            there = np.clip(here + shorter * step, low, high)
+            found = evaluate([there], None)[0]
+            if value(there, found) < value(here, now):
                 break
         else:
             break
-        here, now, value = there, innovation, candidate
+        here, now = there, found
     if progress is not None:
         progress(1.0)
-    return here, np.sqrt(np.diag(np.linalg.inv(information)))
+    return here, equations.spread() * deviations
+
+
+def _scoring_step(equations: NormalEquations, offsets: Array) -> Array:
+    """The change (k,) of the free parameters [deviations], of which those stay that are at a bound and would go
+    beyond."""
+    free_parameters, uphill = equations.free_parameters, equations.gradient
+    moving = [
+        i for i, (free, at) in enumerate(zip(free_parameters, offsets, strict=True))
+        if not (at <= free.low and uphill[i] >= 0) and not (at >= free.high and uphill[i] <= 0)
+    ]  # fmt: skip
+    change = np.zeros(len(free_parameters))
+    change[moving] = equations.only(moving).change()
+    return change
 
 
 _Mask = NDArray[np.bool_]
 
 
-def _posterior(point: Array, found: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
-    """Logarithm of likelihood times prior, but for a constant."""
-    likelihood = sum(float(i.log_density()[of].sum()) for i, of in zip(found, credible, strict=True))
-    return likelihood - 0.5 * float(point @ point) / PRIOR**2
+def _minus_twice_log_likelihood(found: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
+    """Of innovations: what is minimised, as squared residuals are in least squares."""
+    return -2.0 * sum(float(i.log_density()[of].sum()) for i, of in zip(found, credible, strict=True))
+
+
+def _equations(
+    free_parameters: Sequence[FreeParameter],
+    offsets: Array,
+    now: Sequence[Innovations],
+    nearby: Sequence[Sequence[Innovations]],
+    credible: Sequence[_Mask],
+) -> NormalEquations:
+    """The equations of a scoring step: the Fisher information stands where least squares has the products of slopes,
+    and the gradient of the log-likelihood, with a minus, where it has those of slopes and residuals."""
+    deviations = np.array([free.deviation for free in free_parameters])
+    gradient, information = _score(now, nearby, credible)
+    return NormalEquations(
+        tuple(free_parameters), offsets / deviations, 1.0, (information * np.outer(deviations, deviations))[None],
+        (-gradient * deviations)[None], np.array([_minus_twice_log_likelihood(now, credible)]),
+        np.array([sum(int(of.sum()) for of in credible)]),
+    )  # fmt: skip
 
 
 def _score(
@@ -295,7 +340,7 @@ def _judged(index: int, vehicle: Vehicle) -> _Judged:
 
 
 def _figures(results: Sequence[_Judged], first: Sequence[_Judged]) -> Figures:
-    """Over all recordings; which messages are credible is told by the `first` results, those before tuning."""
+    """Over all recordings; which messages are credible is decided by the `first` results, those before tuning."""
     names = list(dict.fromkeys(name for found, _ in results for name in found))
     pairs = [
         (name, found[name], before[name].credible())

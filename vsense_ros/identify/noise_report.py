@@ -27,9 +27,9 @@ def show(tuning: Tuning, console: Console) -> None:
     console.width = max(console.width, _WIDTH)
     table = _table("standard deviation", "before", "after", "")
     for found in tuning.found:
-        told = f"± {100 * found.deviation:.0f} %" if found.told else "not told"
-        told = "at its bound" if found.at_bound else told
-        table.add_row(found.path, f"{found.before:.3g}", f"{found.after:.3g}", told)
+        known = f"± {100 * found.deviation:.0f} %" if found.determined else "not determined"
+        known = "at its bound" if found.at_bound else known
+        table.add_row(found.path, f"{found.before:.3g}", f"{found.after:.3g}", known)
     console.print(table)
     for title, before, after in _pairs(tuning):
         console.print(f"\n[bold]{title}")

@@ -8,70 +8,40 @@ a handful of Jacobians by differences where a search one number at a time needs 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Settings, fit
+from vsense_ros.identify.parameter_set import ParameterSet, of_vehicle, rounded, with_values
+from vsense_ros.identify.progress import Progress
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
 
 Array = NDArray[np.float64]
-Progress = Callable[[float], None]
 
 RATE = 10.0  # at which the errors are taken [Hz]: side slip changes slower than that
-DIFFERENCE = 0.1  # of a free parameter, for the Jacobian [steps]
-LEAST_GAIN = 0.002  # of an iteration, as a share of the sum of squares: a thousandth of the error
-LEAST_STEP = 1e-3  # of an iteration, as a share of the way from the start
+DIFFERENCE = 0.1  # of a free parameter, for the Jacobian [deviations]
+LONGEST = 1.0  # step of an iteration [deviations]: the observer is not linear in noise levels beyond
 ITERATIONS = 20  # at most
-PRIOR = 0.001  # share of the mean square error at the start that a free parameter one step from its start value costs
+PRIOR = 0.001  # share of the mean square error at the start that a free parameter one deviation off costs
 DIGITS = 4  # that are kept of a fitted number
+AT_ONCE = 64  # vehicles whose runs wait for a processor together
 
 
 @dataclass(frozen=True)
-class FreeParameter:
-    """Numbers of a vehicle file that change together by one unknown.
-
-    `powers` names them by dotted path (lists by index, or whole). A step multiplies each by exp(`step` · power), or
-    adds `step` · power where the free parameter `adds`. A step is how far the truth may well be from a typical value.
-    """
-
-    name: str
-    powers: Mapping[str, float]
-    step: float
-    adds: bool = False
-
-    def turn(self, data: dict[str, Any], steps: float, digits: int) -> None:
-        """Change the content of a vehicle file in place; its numbers keep so many digits."""
-        for path, power in self.powers.items():
-            node, key = _place(data, path)
-            node[key] = self._changed(node[key], power * self.step * steps, digits)
-
-    def _changed(self, value: Any, change: float, digits: int) -> Any:
-        if isinstance(value, list):
-            return [self._changed(one, change, digits) for one in value]
-        return _rounded(value + change if self.adds else value * np.exp(change), digits)
-
-    def value(self, vehicle: Vehicle) -> float:
-        """The first of its numbers."""
-        node, key = _place(vehicle.model_dump(mode="json"), next(iter(self.powers)))
-        value = node[key]
-        return float(value[0] if isinstance(value, list) else value)
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A vehicle whose free parameters were turned, and the RMSE of its side slip on each recording, before and after
+class SideSlipFit:
+    """A vehicle whose free parameters were fitted, and the RMSE of its side slip on each recording, before and after
     [rad]."""
 
     vehicle: Vehicle
@@ -79,79 +49,105 @@ class Fit:
     after: tuple[float, ...]
 
 
-def turned(
-    vehicle: Vehicle, free_parameters: Sequence[FreeParameter], steps: Sequence[float] | Array, digits: int = 17
-) -> Vehicle:
-    """The vehicle with its free parameters turned; raises `ValueError` if that is no valid vehicle."""
-    data = vehicle.model_dump(mode="json")
-    for parameter, turns in zip(free_parameters, steps, strict=True):
-        parameter.turn(data, float(turns), digits)
-    return Vehicle.model_validate(data)
+class SideSlipResiduals:
+    """Errors of the side slip that the observer of a vehicle estimates, without the mean of all recordings, which is
+    the mounting angle of the reference; each recording is a block of equal weight.
+
+    They are in units of the root mean square error with the vehicle as it is, so that its cost is 1. A parameter set
+    with which there can be no such vehicle diverges. Runs are shared out to the processes of `pool`; results do not
+    depend on how many there are.
+    """
+
+    at_once = AT_ONCE
+
+    def __init__(self, vehicle: Vehicle, recordings: Sequence[Recording], pool: Executor) -> None:
+        self._vehicle, self._recordings, self._pool = vehicle, recordings, pool
+        self._runs: dict[str, list[Future[Array]]] = {}  # by content of the vehicle
+        self.before = self.errors(vehicle)
+        self._scale = float(np.sqrt(np.mean(np.square(rmse(self.before)))))
+
+    def errors(self, vehicle: Vehicle) -> list[Array]:
+        """Estimate - reference on each recording, (n,) [rad]."""
+        return [job.result() for job in self._jobs(vehicle)]
+
+    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        """Begin the runs of parameter sets whose residuals are asked for next."""
+        for vehicle in map(self._with, parameter_sets):
+            if vehicle is not None:
+                self._jobs(vehicle)
+
+    def diverged(self, parameter_set: ParameterSet) -> list[bool]:
+        """Whether there can be no such vehicle, for each recording."""
+        return [self._with(parameter_set) is None] * len(self._recordings)
+
+    def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
+        """(n,) of each recording: the sum of their squares is the mean of the recordings' mean squares, over that of
+        the vehicle as it is. Raises `DivergedError` where there can be no such vehicle and nothing is given instead."""
+        vehicle = self._with(parameter_set)
+        if vehicle is not None:
+            return self._weighted(self.errors(vehicle))
+        if instead is None:
+            raise DivergedError
+        return list(instead)
+
+    def _weighted(self, errors: Sequence[Array]) -> list[Array]:
+        mean = _mean(errors)
+        return [(error - mean) / (self._scale * np.sqrt(len(error) * len(errors))) for error in errors]
+
+    def _with(self, parameter_set: ParameterSet) -> Vehicle | None:
+        """The vehicle with the numbers of a parameter set, if there can be one."""
+        try:
+            return with_values(self._vehicle, parameter_set)
+        except ValueError:
+            return None
+
+    def _jobs(self, vehicle: Vehicle) -> list[Future[Array]]:
+        """The runs of a vehicle, one for each recording."""
+        key = vehicle.model_dump_json()
+        if key not in self._runs:
+            if len(self._runs) > AT_ONCE:
+                self._runs.pop(next(iter(self._runs)))
+            self._runs[key] = [self._pool.submit(side_slip_error, vehicle, one) for one in self._recordings]
+        return self._runs[key]
 
 
-def fit(
+def fit_side_slip(
     vehicle: Vehicle,
     free_parameters: Sequence[FreeParameter],
     recordings: Sequence[Recording],
     iterations: int = ITERATIONS,
     prior: float = PRIOR,
     progress: Progress | None = None,
-) -> Fit:
-    """Turn the free parameters so that the mean square error of the side slip is least, each recording with equal
+) -> SideSlipFit:
+    """Change the free parameters so that the mean square error of the side slip is least, each recording with equal
     weight.
 
-    Gauss-Newton within a region of trust, at first of one step, ended when an iteration that went as foreseen gains
-    less than `LEAST_GAIN`. The mean error is the mounting angle of the reference, so it is taken out and
-    `reference.yaw` changed by it. A free parameter that the recordings do not tell anything about stays where it is: a
-    departure by n steps costs n² `prior`. Runs are shared out to all processors; the result does not depend on how many
-    there are. `progress` takes the share done, of `iterations`.
+    The mean error is the mounting angle of the reference, so it is taken out and `reference.yaw` changed by it. A free
+    parameter that the recordings do not tell anything about stays where it is: a departure by n deviations costs
+    n² `prior`. Runs are shared out to all processors. `progress` takes the share done, of `iterations`.
     """
-    weight = prior**0.5
+    settings = Settings(iterations, DIFFERENCE, range(iterations), LONGEST, prior)
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(recordings) * len(free_parameters))) as pool:
-        before = _errors(pool, [vehicle], recordings)[0]
-        scale = float(np.sqrt(np.mean(np.square(rmse(before)))))
-        rounds = count()
-
-        def residuals(steps: Array, errors: Sequence[Array] | None = None) -> Array:
-            if errors is None:
-                errors = _errors(pool, [turned(vehicle, free_parameters, steps)], recordings)[0]
-            return np.concatenate([_stacked(errors) / scale, weight * steps])
-
-        def jacobian(steps: Array) -> Array:
-            nearby = [steps, *(steps + DIFFERENCE * unit for unit in np.eye(len(free_parameters)))]
-            share = part(progress, next(rounds), iterations)
-            errors = _errors(pool, [turned(vehicle, free_parameters, at) for at in nearby], recordings, share)
-            here, *ahead = (residuals(at, error) for at, error in zip(nearby, errors, strict=True))
-            return np.column_stack([(there - here) / DIFFERENCE for there in ahead])
-
-        search = least_squares(
-            residuals, np.zeros(len(free_parameters)), jacobian, ftol=LEAST_GAIN, xtol=LEAST_STEP, max_nfev=iterations
-        )
-        fitted = turned(vehicle, free_parameters, search.x, DIGITS)
-        found = _errors(pool, [fitted], recordings)[0]
-    yaw = _rounded(vehicle.reference.yaw + _mean(found), DIGITS)
+        residuals = SideSlipResiduals(vehicle, recordings, pool)
+        found = fit(
+            residuals, of_vehicle(vehicle), free_parameters, begin=np.zeros(len(free_parameters)), settings=settings,
+            progress=_counted(progress, iterations * (len(free_parameters) + 1)),
+        )  # fmt: skip
+        fitted = with_values(vehicle, found.parameter_set, DIGITS)
+        after = residuals.errors(fitted)
+    yaw = rounded(vehicle.reference.yaw + _mean(after), DIGITS)
     fitted = fitted.model_copy(update={"reference": fitted.reference.model_copy(update={"yaw": yaw})})
     if progress is not None:
         progress(1.0)
-    return Fit(fitted, rmse(before), rmse(found))
+    return SideSlipFit(fitted, rmse(residuals.before), rmse(after))
 
 
-def _errors(
-    pool: Executor, vehicles: Sequence[Vehicle], recordings: Sequence[Recording], progress: Progress | None = None
-) -> list[list[Array]]:
-    """Of each vehicle on each recording."""
-    jobs = [[pool.submit(side_slip_error, vehicle, recording) for recording in recordings] for vehicle in vehicles]
-    found = []
-    for i, of_vehicle in enumerate(jobs):
-        found.append([job.result() for job in of_vehicle])
-        if progress is not None:
-            progress((i + 1) / len(jobs))
-    return found
-
-
-def part(progress: Progress | None, index: int, count: int) -> Progress | None:
-    """What one of `count` equal parts of a job reports its own share to."""
-    return None if progress is None else lambda share: progress((index + share) / count)
+def _counted(progress: Progress | None, steps: int) -> Callable[[], None]:
+    """What a job calls after each of at most so many steps."""
+    if progress is None:
+        return lambda: None
+    done = count(1)
+    return lambda: progress(min(1.0, next(done) / steps))
 
 
 def side_slip_error(vehicle: Vehicle, recording: Recording) -> Array:
@@ -179,22 +175,3 @@ def rmse(errors: Sequence[Array]) -> tuple[float, ...]:
 
 def _mean(errors: Sequence[Array]) -> float:
     return float(np.mean([error.mean() for error in errors]))
-
-
-def _stacked(errors: Sequence[Array]) -> Array:
-    """Errors without their mean, scaled: the sum of their squares is the mean of the recordings' mean squares."""
-    mean = _mean(errors)
-    return np.concatenate([(error - mean) / np.sqrt(len(error) * len(errors)) for error in errors])
-
-
-def _place(data: dict[str, Any], path: str) -> tuple[Any, int | str]:
-    """What holds the number at a dotted path, and its key there."""
-    *parents, last = path.split(".")
-    node: Any = data
-    for key in parents:
-        node = node[key]
-    return node, int(last) if isinstance(node, list) else last
-
-
-def _rounded(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")

@@ -6,6 +6,7 @@ import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.driver import Pedals, SpeedKeeper, ramp, steady_steering
+from vsense_ros.model.coordinates import SPEED_X
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
@@ -27,7 +28,7 @@ def driver(vehicle: Vehicle) -> Driver:
         steering = angle * ramp(t, TURN, 0.5)
         if t < BRAKE:
             return np.array([steering, *feet(t, u)])
-        eased = min(max(float(u[0]), 0.0) / WALKING, 1.0)
+        eased = min(max(float(u[SPEED_X]), 0.0) / WALKING, 1.0)
         return np.array([steering, *pedals.torques(-DECELERATION * ramp(t, BRAKE, 0.2) * eased, u)])
 
     return drive

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import SPIN, YAW, X
+from vsense_ros.model.coordinates import SPEED_X, SPIN, YAW, X, Y
 from vsense_ros.model.simulation.closed_loop import rolling_radii
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -37,7 +36,7 @@ def wheelbase(vehicle: Vehicle) -> float:
 
 def cornering_stiffness(axle: Axle, load: float) -> float:
     """Of both tyres of an axle, each under `load` [N]; [N/rad]."""
-    return 2 * float(CORNERING_STIFFNESSES[axle.tyre.model](axle.tyre, load))
+    return 2 * float(axle.tyre.cornering_stiffness_at(load))
 
 
 def understeer_gradient(vehicle: Vehicle) -> float:
@@ -92,7 +91,7 @@ class SpeedKeeper:
 
     def __call__(self, t: float, u: Array) -> Array:
         """Wheel torques (4,) [N m]."""
-        error = (self.speed(t) - float(u[X])) / self.time_constant
+        error = (self.speed(t) - float(u[SPEED_X])) / self.time_constant
         self.integral = float(np.clip(self.integral + 0.5 * error * (t - self._last), -1, 1))
         self._last = t
         return self._pedals.torques(float(np.clip(error + self.integral, -self.limit, self.limit)), u)
@@ -134,10 +133,10 @@ class PathFollower:
 
     def __call__(self, t: float, q: Array, u: Array) -> float:
         """Road-wheel angle [rad]."""
-        speed = float(u[X])
+        speed = float(u[SPEED_X])
         ahead = max(self.preview * speed, self.nearest)
         heading = float(q[YAW])
-        error = self.path.offset(float(q[0]) + ahead * np.cos(heading), float(q[1]) + ahead * np.sin(heading))
+        error = self.path.offset(float(q[X]) + ahead * np.cos(heading), float(q[Y]) + ahead * np.sin(heading))
         curvature = 2 * error / ahead**2
         wanted = curvature * (wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2)
         h, self._last = t - self._last, t

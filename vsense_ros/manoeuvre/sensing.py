@@ -22,7 +22,19 @@ import pymap3d
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import sensor_functions
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import (
+    ATTITUDE,
+    DISTURBANCES,
+    MOMENT,
+    POSITION,
+    RATES,
+    STEERING,
+    TORQUES,
+    VELOCITY,
+    WHEEL_FORCES,
+    WHEELS,
+    Z,
+)
 from vsense_ros.model.sensors import (
     GnssPosition,
     GnssVelocity,
@@ -135,7 +147,7 @@ class _Measuring:
         """What a perfect sensor would measure, (rows, m)."""
         motion = self.trajectory
         function = sensor_functions(car_of(self.vehicle), (sensor,))[sensor.kind].map(len(rows))
-        around = np.zeros((4, 1)) if motion.surroundings is None else motion.surroundings[rows].T
+        around = np.zeros((len(DISTURBANCES), 1)) if motion.disturbances is None else motion.disturbances[rows].T
         biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
         arguments = [motion.q[rows].T, motion.u[rows].T, motion.udot[rows].T, around, motion.inputs[rows].T]
         result = function(*arguments, biases, mounting)[0]
@@ -199,7 +211,7 @@ def _steering(sensor: Steering, m: _Measuring) -> Channel:
     sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     ratio = sensor.ratio or m.vehicle.physics.steering.ratio
-    angle = ratio * m.trajectory.inputs[rows, :1] + m.bias * STEERING_BIAS * m.rng.standard_normal()
+    angle = ratio * m.trajectory.inputs[rows, STEERING, None] + m.bias * STEERING_BIAS * m.rng.standard_normal()
     angle = angle + STEERING_NOISE * m.rng.standard_normal(angle.shape)
     columns = {"position": quantized(angle, sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("velocity", "effort")}
@@ -209,7 +221,7 @@ def _steering(sensor: Steering, m: _Measuring) -> Channel:
 def _torques(sensor: WheelTorques, m: _Measuring) -> Channel:
     sampling = m.sampling(sensor)
     rows = m.rows(sampling)
-    columns = {"effort": quantized(m.trajectory.inputs[rows, 1:], sampling.quantum[0])}
+    columns = {"effort": quantized(m.trajectory.inputs[rows, TORQUES], sampling.quantum[0])}
     columns |= {name: np.zeros((len(rows), 0)) for name in ("position", "velocity")}
     return _channel(sensor, rows, columns, tuple(f"wheel_{wheel}" for wheel in WHEELS))
 
@@ -218,7 +230,7 @@ def _position(sensor: GnssPosition, m: _Measuring) -> Channel:
     sampling = m.sampling(sensor)
     rows = m.rows(sampling)
     east, north = m.noisy(sensor, rows).T
-    height = m.trajectory.q[rows, 2] + sensor.position[2] + 2 * sensor.noise * m.rng.standard_normal(len(rows))
+    height = m.trajectory.q[rows, Z] + sensor.position[2] + 2 * sensor.noise * m.rng.standard_normal(len(rows))
     geodetic = np.column_stack(pymap3d.enu2geodetic(east, north, height, *ORIGIN))
     latitude, longitude, altitude = (
         quantized(column, quantum)[:, None] for column, quantum in zip(geodetic.T, sampling.quantum, strict=True)
@@ -287,11 +299,11 @@ def _reference(trajectory: Trajectory) -> list[Channel]:
             stamp,
             stamp,
             {
-                "position": quantized(q[:, :3], 2**-13),
-                "orientation": quantized(_quaternion(*q[:, 3:6].T), 2**-20),
+                "position": quantized(q[:, POSITION], 2**-13),
+                "orientation": quantized(_quaternion(*q[:, ATTITUDE].T), 2**-20),
                 "pose_covariance": np.zeros((len(rows), 36)),
-                "linear": quantized(u[:, :3], 2**-14),
-                "angular": quantized(u[:, 3:6], 2**-16),
+                "linear": quantized(u[:, VELOCITY], 2**-14),
+                "angular": quantized(u[:, RATES], 2**-16),
                 "twist_covariance": np.zeros((len(rows), 36)),
             },
             "map",
@@ -304,21 +316,21 @@ def _reference(trajectory: Trajectory) -> list[Channel]:
             stamp,
             {
                 "linear": quantized(trajectory.acceleration[rows], 2**-13),
-                "angular": quantized(trajectory.udot[rows, 3:6], 2**-13),
+                "angular": quantized(trajectory.udot[rows, RATES], 2**-13),
             },
             "cog",
         ),
     ]
     for i, wheel in enumerate(WHEELS):
-        forces = trajectory.wheels[rows, :4, i]
-        torque = np.column_stack([np.zeros((len(rows), 2)), quantized(forces[:, 3], 2**-9)])
+        force, moment = (trajectory.wheels[rows, row, i] for row in (WHEEL_FORCES, MOMENT))
+        torque = np.column_stack([np.zeros((len(rows), 2)), quantized(moment, 2**-9)])
         channels.append(
             Channel(
                 f"reference/wheel_force/{wheel}",
                 "geometry_msgs/msg/WrenchStamped",
                 stamp,
                 stamp,
-                {"force": quantized(forces[:, :3], 2**-6), "torque": torque},
+                {"force": quantized(force, 2**-6), "torque": torque},
                 f"contact_{wheel}",
             )
         )

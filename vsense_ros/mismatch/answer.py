@@ -7,6 +7,8 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import Fit, cost
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     Answer,
@@ -24,10 +26,10 @@ from vsense_ros.mismatch.answer_schema import (
     Span,
     TermSize,
 )
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
-from vsense_ros.mismatch.fit import Fit, Residuals, cost
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import SIGNALS, grid
@@ -36,8 +38,9 @@ from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.mismatch.words import in_words
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import AXLES, WHEELS
+from vsense_ros.model.effects.base import AXLES
 
 Array = NDArray[np.float64]
 
@@ -154,10 +157,10 @@ def _entry(
             if not parameter.place
         ),
         gain_training=hypothesis.gain,
-        gain_left_out=hypothesis.left_out_share,
+        gain_left_out=hypothesis.cv_share,
         gain_held_out=validation.gain(hypothesis),
         adds_to_best=judged.adds(hypothesis),
-        keep=hypothesis.keep,
+        keep=hypothesis.independent_share,
         confidence=judged.confidence(hypothesis, candidate.effect),
         objection=judged.objection_to(hypothesis),
         accepted=hypothesis is judged.leader and judged.verdict == "named",
@@ -231,7 +234,7 @@ def located(
         Segment(recording=w.name, begin=w.begin, end=w.end, share=float(r @ r) / whole)
         for w, r in zip(windows, base.residuals, strict=True)
     ]
-    lost = residuals.predictor.dataset.left_out
+    lost = residuals.predictor.dataset.dropped
     where = _most_off(residuals, base, validation)
     return Located(
         signals=_signals_off(residuals, base, *where[:2]),
@@ -265,7 +268,7 @@ def _force(judged: Judged, validation: Validation) -> Force | None:
     )
     return Force(
         description=_in_words(judged.leader, term), sizes=sizes, lever_arm=_lever_arm(judged.leader),
-        gain_training=judged.leader.gain, gain_left_out=judged.leader.left_out_share,
+        gain_training=judged.leader.gain, gain_left_out=judged.leader.cv_share,
         gain_held_out=validation.gain(judged.leader),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""What is left out of a fit in turn, to see whether what it says lasts there."""
+"""Cross-validation of a fit: folds of the data are dropped from it in turn, and judged by a fit to all others."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import Fit, Residuals
+from vsense_ros.identify.least_squares import Fit
+from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import POINT
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Window
@@ -19,50 +20,51 @@ from vsense_ros.model.effects.base import SPACING
 Array = NDArray[np.float64]
 
 STRETCHES = 4  # of a window that is the only one
-PIECES = 10  # least number of places of a road, in each recording, that is proven by its pieces
+PIECES = 10  # least number of places in each recording of a road that is proven by its pieces
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """How a fit is taken apart, which parts are left out together, and what the base fit leaves of them."""
+class Folds:
+    """How the data of a fit are taken apart into blocks, which blocks are dropped together, and the value that the base
+    fit has there."""
 
     apart: Callable[[Fit], Fit]
     groups: Sequence[Sequence[int]]
     own: Array  # (groups,) value of the base fit
-    unseen: Array  # (groups,) the same where it does not see the group
+    unseen: Array  # (groups,) the same of the base fitted to all other groups
     rows: NDArray[np.int64]  # (groups,) numbers of residuals
 
     @classmethod
-    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> LeftOut:
+    def of(cls, base: Fit, apart: Callable[[Fit], Fit], groups: Sequence[Sequence[int]]) -> Folds:
         equations = apart(base).equations
         own, rows = (
             np.array([of[list(group)].sum() for group in groups]) for of in (equations.values(), equations.rows)
         )
-        return cls(apart, groups, own, np.array([equations.left_out(group) for group in groups]), rows)
+        return cls(apart, groups, own, np.array([equations.out_of_sample(group) for group in groups]), rows)
 
-    def gains(self, fitted: Equations, whole: float) -> tuple[float, float]:
-        """How much less than the base a fit, taken apart, leaves of each group that it does not see: over a `whole`,
-        and over what the base leaves of them, together. What is predicted linearly may be far off where one group alone
-        holds a parameter: over the whole none of them may count for more than it costs itself."""
-        falls = self.unseen - [fitted.left_out(group) for group in self.groups]
+    def gains(self, fitted: NormalEquations, whole: float) -> tuple[float, float]:
+        """The cross-validation gain of a fit: how much less than the base it leaves of groups that were dropped, over a
+        `whole`, and over what the base leaves of them. The linear model may be far off where one group alone tells
+        of a parameter: over the whole, no group counts for more than its own value."""
+        falls = self.unseen - [fitted.out_of_sample(group) for group in self.groups]
         most = np.maximum(self.unseen, self.own)
         share = np.sum(np.clip(falls, -most, most)) / np.sum(np.maximum(most, self.rows))
         return float(np.sum(np.clip(falls, -self.own, self.own))) / whole, float(share)
 
 
 def as_it_is(fitted: Fit) -> Fit:
-    """A fit taken apart into its windows."""
+    """A fit with its windows as blocks."""
     return fitted
 
 
-def by_windows(residuals: Residuals, base: Fit) -> LeftOut:
-    """Recordings, or windows where there is one recording."""
+def by_windows(residuals: Residuals, base: Fit) -> Folds:
+    """Folds are recordings, or windows where there is one recording."""
     groups = residuals.predictor.dataset.places_by_recording()
-    return LeftOut.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
+    return Folds.of(base, as_it_is, groups if len(groups) > 1 else [[i] for i in range(len(base.residuals))])
 
 
-def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
-    """Stretches of the only window."""
+def by_stretches(residuals: Residuals, base: Fit) -> Folds:
+    """Folds are stretches of the only window."""
     (names,) = residuals.layout
 
     def cut(rows: Array) -> list[Array]:
@@ -73,17 +75,19 @@ def by_stretches(residuals: Residuals, base: Fit) -> LeftOut:
         (rest,), (slopes,) = fitted.residuals, fitted.slopes
         return replace(fitted, residuals=cut(rest), slopes=cut(slopes))
 
-    return LeftOut.of(base, apart, [[i] for i in range(STRETCHES)])
+    return Folds.of(base, apart, [[i] for i in range(STRETCHES)])
 
 
-def by_pieces(residuals: Residuals, base: Fit) -> LeftOut:
-    """Each second piece of the road, in all windows, then all others: a road follows from its neighbouring pieces."""
+def by_pieces(residuals: Residuals, base: Fit) -> Folds:
+    """Folds are the odd and the even pieces of the road, in all windows: what is on a piece follows from its
+    neighbours."""
     n = len(residuals.layout)
-    return LeftOut.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
+    return Folds.of(base, in_pieces(residuals), [range(n), range(n, 2 * n)])
 
 
 def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
-    """Takes a fit apart into what is on odd pieces of the road, by window, and then what is on even ones."""
+    """Takes a fit apart into what is on odd pieces of the road, a block for each window, and then what is on even
+    ones."""
     windows = residuals.predictor.dataset.windows
     on_odd = [np.tile(odd(window), len(names)) for window, names in zip(windows, residuals.layout, strict=True)]
     halves = [*on_odd, *(~rows for rows in on_odd)]
@@ -103,19 +107,19 @@ def odd(window: Window) -> NDArray[np.bool_]:
 
 
 def tells_its_pieces(dataset: Dataset) -> bool:
-    """Whether a road is so long that what one manoeuvre leaves over is a part of it: that lasts as long as a few of its
-    pieces."""
+    """Whether a road is long enough to be proven by its pieces: what one manoeuvre leaves over lasts for a few of
+    them."""
     return len(dataset.points) >= PIECES * len(dataset.by_recording())
 
 
 def pieces_alone_tell(dataset: Dataset) -> bool:
     """Whether nothing but its pieces can prove the road: no place is met twice, in one recording or in several long
-    ones. Of several short ones, recordings are left out."""
+    ones. Of several short ones, folds are recordings."""
     return passed_once(dataset.windows) and (len(dataset.by_recording()) == 1 or tells_its_pieces(dataset))
 
 
 def passed_once(windows: Sequence[Window]) -> bool:
-    """Whether no part of them tells what another one meets on its way: most of the road is another all the time."""
+    """Whether most of the road is passed once, so that no window tells what another one meets on its way."""
     times = Counter(point for window in windows for point in passed(window))
     return 2 * sum(count == 1 for count in times.values()) > len(times)
 

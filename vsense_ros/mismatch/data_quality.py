@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.fit import ITERATIONS, Fit, Residuals, solve, strength
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window, in_axes_of_car, turned_to_car
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.sensors import Imu, SensorBase
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -52,9 +54,9 @@ _COMPONENTS = {
         "roll rate", "pitch rate", "yaw rate",
         "longitudinal acceleration", "lateral acceleration", "vertical acceleration",
     ),
-    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in WHEELS),
     "gnss_velocity": ("GNSS velocity to the east", "GNSS velocity to the north"),
-    "suspension": tuple(f"suspension travel {wheel}" for wheel in ("fl", "fr", "rl", "rr")),
+    "suspension": tuple(f"suspension travel {wheel}" for wheel in WHEELS),
 }  # fmt: skip
 _ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
 
@@ -92,7 +94,7 @@ def misfit(base: Fit, residuals: Residuals) -> str:
 def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     level = residuals.level(base.residuals)
     if level > 1 and not base.converged:
-        yield f"the base parameters do not settle: after {ITERATIONS} steps the fit is still changing"
+        yield f"the base parameters do not settle: after {DEFAULT.iterations} steps the fit is still changing"
     offsets = dict(zip((parameter.name for parameter in base.free_parameters), base.offsets, strict=True))
     outside = [k for k in BASE if k.name in offsets and not k.low < offsets[k.name] < k.high]
     # One stiffness may stand in for the physics that is missing.
@@ -109,7 +111,7 @@ def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
     own = []
     for rows in residuals.predictor.dataset.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
-        own.append(base.prior + solve(slopes, left, base.prior, strength(left)))
+        own.append(base.scaled_offsets + solve(slopes, left, base.scaled_offsets, prior_weight(left)))
     for name in CONSTANT:
         at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]

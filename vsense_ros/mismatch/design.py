@@ -26,20 +26,17 @@ from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import DivergedError, Fit, cost, prior_weight, slopes_by, solve
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer
-from vsense_ros.mismatch.candidates import (
-    UNKNOWN_TORQUES,
-    FreeParameter,
-    base_parameters,
-    candidates,
-    out_of_reach,
-)
+from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.confidence import NORMAL_90
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, slopes_by, solve, strength, turned
 from vsense_ros.mismatch.page import PAGE, write_next_test
-from vsense_ros.mismatch.simulation import ParameterSet, Predictor
+from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.simulation import Predictor, parameters_of
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
 from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW
@@ -156,7 +153,7 @@ def separations(
     recordings had. Raises `InputError` for a size that no effect has.
     """
     vehicle, fitted = _as_recorded(vehicle, base)
-    library = candidates((), ParameterSet.of(vehicle).values)
+    library = candidates((), parameters_of(vehicle).values)
     free_parameters = {
         (parameter.name, parameter.form): parameter for candidate in library for parameter in candidate.free_parameters
     }
@@ -253,8 +250,8 @@ def _separation(
 ) -> Separation | None:
     """None where the manoeuvre gives nothing to compare."""
     known = vehicle.values()
-    start = ParameterSet.of(vehicle)
-    fitted = turned(start, common, offsets)
+    start = parameters_of(vehicle)
+    fitted = with_offsets(start, common, offsets)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
     dataset = build_dataset([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
@@ -271,7 +268,7 @@ def _separation(
     worst: tuple[float, list[Array], tuple[str, str]] | None = None
     for (a, true), (b, wrong) in permutations(enumerate(fits), 2):
         off = [x - y for x, y in zip(wrong.residuals, true.residuals, strict=True)]
-        weight = strength(off)
+        weight = prior_weight(off)
         # In units in which the interval of a size weighs as much as a deviation of a base parameter.
         certain = [rivals[b].deviations[k.name] / k.deviation * np.sqrt(weight) for k in wrong.free_parameters]
         slopes = [
@@ -297,7 +294,7 @@ def _rival(
     """The car with a rival, and the slopes of the residuals by its sizes."""
     turning = tuple(free_parameters[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
-    parameter_set = turned(fitted, turning, sizes)
+    parameter_set = with_offsets(fitted, turning, sizes)
     fit = Fit(parameter_set, turning, sizes, residuals(parameter_set), [], 0.0)
     columns = slopes_by(residuals, fitted, fit, turning)
     return replace(fit, slopes=[np.column_stack(window) for window in zip(*columns, strict=True)])

@@ -22,23 +22,18 @@ from scipy.stats import chi2
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.identify.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
-from vsense_ros.mismatch.candidates import (
-    BASE,
-    Candidate,
-    FreeParameter,
-    base_parameters,
-    candidates,
-    out_of_reach,
-)
+from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
@@ -167,7 +162,7 @@ class _Explainer:
         strange = misfit(search.base, search.residuals)  # unless what the model leaves out is the reason
         validation = Validation(unseen, self.vehicle, search.residuals, search.base, self.progress)
         self._note_validation(search.residuals, validation)
-        judged, varying = _refined(search, self._judged(search, hypotheses, validation), validation)
+        judged, varying = _with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
         leader = judged.leader
         if strange and (leader is None or misfit(leader.fit, search.residuals)):
             raise NotAssessableError(strange)
@@ -222,7 +217,7 @@ class _Explainer:
         self.answer = self.answer.with_(threshold=threshold)
         if not self._assume:
             return _judged(search, hypotheses, validation, threshold)
-        judged = judge(hypotheses, (), validation, search.along_the_road, threshold)
+        judged = judge(hypotheses, (), validation, search.with_profile, threshold)
         if not hypotheses:
             return judged
         return replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
@@ -271,8 +266,8 @@ class _Explainer:
 
         def fitted(search: Search) -> list[Hypothesis]:
             if assume:
-                return [search.polished(e) for e in search.together([_all_of(id, library) for id in assume])]
-            return search.singles()
+                return [search.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
+            return search.single()
 
         search = Search(residuals, start, base, offered, self.progress)
         hypotheses = fitted(search)
@@ -304,28 +299,28 @@ def _judged(search: Search, hypotheses: list[Hypothesis], validation: Validation
     while found_last := search.further(found_last, least, validation.proven, unseen):
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
-    judged = judge(hypotheses, described, validation, search.along_the_road, threshold)
+    judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
-        united = search.united(judged.in_doubt)
-        judged = judge([*hypotheses, *united], described, validation, search.along_the_road, threshold)
+        joint = search.joint(judged.in_doubt)
+        judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 
 
-def _refined(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
+def _with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
     """The same verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then
     still proven; or with another size at every place of the road, if that lasts better. If it does not last better, but
     brings the worst signal near a good model, also the name of that signal."""
     if judged.leader is None:
         return judged, ""
     off = validation.unmended(judged.leader)
-    freed = search.along_the_road(judged.leader) if off else None
-    settled = search.settled(judged.leader)
-    if validation.lasting(settled) > 0:
-        judged = judged.led_by(settled, validation)
-    if freed is None or judged.leader is None:
+    varied = search.with_profile(judged.leader) if off else None
+    unshrunk = search.unshrunk(judged.leader)
+    if validation.lasting(unshrunk) > 0:
+        judged = judged.led_by(unshrunk, validation)
+    if varied is None or judged.leader is None:
         return judged, ""
-    if validation.lasting(freed) > validation.lasting(judged.leader):
-        return judged.led_by(freed, validation), ""
+    if validation.lasting(varied) > validation.lasting(judged.leader):
+        return judged.led_by(varied, validation), ""
     return judged, off
 
 

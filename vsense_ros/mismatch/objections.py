@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.thresholds import Thresholds
 from vsense_ros.mismatch.validation import Validation
@@ -28,12 +29,12 @@ class Objections:
         self,
         validation: Validation,
         best: Mapping[frozenset[str], Hypothesis],
-        along_the_road: Callable[[Hypothesis], Hypothesis | None],
+        with_profile: Callable[[Hypothesis], Hypothesis | None],
         least_gain: float,
         thresholds: Thresholds,
     ) -> None:
         """`best` are explanations by the ids of their effects; the other arguments are those of `verdict.judge`."""
-        self.validation, self.best, self.along_the_road = validation, best, along_the_road
+        self.validation, self.best, self.with_profile = validation, best, with_profile
         self.least_gain, self.thresholds = least_gain, thresholds
         self._found: dict[Hypothesis, str] = {}
 
@@ -62,7 +63,7 @@ class Objections:
     def _of_gain(self, e: Hypothesis) -> str:
         """Whether it explains too little, or too little where it was not fitted."""
         limits, proven = self.thresholds, self.validation.proven(e)
-        asked = float(np.clip(limits.small_independent_share / max(e.keep, 1e-3), 1.0, limits.most_asked))
+        asked = float(np.clip(limits.small_independent_share / max(e.independent_share, 1e-3), 1.0, limits.most_asked))
         least = self.least_gain * asked
         along_road = any(candidate.along_road for candidate in e.candidates)
         if (
@@ -74,7 +75,7 @@ class Objections:
         if proven <= least:
             return "it explains no more than chance"
         # Of many sizes some may suit what was held out by chance.
-        lasts = min(proven, e.left_out) if along_road else proven
+        lasts = min(proven, e.cv_gain) if along_road else proven
         if lasts <= limits.lasting_share * e.gain or not self.mends_unseen(e):
             return "little of what it explains lasts where it was not fitted"
         if e.spoilt >= limits.spoilt_share:
@@ -87,7 +88,7 @@ class Objections:
             return MIGHT_BE_ZERO
         # That the road is not level or even, one size tells; what it is where may be another at every place.
         if self._negligible(e) or self.validation.unmended(e):
-            e = self.along_the_road(e) or e
+            e = self.with_profile(e) or e
         if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.left_over:
             return "it leaves too much over to be what lacks"
         if self._negligible(e):

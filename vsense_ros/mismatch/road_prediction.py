@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.free_parameter import with_offsets
+from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slope
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import in_pieces, odd
-from vsense_ros.mismatch.fit import Fit, Residuals, fit, slope, strength, turned
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import SECANT, at_place
-from vsense_ros.mismatch.simulation import ParameterSet
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]
@@ -62,7 +64,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
     unknown = Fit(
         found.parameter_set, (), np.zeros(0), residuals(found.parameter_set, before),
         [np.zeros((len(r), 0)) for r in before],
-        strength(before),
+        prior_weight(before),
     )  # fmt: skip
     for size in sizes:
         everywhere = slope(residuals, found.parameter_set, unknown, size, SECANT)
@@ -87,7 +89,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
     deviations = np.array([parameter.deviation for parameter in free_parameters])
 
     def fitted_to(parts: range) -> ParameterSet:
-        return turned(found.parameter_set, free_parameters, whole.offsets + deviations * equations.change(parts))
+        return with_offsets(found.parameter_set, free_parameters, whole.offsets + deviations * equations.change(parts))
 
     return RoadPrediction(
         residuals, from_even=fitted_to(range(windows, 2 * windows)), from_odd=fitted_to(range(windows))

@@ -1,8 +1,9 @@
 """From a fit that leaves something over to the effects that would explain it.
 
-Refit, screen, refit the shortlist, judge on what was left out: candidates are first compared by what is left of their
-signature after the base parameters have been fitted anew to it (a projection, per window, so that any recording can be
-left out), then fitted in full.
+Candidates are first screened linearly. What a candidate does to the residuals is its signature; what counts is the part
+of it that the free parameters of the fit cannot imitate (a projection by their normal equations, window by window, so
+that folds of a cross-validation need no further simulation). Those that promise most are then fitted in full, together
+with all other free parameters: that is a hypothesis.
 """
 
 from __future__ import annotations
@@ -15,9 +16,13 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.mismatch.candidates import Candidate, FreeParameter, shapes, terms
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.least_squares import DivergedError, Fit, fit, slopes_at, slopes_by
+from vsense_ros.identify.normal_equations import NormalEquations
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.candidates import Candidate, shapes, terms
 from vsense_ros.mismatch.cross_validation import (
-    LeftOut,
+    Folds,
     as_it_is,
     by_pieces,
     by_stretches,
@@ -26,47 +31,44 @@ from vsense_ros.mismatch.cross_validation import (
     places,
     tells_its_pieces,
 )
-from vsense_ros.mismatch.equations import Equations
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, fit, slopes_at, slopes_by, turned
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import profile
-from vsense_ros.mismatch.simulation import ParameterSet
 
 Array = NDArray[np.float64]
 
-SHORTLIST = 4  # by the fall of the cost, as many by its fall on what was left out, and without the likeliest window
-WORTH = 0.06  # of the cost that a size must explain which is another at every place, beyond what one size does
-PROMISING = 0.5  # of the best score, below which no such size is fitted: each of its places costs a simulation
+SHORTLIST = 4  # candidates by their gain, as many by their cross-validation gain, and as many without their best window
+WORTH = 0.06  # least gain of a profile (a size for every place of the road) beyond that of one size for all places
+PROMISING = 0.5  # of the best score, below which no profile is fitted: each of its places costs a simulation
 TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
-SECANT = 1.0  # deviations: some effects have no slope at zero
-BEAM = 3  # explanations to which a further effect is added, and further effects that are tried with each
+SECANT = 1.0  # likely offsets: some effects have no slope at zero
+BEAM = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
 MOST = 3  # effects at once
 ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
-# Least gain of explanations that are fitted again with secants of their own: an effect that base parameters have taken
-# up is found by degrees.
-WORTH_POLISHING = 0.01
+# Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in for an
+# effect, it takes several fits to undo that.
+WORTH_REFINING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 TRIED = 3  # terms that are fitted in full
-FREED = 2.0  # a size of what is named is as likely as any up to this multiple of what it was found to be
+UNSHRUNK = 2.0  # deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What candidates would do to the residuals of a fit, and what of it cannot be had from the free parameters of that
-    fit."""
+    """What candidates would do to the residuals of a fit, and what of that its free parameters cannot imitate."""
 
     candidates: tuple[Candidate, ...]  # all of them, the last one is new
-    # The fit with their free parameters besides, not turned yet: made anew each time, for those of all would take
+    # The fit with their free parameters added, at zero: made anew each time, as those of all candidates would take
     # gigabytes.
     joint: Callable[[], Fit]
-    keep: float  # share of the signature that is left after the other free parameters have been fitted to it [-]
-    gain: float  # relative fall of the base's value, linearly
-    left_out: float  # the same of what was left out of the fit in turn
-    # The gain without the window that promises most: where a car is at its limit, lines promise what no fit keeps.
+    independent_share: float  # of the signature: what is left after all other free parameters were fitted to it
+    gain: float  # relative fall of the base's value, by the linear model
+    cv_gain: float  # the same in cross-validation
+    # The gain without the window that promises most: where a car is at its limit, no fit keeps what slopes promise.
     elsewhere: float
 
     @property
     def score(self) -> float:
-        return min(self.gain, self.left_out)
+        return min(self.gain, self.cv_gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +77,11 @@ class Hypothesis:
 
     candidates: tuple[Candidate, ...]
     fit: Fit
-    keep: float  # of the last one
-    gain: float  # relative fall of the base's value
-    left_out: float  # the same fall of what was left out in turn, over the same value
-    left_out_share: float  # that fall over what the base leaves where it was left out
-    spoilt: float  # what windows that fit worse than the base lose, over what the others gain
+    independent_share: float  # of the signature of the last one
+    gain: float  # fall of the base's value, over that value
+    cv_gain: float  # cross-validation gain: fall of the value of folds that were dropped from the fit, over the same
+    cv_share: float  # that fall over what the base leaves of dropped folds
+    spoilt: float  # what windows lose that fit worse than with the base, over what the others gain
     deviations: Mapping[str, float]  # standard deviations of the sizes by dotted name, in their units
 
     @property
@@ -93,22 +95,23 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """What chance must not reach: the smaller gain."""
-        return min(self.gain, self.left_out)
+        """The smaller gain."""
+        return min(self.gain, self.cv_gain)
 
     @property
     def sizes(self) -> dict[str, float]:
         """Values by dotted name."""
-        offsets = dict(zip((parameter.name for parameter in self.fit.free_parameters), self.fit.offsets, strict=True))
+        offsets = self.fit.offset_by_name
         return {
-            parameter.name: float(offsets[parameter.name])
+            parameter.name: offsets[parameter.name]
             for candidate in self.candidates
             for parameter in candidate.free_parameters
         }
 
 
 class Search:
-    """What explains that a fit leaves something over; secants are simulated once, at the base fit."""
+    """Looks for hypotheses that explain what a base fit leaves over. Secants of candidates are simulated once, at the
+    base fit."""
 
     def __init__(
         self,
@@ -119,16 +122,16 @@ class Search:
         progress: Callable[[], None] = lambda: None,
     ) -> None:
         self.residuals, self.start, self.base, self.offered = residuals, start, base, offered
-        self._along_the_road: dict[int, tuple[Hypothesis, Hypothesis | None]] = {}  # by id of the first
-        self._varying: set[str] = set()  # names of candidates with another size at every place that are worth it alone
+        self._with_profile: dict[int, tuple[Hypothesis, Hypothesis | None]] = {}  # by id of the first
+        self._varying: set[str] = set()  # names of candidates whose profile is worth it alone
         self._progress = progress
-        # What gains are relative to: residuals below what sensors and models can do are no data set.
+        # What gains are relative to: no less than a good model leaves, as there is nothing to gain below that.
         least_whole = float(sum(len(r) for r in base.residuals))
         self.whole = max(base.value, least_whole)
         self.least_whole = least_whole / self.whole
         self._columns: dict[tuple[str, str], list[Array]] = {  # by name and form
-            (parameter.name, parameter.form): [part / parameter.deviation for part in column]
-            for parameter, column in zip(base.free_parameters, _columns(base.slopes), strict=True)
+            (parameter.name, parameter.form): [part[:, i] / parameter.deviation for part in base.slopes]
+            for i, parameter in enumerate(base.free_parameters)
         }
 
     @cached_property
@@ -140,48 +143,37 @@ class Search:
             if any(np.abs(p).max(initial=0.0) * k.likely > TRACE for k in c.free_parameters for p in self._column(k))
         )  # fmt: skip
 
-    def singles(self) -> list[Hypothesis]:
+    def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
         self._varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
-        return sorted(map(self.polished, found), key=lambda e: e.score, reverse=True)
+        return sorted(map(self.refined, found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """The explanations, the best of them with their shapes fitted besides."""
+        """The hypotheses, the best of them with the shapes of their effects fitted, too."""
         found = [*map(self._with_shape, hypotheses[:BEAM]), *hypotheses[BEAM:]]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
     def _with_shape(self, hypothesis: Hypothesis) -> Hypothesis:
-        """The explanation with the shapes of its last effect fitted besides, if that has some and they can be seen."""
+        """The hypothesis with the shapes of its last effect fitted, too, if that has some and they can be seen."""
         at, free_parameters = hypothesis.fit, shapes(hypothesis.candidates[-1], self.start.values)
         if not free_parameters or hypothesis.gain < ENOUGH:
             return hypothesis
         columns = slopes_by(self.residuals, self.start, at, free_parameters)
         slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
-        return self._explanation(
-            hypothesis.candidates, self._fit(_joined(at, free_parameters, slopes)), hypothesis.keep
+        return self._hypothesis(
+            hypothesis.candidates, self._fit(at.joined(free_parameters, slopes)), hypothesis.independent_share
         )
 
     def better_base(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
-        """The base parameters fitted anew from where they are in an explanation, if without its effect they fit better
-        there than before: then the effect gained because the fit had stopped short."""
+        """The base parameters fitted anew from where they are in one of the hypotheses, if even without its effect they
+        fit better there than the base: then the effect gained because the base fit had stopped short."""
         least, begin = self.base.value - STUCK * self.whole, None
         for hypothesis in hypotheses:
             taken = {parameter.name for candidate in hypothesis.candidates for parameter in candidate.free_parameters}
-            found = dict(
-                zip(
-                    (parameter.name for parameter in hypothesis.fit.free_parameters),
-                    hypothesis.fit.offsets,
-                    strict=True,
-                )
-            )
-            offsets = np.array(
-                [
-                    offset if parameter.name in taken else found[parameter.name]
-                    for parameter, offset in zip(self.base.free_parameters, self.base.offsets, strict=True)
-                ]
-            )
-            parameter_set = turned(self.start, self.base.free_parameters, offsets)
+            found = {k: v for k, v in hypothesis.fit.offset_by_name.items() if k not in taken}
+            offsets = np.array([found.get(name, offset) for name, offset in self.base.offset_by_name.items()])
+            parameter_set = with_offsets(self.start, self.base.free_parameters, offsets)
             tried = replace(self.base, offsets=offsets, residuals=self.residuals(parameter_set, self.base.residuals))
             if tried.value < least:
                 least, begin = tried.value, offsets
@@ -195,8 +187,8 @@ class Search:
     def further(
         self, hypotheses: Sequence[Hypothesis], least: float, proven: Callable[[Hypothesis], float], unseen: bool
     ) -> list[Hypothesis]:
-        """The best explanations by what is `proven` of them with one more effect each, where that promises `least` of
-        what they leave: where it is left out, unless there are `unseen` recordings to prove it on."""
+        """The best hypotheses by their `proven` gain with one more effect each, where that promises a share `least` of
+        what they leave: in cross-validation, unless there are `unseen` recordings to prove it on."""
         found: dict[frozenset[str], tuple[float, Signature]] = {}
         promise = itemgetter(0)
         for hypothesis in sorted(hypotheses, key=proven, reverse=True)[:BEAM]:
@@ -210,7 +202,7 @@ class Search:
                     promised = known + adds, signature
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
-        fitted = map(self.polished, self._fitted([signature for _, signature in likeliest]))
+        fitted = map(self.refined, self._fitted([signature for _, signature in likeliest]))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def described(self) -> list[Hypothesis]:
@@ -220,8 +212,9 @@ class Search:
         found = [self._signature(self.base, (), (term,)) for term in every]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
-    def united(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """The first of the explanations with what each other one has besides: what they add to one another."""
+    def joint(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The first of the hypotheses fitted jointly with the further effects of each other one, which shows what they
+        add to one another."""
         first, *others = hypotheses
         besides: dict[frozenset[str], tuple[Candidate, ...]] = {}
         for other in others:
@@ -229,16 +222,17 @@ class Search:
             besides.setdefault(frozenset(c.effect for c in new), new)
         likeliest = [new for new in besides.values() if new][:BEAM]
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
-        return [self.polished(e) for e in fitted]
+        return [self.refined(e) for e in fitted]
 
-    def along_the_road(self, hypothesis: Hypothesis) -> Hypothesis | None:
-        """An explanation that holds an effect of the road with one size for all places, with another size at every
-        place, if that explains more. None without such an effect."""
-        if id(hypothesis) not in self._along_the_road:
-            self._along_the_road[id(hypothesis)] = hypothesis, self._freed(hypothesis)
-        return self._along_the_road[id(hypothesis)][1]
+    def with_profile(self, hypothesis: Hypothesis) -> Hypothesis | None:
+        """A hypothesis with an effect of the road that has one size for all places, fitted with a profile of it (a size
+        for every place) instead, if that explains more. None without such an effect."""
+        if id(hypothesis) not in self._with_profile:
+            self._with_profile[id(hypothesis)] = hypothesis, self._profiled(hypothesis)
+        return self._with_profile[id(hypothesis)][1]
 
-    def _freed(self, hypothesis: Hypothesis) -> Hypothesis | None:
+    def _profiled(self, hypothesis: Hypothesis) -> Hypothesis | None:
+        """`with_profile`, fitted."""
         profiles = {_first(c): c for c in self.offered if c.along_road}
         single = next((c for c in hypothesis.candidates if _first(c) in profiles), None)
         if single is None or any(c.along_road for c in hypothesis.candidates):
@@ -249,12 +243,12 @@ class Search:
         points = [parameter for parameter in profile.free_parameters if parameter.place is not None]
         by_place = [self._at_place(self._column(profile.free_parameters[0]), point) for point in points]
         slopes = [np.column_stack(parts) * points[0].deviation for parts in zip(*by_place, strict=True)]
-        fitted = self._fit(_joined(at, points, slopes))
+        fitted = self._fit(at.joined(points, slopes))
         fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
         if at.value - fitted.value < WORTH * self.whole:
             return None
         candidates = (*(c for c in hypothesis.candidates if c is not single), profile)
-        return self._with_shape(self._explanation(candidates, fitted, hypothesis.keep))
+        return self._with_shape(self._hypothesis(candidates, fitted, hypothesis.independent_share))
 
     def together(self, candidates: Sequence[Candidate]) -> list[Hypothesis]:
         """All candidates at once, without a search."""
@@ -262,12 +256,12 @@ class Search:
         return self._fitted([self._signature(self.base, (), tuple(candidates))])
 
     def _screened(self, at: Fit, present: tuple[Candidate, ...], count: int) -> list[Signature]:
-        """The likeliest candidates besides those present: `count` by what they gain, as many by what they gain where
-        they are left out, and by what they gain elsewhere than where they promise most."""
+        """The likeliest candidates besides those present: `count` by their gain, as many by their score, and as many by
+        their gain elsewhere than in the window where they promise most."""
         self._simulate_new(self.offered)
         names = {candidate.effect for candidate in present}
         found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
-        found = [s for s in found if s.keep > 0]
+        found = [s for s in found if s.independent_share > 0]
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
         by_score = sorted(single, key=lambda s: s.score, reverse=True)[:count]
@@ -286,8 +280,8 @@ class Search:
         return list(chosen.values())
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
-        """Whether a size may be another at every place besides the candidates present: beside an effect, which is never
-        quite right, it would mend everything, unless it was worth its freedom alone."""
+        """Whether a profile may be fitted with the candidates present: it would mend whatever another effect leaves, as
+        none is quite right, unless it was worth its many parameters alone."""
         if any(candidate.along_road for candidate in present) or not self._known_well:
             return False
         return not present or profile.name in self._varying
@@ -301,7 +295,7 @@ class Search:
             self._progress()
 
     def _simulate_new(self, candidates: Iterable[Candidate]) -> None:
-        """Of candidates that are met for the first time, without what `at_place` tells."""
+        """Secants of candidates that are met for the first time; what they do at single places `at_place` tells."""
         free_parameters = (
             parameter for candidate in candidates for parameter in candidate.free_parameters if parameter.place is None
         )
@@ -318,23 +312,23 @@ class Search:
                 np.column_stack(c) * [parameter.deviation for parameter in free_parameters]
                 for c in zip(*columns, strict=True)
             ]
-            return _joined(at, free_parameters, slopes)
+            return at.joined(free_parameters, slopes)
 
         equations = self._joined_equations(at, free_parameters)
-        free, change = _within_bounds(equations, free_parameters)
+        free, change = equations.within_bounds([parameter.name for parameter in free_parameters])
         falls = self.base.equations.values() - free.values(change)
-        left_out = self._left_out_with((*present, *new))
-        known = free if left_out.apart is as_it_is else left_out.apart(joint()).equations
+        folds = self._folds_for((*present, *new))
+        known = free if folds.apart is as_it_is else folds.apart(joint()).equations
         return Signature(
-            (*present, *new), joint, equations.keeps(free_parameters), float(falls.sum()) / self.whole,
-            left_out.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
+            (*present, *new), joint, equations.independent_share(free_parameters), float(falls.sum()) / self.whole,
+            folds.gains(known, self.whole)[0], float(falls.sum() - falls.max()) / self.whole,
         )  # fmt: skip
 
-    def _joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> Equations:
-        """The equations of `_joined`, of which those of the fit are known."""
+    def _joined_equations(self, at: Fit, free_parameters: Sequence[FreeParameter]) -> NormalEquations:
+        """The equations of `Fit.joined`, of which those of the fit are known."""
         known, names = at.equations, {parameter.name for parameter in free_parameters}
         stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
-        present = dict(zip((parameter.name for parameter in at.free_parameters), at.offsets, strict=True))
+        present = at.offset_by_name
         columns = [[part * parameter.deviation for part in self._column(parameter)] for parameter in free_parameters]
         new = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
         across = np.array([(s.T @ n)[stay] for s, n in zip(at.slopes, new, strict=True)])
@@ -343,8 +337,9 @@ class Search:
         return replace(
             rest,
             free_parameters=(*rest.free_parameters, *free_parameters),
-            prior=np.append(
-                rest.prior, [present.get(parameter.name, 0.0) / parameter.deviation for parameter in free_parameters]
+            scaled_offsets=np.append(
+                rest.scaled_offsets,
+                [present.get(parameter.name, 0.0) / parameter.deviation for parameter in free_parameters],
             ),
             normal=np.block([[rest.normal, across], [across.transpose(0, 2, 1), own]]),
             right=np.hstack([rest.right, [n.T @ r for n, r in zip(new, at.residuals, strict=True)]]),
@@ -363,13 +358,13 @@ class Search:
 
     @cached_property
     def _in_pieces(self) -> bool:
-        """Whether nothing but its pieces can prove the road."""
+        """Whether a road can be proven by nothing but how its pieces foretell one another."""
         return pieces_alone_tell(self.residuals.predictor.dataset)
 
     @cached_property
     def of_several_cars(self) -> float:
-        """What base parameters of its own for each recording would gain, linearly, where a road of its own might stand
-        in for them: nothing of a single recording, or of several on one road."""
+        """What base parameters of its own for each recording would gain, by the linear model, where a road of its own
+        for each could stand in for them: nothing of a single recording, or of several on one road."""
         if not self._in_pieces:
             return 0.0
         equations = self.base.equations
@@ -379,79 +374,69 @@ class Search:
 
     @cached_property
     def _known_well(self) -> bool:
-        """Whether another size at every place can be proven."""
+        """Whether the recordings can prove a profile."""
         return not self._in_pieces or tells_its_pieces(self.residuals.predictor.dataset)
 
-    def _left_out_with(self, candidates: Sequence[Candidate]) -> LeftOut:
-        """What is left out of a fit with these candidates in turn."""
+    def _folds_for(self, candidates: Sequence[Candidate]) -> Folds:
+        """The folds by which a hypothesis of these candidates is cross-validated."""
         if self._in_pieces and any(candidate.along_road for candidate in candidates):
             return self._pieces
-        return self.left_out
+        return self.folds
 
     @cached_property
-    def left_out(self) -> LeftOut:
-        """What is left out in turn where no size is another at every place."""
+    def folds(self) -> Folds:
+        """Those where no candidate has a profile."""
         return (by_stretches if len(self.base.residuals) == 1 else by_windows)(self.residuals, self.base)
 
     @cached_property
-    def _pieces(self) -> LeftOut:
+    def _pieces(self) -> Folds:
         return by_pieces(self.residuals, self.base)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Hypothesis]:
-        found = [self._explanation(s.candidates, self._fit(s.joint()), s.keep) for s in signatures]
+        found = [self._hypothesis(s.candidates, self._fit(s.joint()), s.independent_share) for s in signatures]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
-    def polished(self, hypothesis: Hypothesis) -> Hypothesis:
-        """The explanation fitted further with secants of its own: with those of the base fit, which an effect that is
-        left out may have driven far off, it stops short."""
+    def refined(self, hypothesis: Hypothesis) -> Hypothesis:
+        """The hypothesis fitted further with secants of its own. With those of the base fit, whose parameters may be
+        far off because they stand in for the effect, it stops short."""
         if any(candidate.along_road for candidate in hypothesis.candidates):
             return hypothesis  # each place would cost a simulation
         at = hypothesis.fit
-        if hypothesis.gain > WORTH_POLISHING:
+        if hypothesis.gain > WORTH_REFINING:
             fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
             if fitted.value < at.value:
-                hypothesis = self._explanation(hypothesis.candidates, fitted, hypothesis.keep)
+                hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
         return self._on_the_road(hypothesis)
 
     def _on_the_road(self, hypothesis: Hypothesis) -> Hypothesis:
-        """The explanation, fitted in full from the parameters of the vehicle file if its car gets lost: there it keeps
-        the residuals of the base fit, and base parameters stay as they are bent to stand in for the effect."""
+        """The hypothesis, fitted anew from the parameters of the vehicle file if its car gets lost. There the residuals
+        are those of the base fit, so that base parameters would stay where they stand in for the effect."""
         at = hypothesis.fit
         lost = sum(self.residuals.predictor.lost(at.parameter_set))
         if not lost:
             return hypothesis
         begin = np.array([hypothesis.sizes.get(parameter.name, 0.0) for parameter in at.free_parameters])
         found = fit(
-            self.residuals,
-            self.start,
-            at.free_parameters,
-            begin=begin,
-            instead=self.base.residuals,
+            self.residuals, self.start, at.free_parameters, begin=begin, instead=self.base.residuals,
             progress=self._progress,
-        )
+        )  # fmt: skip
         if sum(self.residuals.predictor.lost(found.parameter_set)) >= lost:
             return hypothesis
-        return self._explanation(hypothesis.candidates, replace(found, weight=at.weight), hypothesis.keep)
+        return self._hypothesis(hypothesis.candidates, replace(found, weight=at.weight), hypothesis.independent_share)
 
-    def settled(self, hypothesis: Hypothesis) -> Hypothesis:
-        """The explanation with its sizes fitted once more, hardly drawn to zero any longer: what they cost has told the
-        likely effects from the unlikely. What it gains is counted at the same costs as that of all others."""
+    def unshrunk(self, hypothesis: Hypothesis) -> Hypothesis:
+        """The hypothesis with its sizes fitted once more with a wider prior, which hardly shrinks them: the narrow one
+        has told the likely effects from the unlikely. Its gain is counted with the same prior as that of all others."""
         at, sizes = hypothesis.fit, hypothesis.sizes
-        times = np.array(
-            [
-                max(1.0, FREED * abs(sizes[parameter.name]) / parameter.deviation) if parameter.name in sizes else 1.0
-                for parameter in at.free_parameters
-            ]
-        )
+        times = np.array([max(1.0, UNSHRUNK * abs(sizes.get(p.name, 0.0)) / p.deviation) for p in at.free_parameters])
         free_parameters = tuple(
             replace(parameter, deviation=parameter.deviation * factor)
             for parameter, factor in zip(at.free_parameters, times, strict=True)
         )
-        freed = replace(at, free_parameters=free_parameters, slopes=[s * times for s in at.slopes])
-        fitted = self._fit(freed)
-        at_same_costs = replace(fitted, free_parameters=at.free_parameters, slopes=at.slopes)
+        fitted = self._fit(replace(at, free_parameters=free_parameters, slopes=[s * times for s in at.slopes]))
+        with_narrow_prior = replace(fitted, free_parameters=at.free_parameters, slopes=at.slopes)
         return replace(
-            self._explanation(hypothesis.candidates, at_same_costs, hypothesis.keep),
+            self._hypothesis(hypothesis.candidates, with_narrow_prior, hypothesis.independent_share),
             deviations=self._deviations(hypothesis.candidates, fitted),
         )
 
@@ -460,22 +445,21 @@ class Search:
         self._progress()
         return fitted
 
-    def _explanation(self, candidates: tuple[Candidate, ...], fitted: Fit, keep: float) -> Hypothesis:
+    def _hypothesis(self, candidates: tuple[Candidate, ...], fitted: Fit, independent_share: float) -> Hypothesis:
         falls = self.base.equations.values() - fitted.equations.values()
         gained, lost = np.sum(falls[falls > 0]), -np.sum(falls[falls < 0])
-        left_out = self._left_out_with(candidates)
-        gains_left_out = left_out.gains(left_out.apart(fitted).equations, self.whole)
+        folds = self._folds_for(candidates)
+        cv_gains = folds.gains(folds.apart(fitted).equations, self.whole)
         return Hypothesis(
-            candidates, fitted, keep, (self.base.value - fitted.value) / self.whole, *gains_left_out,
+            candidates, fitted, independent_share, (self.base.value - fitted.value) / self.whole, *cv_gains,
             float(lost / max(gained, 1e-12)), self._deviations(candidates, fitted),
         )  # fmt: skip
 
     def _deviations(self, candidates: Sequence[Candidate], fitted: Fit) -> dict[str, float]:
-        """Standard deviations of the free parameters by name. Residuals of neighbouring instants err together: the
-        spread between the parts of a fit says how much they tell, by a jackknife. What a size is everywhere that may be
-        another at every place is known no better than all that shifts with it: sensors with an offset see the same, and
-        only what is likely of them tells them apart."""
-        equations = self._left_out_with(candidates).apart(fitted).equations
+        """Standard deviations of the free parameters by name, by a jackknife over the folds: residuals of neighbouring
+        instants err together, so that their number says nothing. The level of a profile is known no better than all
+        that shifts with it: sensors with an offset see the same, and the prior alone tells the two apart."""
+        equations = self._folds_for(candidates).apart(fitted).equations
         n = len(equations.rows)
         changes = np.array([equations.change([i for i in range(n) if i != out]) for out in range(n)])
         spread = np.sqrt((n - 1) / n * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
@@ -494,7 +478,7 @@ def _first(candidate: Candidate) -> tuple[str, str]:
 
 
 def _worth_their_freedom(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Without the sizes that are another at every place and explain hardly more than one size does."""
+    """Without the profiles that explain hardly more than one size for all places does."""
     single: dict[tuple[str, ...], float] = {}
     for e in hypotheses:
         if not e.candidates[-1].along_road:
@@ -503,57 +487,9 @@ def _worth_their_freedom(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def at_place(residuals: Residuals, slopes: Sequence[Array], abscissa: float) -> list[Array]:
-    """Slopes by a size at one place, if the car forgot at once: its slopes everywhere, times the share of the place."""
+    """Slopes by a size at one place, for a car that forgets at once where it has been: its slopes by the size
+    everywhere, times the share of the place."""
     found = []
     for window, names, everywhere in zip(residuals.predictor.dataset.windows, residuals.layout, slopes, strict=True):
         found.append(np.tile(profile({abscissa: 1.0}, places(window)), len(names)) * everywhere)
     return found
-
-
-def _columns(slopes: Sequence[Array]) -> list[list[Array]]:
-    """By free parameter, by window."""
-    return [[window[:, i] for window in slopes] for i in range(slopes[0].shape[1])]
-
-
-def _without(base: Fit, free_parameters: Sequence[FreeParameter]) -> Fit:
-    """The fit with some free parameters no longer free to turn."""
-    names = {parameter.name for parameter in free_parameters}
-    stay = [i for i, parameter in enumerate(base.free_parameters) if parameter.name not in names]
-    return replace(
-        base,
-        free_parameters=tuple(base.free_parameters[i] for i in stay),
-        offsets=base.offsets[stay],
-        slopes=[s[:, stay] for s in base.slopes],
-    )
-
-
-def _joined(base: Fit, free_parameters: Sequence[FreeParameter], slopes: Sequence[Array]) -> Fit:
-    """The base fit with further free parameters, not turned yet. A free parameter that the base has with a smaller
-    deviation, because every car has a little of it, may now be as large as an effect."""
-    known = dict(zip((parameter.name for parameter in base.free_parameters), base.offsets, strict=True))
-    rest = _without(base, free_parameters)
-    return replace(
-        rest,
-        free_parameters=(*rest.free_parameters, *free_parameters),
-        offsets=np.append(rest.offsets, [known.get(parameter.name, 0.0) for parameter in free_parameters]),
-        slopes=[np.column_stack(pair) for pair in zip(rest.slopes, slopes, strict=True)],
-    )
-
-
-def _within_bounds(joint: Equations, free_parameters: Sequence[FreeParameter]) -> tuple[Equations, Array]:
-    """The equations without those of the free parameters that are at a bound and would have to go beyond it, and the
-    linear change of the others [deviations]."""
-    asked = {parameter.name for parameter in free_parameters}
-    while True:
-        change = joint.change()
-        beyond = {
-            parameter.name for parameter, at, by in zip(joint.free_parameters, joint.prior, change, strict=True)
-            if parameter.name in asked
-            and (
-                (at <= parameter.low / parameter.deviation and by < 0)
-                or (at >= parameter.high / parameter.deviation and by > 0)
-            )
-        }  # fmt: skip
-        if not beyond:
-            return joint, change
-        joint = joint.only([i for i, parameter in enumerate(joint.free_parameters) if parameter.name not in beyond])

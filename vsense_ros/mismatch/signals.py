@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
 from vsense_ros.mismatch.windows import GRID, RUN_IN, Readings, Window, in_axes_of_car
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.sensors import SensorBase
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ SIGNALS = (
     Signal("side_slip", "rad", "gnss_velocity", _course, 0.002, drifting=True, turning=True),
     *(
         Signal(f"travel_{wheel}", "m", "suspension", _component(i), 0.001, shaken=True)
-        for i, wheel in enumerate(("fl", "fr", "rl", "rr"))
+        for i, wheel in enumerate(WHEELS)
     ),
 )  # fmt: skip
 SHAKING = "vertical_acceleration"

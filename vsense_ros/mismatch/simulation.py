@@ -1,4 +1,4 @@
-"""What a car would have measured in the windows of the data set, as a function of everything that may be wrong."""
+"""What a car would have measured in the windows of the recordings, as a function of everything that may be wrong."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import FOLLOWED, TORQUE_SHARES, size_of
 from vsense_ros.mismatch.road import POINT, place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
@@ -20,7 +21,7 @@ from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Dataset, 
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.car import Motion as Instant
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, YAW, X, Y
+from vsense_ros.model.coordinates import DISTURBANCES, SPIN, YAW, X, Y
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
 from vsense_ros.model.sensors import Imu, SensorBase
@@ -53,43 +54,39 @@ def with_all_effects(vehicle: Vehicle) -> Vehicle:
     return vehicle.model_copy(update={"physics": vehicle.physics.model_copy(update={"effects": Effects(**every)})})
 
 
-@dataclass(frozen=True)
-class ParameterSet:
-    """One car on one road: physical parameters by name, effects included, and by the names of `road.point` what a size
-    is beyond that at places along the road."""
+def parameters_of(vehicle: Vehicle) -> ParameterSet:
+    """One car on one road: physical parameters by name, effects that the vehicle file does not have with size zero, and
+    what is assumed of unknown torques. A search adds by the names of `road.point` what a size is at places along the
+    road, beyond what it is everywhere."""
+    return ParameterSet({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
 
-    values: Mapping[str, float]
 
-    @classmethod
-    def of(cls, vehicle: Vehicle) -> ParameterSet:
-        """As the file has it, effects that it does not have with size zero."""
-        return cls({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
+def effect_of(parameter_set: ParameterSet, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
+    """An effect with its present parameters, some of which may be `varying`."""
+    kind, known = EVERY[id], {**parameter_set.values, **(varying or {})}
+    names = {field: f"effects.{id}.{field}" for field in kind.model_fields}
+    return kind.model_construct(None, **{f: known[name] for f, name in names.items() if name in known})
 
-    def effect(self, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
-        """An effect with its present parameters, some of which may be `varying`."""
-        kind, known = EVERY[id], {**self.values, **(varying or {})}
-        names = {field: f"effects.{id}.{field}" for field in kind.model_fields}
-        return kind.model_construct(None, **{f: known[name] for f, name in names.items() if name in known})
 
-    def changed(self, changes: Mapping[str, float]) -> ParameterSet:
-        return ParameterSet({**self.values, **changes})
+Profiles = Mapping[str, Mapping[float, float]]  # values by abscissa [m], by the name of the size
 
-    def varying(self, place: Array, surveyed: Mapping[str, Array]) -> dict[str, Array]:
-        """Sizes that are not constant along places with these abscissae [m], by name, on a road of which this is
-        already known."""
-        found = dict(surveyed)
-        for name, points in self._profiles.items():
-            found[name] = found.get(name, 0.0) + profile(points, place)
-        return {name: np.clip(self.values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
 
-    @cached_property
-    def _profiles(self) -> dict[str, dict[float, float]]:
-        """Values by abscissa, by the name of the size."""
-        found: dict[str, dict[float, float]] = {}
-        for name, value in self.values.items():
-            if (at := place_of(name)) is not None:
-                found.setdefault(at[0], {})[at[1]] = value
-        return found
+def profiles_of(parameter_set: ParameterSet) -> Profiles:
+    """What sizes are at places along the road, beyond what they are everywhere."""
+    found: dict[str, dict[float, float]] = {}
+    for name, value in parameter_set.values.items():
+        if (at := place_of(name)) is not None:
+            found.setdefault(at[0], {})[at[1]] = value
+    return found
+
+
+def varying_sizes(values: Mapping[str, float], profiles: Sequence[Profiles], place: Array) -> dict[str, Array]:
+    """Sizes that are not constant along places with these abscissae [m], by name, where `values` are what they are
+    everywhere and each of the `profiles` adds to that."""
+    found: dict[str, Array] = {}
+    for name, points in (pair for one in profiles for pair in one.items()):
+        found[name] = found.get(name, 0.0) + profile(points, place)
+    return {name: np.clip(values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
 
 
 @dataclass(frozen=True)
@@ -100,24 +97,24 @@ class _Driving:
     parameters: Array
     shares: Sequence[float]  # as TORQUE_SHARES
     delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
-    around: Array  # (n, 4) as model.car.SURROUNDINGS
+    around: Array  # (n, 4) as model.car.DISTURBANCES
     tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
 class Predictor:
-    """Simulates the data set; keeps the last motions, so that what concerns sensors alone costs little."""
+    """Simulates the windows; keeps the last motions, so that what concerns sensors alone costs little."""
 
     def __init__(self, vehicle: Vehicle, dataset: Dataset) -> None:
         self.vehicle = with_all_effects(vehicle)
-        self.start = ParameterSet.of(vehicle)
+        self.start = parameters_of(vehicle)
         self.dataset = dataset
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
-        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # settings that are driven at once
+        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # parameter sets that are driven at once
         measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.kind in _MEASURING}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
@@ -139,7 +136,7 @@ class Predictor:
             yield window, readings, self.dataset.sensors, self.radius
 
     def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
-        """Signals of each window as a car with this setting would have them; empty where it left all bounds."""
+        """Signals of each window as a car with these parameters would have them; empty where it left all bounds."""
         sensors = self._sensors(parameter_set)
         result = []
         for window, (motion, sensed, way) in zip(
@@ -189,19 +186,20 @@ class Predictor:
             found.append(slips)
         return found
 
-    def foresee(self, settings: Sequence[ParameterSet]) -> None:
-        """Drive the windows with up to `ahead` settings side by side; what then is asked of them is known."""
-        self._drive([self._ways(parameter_set, self._sensors(parameter_set)) for parameter_set in settings])
+    def foresee(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
+        self._drive([self._ways(one, self._sensors(one)) for one in parameter_sets])
 
     def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
         """By window."""
-        return [self._driving(index, parameter_set, sensors) for index in range(len(self.dataset.windows))]
+        profiles = [self._known, profiles_of(parameter_set)]
+        return [self._driving(index, parameter_set, profiles, sensors) for index in range(len(self.dataset.windows))]
 
-    def _drive(self, settings: Sequence[Sequence[_Driving]]) -> None:
+    def _drive(self, several: Sequence[Sequence[_Driving]]) -> None:
         """Side by side what was not driven before."""
         new = {
             (index, way.key): way
-            for ways in settings
+            for ways in several
             for index, way in enumerate(ways)
             if way.key not in self._motions[index]
         }
@@ -232,13 +230,9 @@ class Predictor:
             for w in self.dataset.windows
         ]
 
-    def _surveyed(self, place: Array) -> dict[str, Array]:
-        """What the vehicle file says of sizes at these places, beyond what they are everywhere, by name."""
-        return {name: profile(points, place) for name, points in self._known.items()}
-
     @cached_property
-    def _known(self) -> dict[str, dict[float, float]]:
-        """The profiles of the vehicle file on the road of the data set: values by abscissa, by the name of the size."""
+    def _known(self) -> Profiles:
+        """The profiles of the vehicle file, on the road of the data."""
         found: dict[str, dict[float, float]] = {}
         for id in BY_ID:
             rows = getattr(getattr(self.vehicle.physics.effects, id), "profile", ())
@@ -250,27 +244,29 @@ class Predictor:
     def _sensors(self, parameter_set: ParameterSet) -> dict[str, SensorBase]:
         sensors = self._sensors_of_car
         for id in EVERY:
-            sensors = parameter_set.effect(id).sensors(sensors)
+            sensors = effect_of(parameter_set, id).sensors(sensors)
         return sensors
 
     @cached_property
     def _sensors_of_car(self) -> dict[str, SensorBase]:
-        """Those of the data set as they are without the effects of the vehicle file, which a setting has."""
+        """Those of the data set as they are without the effects of the vehicle file, which a parameter set has."""
         return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.dataset.sensors}
 
-    def _driving(self, index: int, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> _Driving:
+    def _driving(
+        self, index: int, parameter_set: ParameterSet, profiles: Sequence[Profiles], sensors: Mapping[str, SensorBase]
+    ) -> _Driving:
         """What the motion in a window depends on."""
         turned, place = self._way[index]
-        varying = parameter_set.varying(place, self._surveyed(place))
-        around, tilting = np.zeros((len(place), len(SURROUNDINGS))), np.zeros((len(place), 2))
+        varying = varying_sizes(parameter_set.values, profiles, place)
+        around, tilting = np.zeros((len(place), len(DISTURBANCES))), np.zeros((len(place), 2))
         for id in _SLOPING:
-            along, across = parameter_set.effect(id, varying).slope(turned)
+            along, across = effect_of(parameter_set, id, varying).slope(turned)
             around[:, 0] += along
             around[:, 1] += across
             if (size := size_of(id)) in varying:
                 on_one_road = np.abs(np.gradient(place)) < POINT
                 changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
-                tilting += np.column_stack(np.broadcast_arrays(*parameter_set.effect(id, changing).slope(turned)))
+                tilting += np.column_stack(np.broadcast_arrays(*effect_of(parameter_set, id, changing).slope(turned)))
         late = {s.kind: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
         speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
         delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0), speed
@@ -285,7 +281,7 @@ class Predictor:
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
         """Names of parameters that the motion does not depend on."""
-        moving = ca.vertcat(self.car.dynamics, self.car.remember(ca.SX(STEP)))
+        moving = ca.vertcat(self.car.dynamics, self.car.next_internal_state(ca.SX(STEP)))
         used = {symbol.name() for symbol in ca.symvar(moving)}
         return frozenset(
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
@@ -297,15 +293,15 @@ class Predictor:
         as the car of the vehicle file is driven through these, in which effects remember whatever their size. Nothing
         of what this car does in a window in which it gets lost."""
         windows = self.dataset.windows
-        found = [np.zeros(self.car.memory.numel()) for _ in windows]
+        found = [np.zeros(self.car.internal_state.numel()) for _ in windows]
         in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.dataset.places_by_recording()]
         ways = self._ways(self.start, self._sensors(self.start))
         for place in range(max(map(len, in_order), default=0) - 1):
             pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
             runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
             for (before, after), motion in zip(pairs, self._loop.runs(runs), strict=True):
-                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.memory).all()
-                memory = found[before] if lost else motion.memory
+                lost = np.isfinite(self._lost_from(before, motion)) or not np.isfinite(motion.internal_state).all()
+                memory = found[before] if lost else motion.internal_state
                 found[after] = self._rested(memory, max(0.0, windows[after].begin - windows[before].end))
         return found
 
@@ -317,8 +313,8 @@ class Predictor:
     def _rested(self, memory: Array, duration: float) -> Array:
         """What lasts of the memory of all effects after a while [s] that no window tells of."""
         found = memory.copy()
-        for id, part in self.car.remembering.items():
-            found[part] = self.start.effect(id).rested(memory[part], duration)
+        for id, part in self.car.internal_state_slices.items():
+            found[part] = effect_of(self.start, id).relaxed(memory[part], duration)
         return found
 
     def _run(self, index: int, way: _Driving, memory: Array) -> Run:
@@ -397,7 +393,7 @@ def _physical(name: str) -> tuple[float, float]:
 
 
 def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Dataset) -> list[float | None]:
-    """Where on the road of the data set the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
+    """Where on the road of the recordings the rows of a `RoadEffect.profile` are [m]; None where nobody has been."""
     found = []
     for latitude, longitude, heading, _ in rows:
         fix = {k: np.array([v]) for k, v in zip(_FIX, (latitude, longitude, 0.0), strict=True)}
@@ -466,12 +462,12 @@ def _offset(sensor: SensorBase) -> Array | float:
 
 
 def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, mounting) → measurement."""
+    """(q, u, udot, disturbances, mounting) → measurement."""
     udot = ca.SX.sym("udot", 14)
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     biases = ca.SX.zeros(len(sensor.biases()))
-    motion = Instant(car.q, car.u, udot, car.surroundings, ca.SX.zeros(car.inputs.numel()))
-    arguments = [car.q, car.u, udot, car.surroundings, mounting]
+    motion = Instant(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
+    arguments = [car.q, car.u, udot, car.disturbances, mounting]
     return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
 
 

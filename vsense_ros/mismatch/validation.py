@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
 from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
-from vsense_ros.mismatch.fit import DivergedError, Fit, Residuals, cost, fit
+from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.simulation import LOST, Predictor
@@ -144,8 +145,8 @@ class Validation:
         before, after = self.held_out(hypothesis.fit)
         rows = np.array([len(r) for r in after])
         share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
-        value = np.array([cost([r]) for r in before]) + share * self.base.paid
-        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.paid
+        value = np.array([cost([r]) for r in before]) + share * self.base.prior_cost
+        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.prior_cost
         windows = np.array([value, left, rows])
         sums = np.sum(windows, axis=1, keepdims=True)
         if np.sum(rows > 0) >= self.thresholds.many_windows:
@@ -162,12 +163,12 @@ class Validation:
         """What an explanation gains where it was not fitted: on all held-out windows, or without any on what is left
         out of the fit in turn."""
         unseen = self.gain(hypothesis)
-        return hypothesis.left_out if unseen is None else unseen
+        return hypothesis.cv_gain if unseen is None else unseen
 
     def proven(self, hypothesis: Hypothesis) -> float:
         """The smaller of what an explanation gains where it was fitted and where it was not."""
         gains = self.gains(hypothesis)
-        return min(hypothesis.gain, hypothesis.left_out if gains is None else gains.of_most)
+        return min(hypothesis.gain, hypothesis.cv_gain if gains is None else gains.of_most)
 
     def against(self, hypothesis: Hypothesis) -> str:
         """A remark on the window without which the gain is clearly higher, if there is one."""
@@ -199,7 +200,7 @@ class Validation:
             found += self._resized(before, after, self.residuals.layout)
             compared += sum(map(len, after)) / sum(map(len, hypothesis.fit.residuals))
         windows = np.array(found).reshape(-1, 2)
-        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.paid - hypothesis.fit.paid)])
+        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.prior_cost - hypothesis.fit.prior_cost)])
         dropped = windows if len(windows) >= self.thresholds.many_windows else np.zeros((1, 2))
         besides, gained = (whole - dropped).T
         return float(np.min(besides / np.maximum(gained, 1e-12)))
@@ -232,7 +233,7 @@ class Validation:
 
     def something_left_over(self) -> bool:
         """Whether the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
-        return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.left_out)
+        return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.dropped)
 
     @cached_property
     def worst(self) -> float:
@@ -270,7 +271,7 @@ class Validation:
                 start,
                 self.base.free_parameters,
                 begin=self.base.offsets,
-                iterations=JOINT_ITERATIONS,
+                settings=Settings(iterations=JOINT_ITERATIONS),
                 progress=self._progress,
             ).residuals
         except DivergedError:

@@ -88,17 +88,17 @@ def judge(
     hypotheses: Sequence[Hypothesis],
     terms: Sequence[Hypothesis],
     validation: Validation,
-    along_the_road: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
+    with_profile: Callable[[Hypothesis], Hypothesis | None] = lambda _: None,
     least_gain: float | None = None,
     thresholds: Thresholds = THRESHOLDS,
 ) -> Judged:
     """The verdict on `hypotheses`, which are effects, alone and several at once, and on `terms` without known physics.
 
-    `along_the_road` tells what an explanation with one size for all of the road becomes if that is another at every
+    `with_profile` tells what an explanation with one size for all of the road becomes if that is another at every
     place. `least_gain` is what an effect needs to gain on so much driving; that of `thresholds` where it is not given.
     """
     least = thresholds.least_gain if least_gain is None else least_gain
-    return _Judge(hypotheses, terms, validation, along_the_road, least, thresholds).judged()
+    return _Judge(hypotheses, terms, validation, with_profile, least, thresholds).judged()
 
 
 def _as_good(gain: float, most: float, thresholds: Thresholds, shared: float = 0.0) -> bool:
@@ -120,7 +120,7 @@ class _Judge:
 
     def __init__(
         self, hypotheses: Sequence[Hypothesis], terms: Sequence[Hypothesis], validation: Validation,
-        along_the_road: Callable[[Hypothesis], Hypothesis | None], least_gain: float, thresholds: Thresholds,
+        with_profile: Callable[[Hypothesis], Hypothesis | None], least_gain: float, thresholds: Thresholds,
     ) -> None:  # fmt: skip
         self.hypotheses, self.terms, self.validation = hypotheses, terms, validation
         self.least_gain, self.thresholds = least_gain, thresholds
@@ -133,7 +133,7 @@ class _Judge:
             self.best.setdefault(frozenset(e.effects), e)
             if len(e.candidates) == 1:
                 self.ranked.setdefault(e.effects[0], e)
-        self.objections = Objections(validation, self.best, along_the_road, least_gain, thresholds)
+        self.objections = Objections(validation, self.best, with_profile, least_gain, thresholds)
         self.holds, self.agreed = self.objections.holds, self.objections.agreed
         self.least_term_gain = thresholds.least_term_gain * max(1.0, least_gain / thresholds.least_gain)
 

@@ -76,7 +76,7 @@ class Dataset:
     road: Road  # with all places where the car has been
     on_map: Map
     sets_out: float | None = None  # course of the first recording that knows its own, as it sets out [rad]
-    left_out: tuple[Window, ...] = ()  # of which nothing can be said
+    dropped: tuple[Window, ...] = ()  # of which nothing can be said
 
     @property
     def driven(self) -> float:
@@ -113,12 +113,12 @@ class Dataset:
             recordings=(*self.recordings, *other.recordings),
         )  # fmt: skip
 
-    def without(self, left_out: Sequence[bool], reason: str) -> Dataset:
+    def without(self, drop: Sequence[bool], reason: str) -> Dataset:
         """The data set without some windows, and remarks that say why."""
-        stay = tuple(w for w, out in zip(self.windows, left_out, strict=True) if not out)
-        gone = [w for w, out in zip(self.windows, left_out, strict=True) if out]
+        stay = tuple(w for w, out in zip(self.windows, drop, strict=True) if not out)
+        gone = [w for w, out in zip(self.windows, drop, strict=True) if out]
         remarks = tuple(f"{w.name}: left out from {w.begin:.0f} to {w.end:.0f} s: {reason}" for w in gone)
-        return replace(self, windows=stay, remarks=(*self.remarks, *remarks), left_out=(*self.left_out, *gone))
+        return replace(self, windows=stay, remarks=(*self.remarks, *remarks), dropped=(*self.dropped, *gone))
 
 
 def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None) -> Dataset:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10, pi
 from typing import NamedTuple
 
+from vsense_ros.messages.topics import WHEELS
 from vsense_ros.mismatch.answer_schema import ActingPart, Answer, EffectEntry, Size, places
 from vsense_ros.model.effects.base import CORNERS
 
@@ -19,7 +20,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
 }
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
 NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
-CAPITALS = ("fl", "fr", "rl", "rr", "imu", "gnss")  # words of names that are written in capitals
+CAPITALS = (*WHEELS, "imu", "gnss")  # words of names that are written in capitals
 
 
 class Badge(NamedTuple):

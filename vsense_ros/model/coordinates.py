@@ -1,20 +1,50 @@
-"""Coordinates, velocities, inputs and disturbances of the car, by name: the one place that knows their order."""
+"""Coordinates, velocities, inputs and disturbances of the car, by name: the one place that knows their order.
+
+Coordinates `q` are those of a chassis that moves freely, and of four wheels: position of `cog` in the map [m], z-y-x
+angles of the attitude [rad], compression of the suspensions [m], spin angles of the wheels [rad]. Velocities `u` stand
+beside them: velocity of `cog` in body axes [m/s], body rates [rad/s], compression rates [m/s], spin speeds [rad/s];
+derivatives of `u` and generalized forces have the order of `u`. Wheels are fl, fr, rl, rr everywhere.
+"""
 
 from __future__ import annotations
 
 from vsense_ros.messages.topics import WHEELS
 
 __all__ = [
+    "ATTITUDE",
+    "BANK",
     "COORDINATES",
+    "DISTURBANCES",
     "DYNAMIC_COORDINATES",
+    "FORCE_X",
+    "FORCE_Y",
+    "FORCE_Z",
+    "GRADE",
     "INPUTS",
+    "MOMENT",
     "PITCH",
+    "PITCH_RATE",
+    "POSE",
+    "POSITION",
+    "RADIUS_ERROR",
+    "RATES",
     "ROLL",
+    "ROLL_RATE",
+    "SPEED_X",
+    "SPEED_Y",
+    "SPEED_Z",
     "SPIN",
-    "SURROUNDINGS",
+    "STEERING",
+    "STEERING_OFFSET",
+    "TORQUES",
     "TRAVEL",
+    "TWIST",
+    "VELOCITY",
     "WHEELS",
+    "WHEEL_FORCES",
+    "WHEEL_OUTPUTS",
     "YAW",
+    "YAW_RATE",
     "X",
     "Y",
     "Z",
@@ -22,16 +52,32 @@ __all__ = [
 
 COORDINATES = 14
 X, Y, Z, ROLL, PITCH, YAW = range(6)
-TRAVEL = slice(6, 10)
-SPIN = slice(10, 14)
+POSITION, ATTITUDE = slice(0, 3), slice(3, 6)
+POSE = slice(0, 6)  # position and attitude
+TRAVEL = slice(6, 10)  # of the velocities: how fast the suspensions are compressed
+SPIN = slice(10, 14)  # of the velocities: spin speeds
+
+# Of velocities, their derivatives and generalized forces.
+SPEED_X, SPEED_Y, SPEED_Z, ROLL_RATE, PITCH_RATE, YAW_RATE = range(6)
+VELOCITY, RATES = slice(0, 3), slice(3, 6)
+TWIST = slice(0, 6)  # velocity and rates
 
 # Inputs of the dynamics: road-wheel angle [rad], its slow error is a bias, and wheel torques, drive minus brake [N m].
-INPUTS = ("steering", "torque_fl", "torque_fr", "torque_rl", "torque_rr")
+INPUTS = ("steering", *(f"torque_{wheel}" for wheel in WHEELS))
+STEERING = 0
+TORQUES = slice(1, 5)
 
 # Slowly varying quantities that enter the dynamics: slope of the road along and across the car (positive uphill, and
 # positive where the left side is higher) [rad], offset of the measured road-wheel angle [rad], relative error of the
 # tyre radius [-].
-SURROUNDINGS = ("grade", "bank", "steering_offset", "radius_error")
+DISTURBANCES = ("grade", "bank", "steering_offset", "radius_error")
+GRADE, BANK, STEERING_OFFSET, RADIUS_ERROR = range(4)
 
 # Coordinates that the dynamics depend on: not where the car is, not its heading, not how far the wheels have turned.
-DYNAMIC_COORDINATES = (Z, ROLL, PITCH, 6, 7, 8, 9)
+DYNAMIC_COORDINATES = (Z, ROLL, PITCH, *range(TRAVEL.start, TRAVEL.stop))
+
+# What is told of each wheel: forces on the contact patch [N], aligning moment [N m], longitudinal slip [-], slip angle
+# and inclination angle [rad].
+WHEEL_OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
+FORCE_X, FORCE_Y, FORCE_Z, MOMENT = range(4)
+WHEEL_FORCES = slice(0, 3)

@@ -24,7 +24,7 @@ class ForceErrors(Part):
     wheel_spin_time_constant: float = parameter("s", "correlation time on the wheels", gt=0, default=0.5)
 
 
-class Surroundings(Part):
+class Disturbances(Part):
     """How far road, steering offset and tyre radius may be from what is assumed."""
 
     grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.02)
@@ -76,7 +76,7 @@ class ObserverSettings(Part):
         "s", "how late a measurement may come and still be used in its place", ge=0, le=5, default=0.5
     )
     force_errors: ForceErrors = ForceErrors()
-    surroundings: Surroundings = Surroundings()
+    surroundings: Disturbances = Disturbances()
     parameters: dict[str, EstimatedParameter] = Field(
         description="physical parameters to be estimated, by their names below `physics`", default_factory=dict
     )

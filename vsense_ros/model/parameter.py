@@ -6,13 +6,15 @@ A vehicle file, its validation, its documentation and the symbols in the equatio
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
+
+Model = TypeVar("Model", bound=BaseModel)
+Scalar: TypeAlias = ca.SX | float  # a parameter in an equation: a number, or the symbol that `symbols` puts there
 
 
 class Part(BaseModel):
@@ -53,20 +55,26 @@ def vector(model: BaseModel) -> NDArray[np.float64]:
     return np.array([value for _, value in numbers(model)])
 
 
-def symbols(model: BaseModel, name: str = "p") -> tuple[ca.SX, SimpleNamespace]:
-    """A symbolic vector in the order of `vector`, and a namespace shaped like `model` with its elements."""
-    names = [n for n, _ in numbers(model)]
-    p = ca.SX.sym(name, len(names))
-    root = SimpleNamespace()
-    for i, dotted in enumerate(names):
-        *path, leaf = dotted.split(".")
-        node = root
-        for part in path:
-            if not hasattr(node, part):
-                setattr(node, part, SimpleNamespace())
-            node = getattr(node, part)
-        setattr(node, leaf, p[i])
-    return p, root
+def symbols(model: Model, name: str = "p") -> tuple[ca.SX, Model]:
+    """A symbolic vector in the order of `vector`, and a copy of `model` with its elements in place of the numbers.
+
+    The copy keeps the type, so that a type checker knows its fields, and its methods, so that an equation that is
+    written for numbers gives an expression; it is not validated.
+    """
+    p = ca.SX.sym(name, sum(1 for _ in numbers(model)))
+    return p, _with_numbers(model, iter(ca.vertsplit(p)))
+
+
+def _with_numbers(model: Model, values: Iterator[ca.SX]) -> Model:
+    """A copy in which the next of the `values` stand in place of the numbers, in the order of `numbers`."""
+    fields: dict[str, Any] = {}
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            fields[name] = _with_numbers(value, values)
+        else:
+            fields[name] = next(values) if isinstance(value, float) else value
+    return type(model).model_construct(**fields)
 
 
 def with_values(model: Any, changes: dict[str, float]) -> Any:

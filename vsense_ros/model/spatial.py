@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import casadi as ca
 
+ANGULAR, LINEAR = slice(0, 3), slice(3, 6)  # parts of a spatial vector
+
 
 def skew(r: ca.SX) -> ca.SX:
     """Matrix of the cross product, `skew(r) @ w == cross(r, w)`, 3×3."""
@@ -65,7 +67,7 @@ def cross_force(v: ca.SX, f: ca.SX) -> ca.SX:
     return ca.vertcat(ca.cross(v[:3], f[:3]) + ca.cross(v[3:], f[3:]), ca.cross(v[:3], f[3:]))
 
 
-def rigid_inertia(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
+def rigid_inertia(mass: ca.SX | float, centre: ca.SX, inertia: ca.SX) -> ca.SX:
     """Spatial inertia 6×6 of a body of `mass` [kg] with centre of gravity at `centre` (3×1) [m] and the inertia
     tensor `inertia` (3×3) [kg m²] about that centre."""
     c = skew(centre)

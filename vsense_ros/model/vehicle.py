@@ -21,7 +21,7 @@ from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_va
 from vsense_ros.model.sensors import Sensor, SensorBase
 from vsense_ros.model.sensors import Steering as SteeringSensor
 from vsense_ros.model.sensors.base import Triple
-from vsense_ros.model.tyres import Tyre
+from vsense_ros.model.tyres import AnyTyre
 
 SWINGING_SHARE = 0.3  # of the car's mass at most: beyond, what is left is no rigid body with a pendulum on it
 
@@ -62,7 +62,7 @@ class Axle(Part):
         default=2 / 3,
     )  # fmt: skip
     rolling_resistance: float = parameter("-", "rolling resistance coefficient", ge=0, lt=0.2, default=0.012)
-    tyre: Tyre = Field(description="tyre model and its parameters")
+    tyre: AnyTyre = Field(description="tyre model and its parameters")
     grip_scale: float = parameter("-", "grip of the tyres over that of the tyre's parameters", gt=0, le=5, default=1.0)
     cornering_scale: float = parameter(
         "-", "cornering stiffness of the axle over that of the tyre's parameters", gt=0, le=5, default=1.0

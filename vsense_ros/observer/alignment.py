@@ -10,6 +10,7 @@ from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.coordinates import YAW, X, Y
 from vsense_ros.model.effects.base import ON_MAP
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.standstill import Standstill
 from vsense_ros.observer.state import FORWARD, LATERAL
@@ -25,7 +26,7 @@ _ANYWHERE = 100.0  # [m] standard deviation of a position of which nothing is kn
 class Alignment:
     """Of the filter on a timeline; `known` once the heading is."""
 
-    def __init__(self, filter: CarFilter, timeline: Timeline, intake: Intake) -> None:
+    def __init__(self, filter: CarFilter, timeline: Timeline, intake: Intake[SensorBase]) -> None:
         self._filter, self._timeline, self._intake = filter, timeline, intake
         self._mean = filter.car.mean
         self._sensors = intake.sensors

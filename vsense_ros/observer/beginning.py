@@ -8,6 +8,7 @@ import numpy as np
 
 from vsense_ros.estimation.intake import LONGEST_GAP, Intake
 from vsense_ros.estimation.timeline import Event
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 
 TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
@@ -26,7 +27,7 @@ class Start:
 class Beginning:
     """Collects the first messages; `fastest` is the largest speed of a car [m/s]."""
 
-    def __init__(self, vehicle: Vehicle, intake: Intake, fastest: float) -> None:
+    def __init__(self, vehicle: Vehicle, intake: Intake[SensorBase], fastest: float) -> None:
         self._vehicle, self._intake, self._fastest = vehicle, intake, fastest
         self._kinds = [sensor.kind for sensor in intake.sensors]
         self._first: dict[int, Event] = {}  # newest measurement of each sensor

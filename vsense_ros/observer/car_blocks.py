@@ -29,12 +29,12 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_operations import CarOperations, Process
 from vsense_ros.observer.state import (
+    DISTURB,
     DYNAMIC,
     FORCE,
     FORWARD,
     GAIN_COLUMNS,
     SLOPES,
-    SURROUND,
     TWIST,
     Prior,
     Q,
@@ -97,7 +97,7 @@ class CarBlocks:
             "mean": n,
             "inputs": len(INPUTS),
             "covariance": n * n,
-            "effects": self.car.memory.numel(),
+            "effects": self.car.internal_state.numel(),
             "linearization": jacobians,
             "parameters": len(physical),
             "extra": extra,
@@ -120,14 +120,14 @@ class CarBlocks:
     def _bind(self, car: Car, sensors: dict[str, SensorBase]) -> None:
         """The functions of the model and the sensors, to the arrays."""
         functions = self.functions
-        q, u, force, around = (self.mean[part] for part in (Q, U, FORCE, SURROUND))
+        q, u, force, around = (self.mean[part] for part in (Q, U, FORCE, DISTURB))
         self.arguments = [q, u, force, around, self.inputs, self.parameters, self.effects]
         self.linearized = Kernel(functions["linearize"], self.arguments, self.linearization)
         self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = self.linearized.results
         self.kinematics = Kernel(functions["kinematics"], [q, u])
         flat = [m.reshape(-1, order="F") for m in (self.inverse, self.by_q)]
         self.advanced = Kernel(functions["advance"], [*self.arguments, self.h, *flat])
-        self.remembered = Kernel(functions["remember"], [*self.arguments, self.h]) if self.effects.size else None
+        self.remembered = Kernel(functions["internal_state"], [*self.arguments, self.h]) if self.effects.size else None
         self.forces = Kernel(
             functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
         )
@@ -262,7 +262,7 @@ class CarBlocks:
         """Derivative of the accelerations by the errors, (14, n)."""
         through = np.zeros((COORDINATES, self.layout.size))
         through[:, DYNAMIC], through[:, U] = self.by_q, self.by_u
-        through[:, FORCE], through[:, SURROUND] = _UNIT, self.by_disturbances
+        through[:, FORCE], through[:, DISTURB] = _UNIT, self.by_disturbances
         return through
 
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
@@ -272,7 +272,7 @@ class CarBlocks:
         h = by_udot.dot(self.through()) if known.uses_acceleration else np.zeros((len(expected), self.layout.size))
         h[:, Q] += by_q
         h[:, U] += by_u
-        h[:, SURROUND] += by_disturbances
+        h[:, DISTURB] += by_disturbances
         biases = known.biases
         h[:, biases] += np.eye(len(h))[:, : biases.stop - biases.start]
         return value - expected[:, 0], h

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import SPIN, SURROUNDINGS, WHEELS, YAW, Y
+from vsense_ros.model.coordinates import ATTITUDE, DISTURBANCES, POSE, POSITION, RATES, SPIN, VELOCITY, WHEELS, YAW, Y
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.state import FORCE, POSE, SURROUND, TWIST
+from vsense_ros.observer.state import DISTURB, FORCE, TWIST
 
 Array = NDArray[np.float64]
 
-_STEERING_OFFSET = SURROUNDINGS.index("steering_offset")
+_STEERING_OFFSET = DISTURBANCES.index("steering_offset")
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
@@ -61,52 +61,52 @@ class Estimate:
     @property
     def position(self) -> Array:
         """Of cog in the map, (3,) [m]."""
-        return self.state[..., POSE][..., :3]
+        return self.state[..., POSITION]
 
     @property
     def attitude(self) -> Array:
         """Roll, pitch, yaw, (3,) [rad]."""
-        return self.state[..., POSE][..., 3:]
+        return self.state[..., ATTITUDE]
 
     @property
     def velocity(self) -> Array:
         """Of cog in body axes, (3,) [m/s]."""
-        return self.state[..., TWIST][..., :3]
+        return self.state[..., TWIST][..., VELOCITY]
 
     @property
     def rates(self) -> Array:
         """Of the body, (3,) [rad/s]."""
-        return self.state[..., TWIST][..., 3:]
+        return self.state[..., TWIST][..., RATES]
 
     @property
     def acceleration(self) -> Array:
         """Kinematic, of cog in body axes, (3,) [m/s²]."""
-        return self.udot[..., 0:3] + _cross(self.rates, self.velocity)
+        return self.udot[..., VELOCITY] + _cross(self.rates, self.velocity)
 
     @property
     def angular_acceleration(self) -> Array:
         """Of the body, (3,) [rad/s²]."""
-        return self.udot[..., 3:6]
+        return self.udot[..., RATES]
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Of the slowly varying quantities, (k,)."""
-        return self.names[SURROUND.start :]
+        return self.names[DISTURB.start :]
 
     @property
     def parameters(self) -> Array:
         """Slowly varying quantities, (k,)."""
-        return self.state[..., SURROUND.start :]
+        return self.state[..., DISTURB.start :]
 
     @property
     def parameter_deviations(self) -> Array:
         """Standard deviations of the parameters, (k,)."""
-        return np.sqrt(np.maximum(self.variance[..., SURROUND.start :], 0))
+        return np.sqrt(np.maximum(self.variance[..., DISTURB.start :], 0))
 
     @property
     def wheels(self) -> Array:
         """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
-        steering = self.inputs[..., 0] - self.state[..., SURROUND.start + _STEERING_OFFSET]
+        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + _STEERING_OFFSET]
         return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.axle_distances)
 
     @property

@@ -19,7 +19,7 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.state import FORCE, SURROUND, Prior, Q, U
+from vsense_ros.observer.state import DISTURB, FORCE, Prior, Q, U
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class FullCarBlocks(CarBlocks):
     def start(self, belief: Gaussian) -> None:
         super().start(belief)
         self.plant.force[:] = 0.0
-        self.plant.surroundings[:] = 0.0
+        self.plant.disturbances[:] = 0.0
         self._take_numbers()
         self.plant.place(self.mean[Q], self.mean[U], self.inputs)
         self._keep()
@@ -88,7 +88,7 @@ class FullCarBlocks(CarBlocks):
         """Puts the full car where the filter is."""
         plant = self.plant
         self._take_numbers()
-        plant.force[:], plant.surroundings[:] = self.mean[FORCE], self.mean[SURROUND]
+        plant.force[:], plant.disturbances[:] = self.mean[FORCE], self.mean[DISTURB]
         try:
             plant.recall(self._kept, self.inputs)
             plant.correct(self.mean[Q], self.mean[U])

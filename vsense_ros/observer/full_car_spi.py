@@ -27,7 +27,7 @@ from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
 from vsense_ros.observer.parameter_ukf import ParameterUkf
 from vsense_ros.observer.spi import Spi
-from vsense_ros.observer.state import SURROUND, Q, U
+from vsense_ros.observer.state import DISTURB, Q, U
 
 Array = NDArray[np.float64]
 
@@ -71,9 +71,9 @@ class FullCarParameterUkf(ParameterUkf, OnFullCars):
         return self.width
 
     def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
-        """Theirs, and what errors of the surroundings add, in which the cars do not differ."""
+        """Theirs, and what errors of the disturbances add, in which the cars do not differ."""
         by_surroundings, others = arguments[9], arguments[13]
-        return others + by_surroundings @ of_state[SURROUND, :]
+        return others + by_surroundings @ of_state[DISTURB, :]
 
     def deviations(self) -> tuple[ca.SX, ca.SX]:
         points = self.points(self.covariance)

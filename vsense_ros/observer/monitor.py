@@ -25,7 +25,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.state import FORCE, FORWARD, SURROUND
+from vsense_ros.observer.state import DISTURB, FORCE, FORWARD
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ class Monitor:
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
             self._sensors.append(_Watched(slice(first, last), last, len(sensor.deviations()), gate))
         slow = [*_FORCES, *(_TORQUES if "wheel_torques" in {sensor.kind for sensor in sensors.values()} else ())]
-        for index in range(SURROUND.start, car.layout.size):
+        for index in range(DISTURB.start, car.layout.size):
             name = car.layout.names[index]
             slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", _unit(name))))
         self._places = np.array([place for place, _ in slow])

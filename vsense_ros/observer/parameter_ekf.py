@@ -9,7 +9,7 @@ from vsense_ros import codegen
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
-from vsense_ros.observer.state import SURROUND, Q, U
+from vsense_ros.observer.state import DISTURB, Q, U
 
 
 class ParameterEkf(ParameterFilter):
@@ -31,7 +31,7 @@ class ParameterEkf(ParameterFilter):
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
         by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
         by_surroundings = ca.SX.sym("by_surroundings", m, 4)
-        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_surroundings @ s[SURROUND, :]
+        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_surroundings @ s[DISTURB, :]
         if sensor.uses_acceleration:
             innovation += by_udot @ (self.through(s) + effect)
         if biases.stop > biases.start:

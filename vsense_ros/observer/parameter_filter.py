@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.coordinates import COORDINATES, SURROUNDINGS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.state import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Q, U
 
 Array = NDArray[np.float64]
 
@@ -48,11 +48,11 @@ class ParameterFilter(ABC):
     def __init__(self, car: Car, columns: Sequence[int], size: int) -> None:
         self.car, self.columns, self.size = car, tuple(columns), size
         self.count = len(self.columns)
-        self.state = [car.q, car.u, car.force, car.surroundings, car.inputs, car.p]
+        self.state = [car.q, car.u, car.force, car.disturbances, car.inputs, car.p]
         self.udot = ca.SX.sym("udot", COORDINATES)
         self.by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC))
         self.by_u = ca.SX.sym("by_u", COORDINATES, COORDINATES)
-        self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(SURROUNDINGS))
+        self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(DISTURBANCES))
         self.sensitivity = ca.SX.sym("S", size, self.count)
         self.covariance = ca.SX.sym("M", self.count, self.count)
         self.others = ca.SX.sym("others", COORDINATES, self.elsewhere)
@@ -63,7 +63,7 @@ class ParameterFilter(ABC):
         act elsewhere if there are any."""
         model = [self.udot, self.by_q, self.by_u, self.by_surroundings]
         others = [self.others] if self.elsewhere else []
-        return [*self.state, *model, self.sensitivity, self.covariance, self.car.memory, *others]
+        return [*self.state, *model, self.sensitivity, self.covariance, self.car.internal_state, *others]
 
     @property
     def elsewhere(self) -> int:
@@ -86,7 +86,7 @@ class ParameterFilter(ABC):
 
     @abstractmethod
     def spread(self, sensor: SensorBase, biases: slice) -> ca.Function:
-        """(arguments, effect, biases, mounting, Jacobians of the sensor by q, u, udot, surroundings) → Y (m×p),
+        """(arguments, effect, biases, mounting, Jacobians of the sensor by q, u, udot, disturbances) → Y (m×p),
         D (k×p)."""
 
     def through(self, by: ca.SX) -> ca.SX:
@@ -95,7 +95,7 @@ class ParameterFilter(ABC):
             self.by_q @ by[DYNAMIC.tolist(), :]
             + self.by_u @ by[U, :]
             + by[FORCE, :]
-            + self.by_surroundings @ by[SURROUND, :]
+            + self.by_surroundings @ by[DISTURB, :]
         )
 
     def predict(self) -> ca.Function:
@@ -140,13 +140,13 @@ class ParameterFilter(ABC):
         columns = ca.solve(ca.tril(transposed.T), ca.repmat(ca.if_else(present, 1, 0), 1, p) * y)
         innovation = ca.if_else(present, whitened, 0)
         v = ca.SX.zeros(self.size, p)
-        v[Q, :], v[U, :], v[SURROUND, :] = by[0].T @ weighted, by[1].T @ weighted, by[3].T @ weighted
+        v[Q, :], v[U, :], v[DISTURB, :] = by[0].T @ weighted, by[1].T @ weighted, by[3].T @ weighted
         if sensor.uses_acceleration:
             accelerations = by[2].T @ weighted
             v[DYNAMIC.tolist(), :] += self.by_q.T @ accelerations
             v[U, :] += self.by_u.T @ accelerations
             v[FORCE, :] = accelerations
-            v[SURROUND, :] += self.by_surroundings.T @ accelerations
+            v[DISTURB, :] += self.by_surroundings.T @ accelerations
         if biases.stop > biases.start:
             v[biases, :] = weighted
         model = [self.by_q, self.by_u, self.by_surroundings]

@@ -13,7 +13,7 @@ from vsense_ros.model.car.car import Motion
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
-from vsense_ros.observer.state import FORCE, SURROUND, Q, U
+from vsense_ros.observer.state import DISTURB, FORCE, Q, U
 
 KAPPA = 1.0  # positive, so that all weights are; with two parameters the points have the kurtosis of the normal one
 
@@ -52,22 +52,22 @@ class ParameterUkf(ParameterFilter):
         for i, column in enumerate(self.columns):
             names[column, i] = 1
         q, u, force, around, inputs, parameters = (ca.repmat(a, 1, p) for a in arguments[:6])
-        dynamics = ca.Function("f", [*self.state, self.car.memory], [self.car.dynamics], {"cse": True})
+        dynamics = ca.Function("f", [*self.state, self.car.internal_state], [self.car.dynamics], {"cse": True})
         return dynamics.map(p)(
             q + of_state[Q, :],
             u + of_state[U, :],
             force,
-            around + of_state[SURROUND, :],
+            around + of_state[DISTURB, :],
             inputs,
             parameters + names @ deviation,
             ca.repmat(arguments[12], 1, p),
         )
 
     def _sensor(self, sensor: SensorBase) -> ca.Function:
-        """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m)."""
+        """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m)."""
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
-        motion = Motion(self.car.q, self.car.u, self.udot, self.car.surroundings, self.car.inputs)
-        arguments = [motion.q, motion.u, motion.udot, motion.surroundings, motion.inputs, bias, mounting]
+        motion = Motion(self.car.q, self.car.u, self.udot, self.car.disturbances, self.car.inputs)
+        arguments = [motion.q, motion.u, motion.udot, motion.disturbances, motion.inputs, bias, mounting]
         return ca.Function("h", arguments, [ca.densify(sensor.equation(motion, bias, mounting))], {"cse": True})
 
     def effect(self) -> ca.Function:
@@ -109,7 +109,7 @@ class ParameterUkf(ParameterFilter):
             q + of_state[Q, :],
             u + of_state[U, :],
             udot,
-            around + of_state[SURROUND, :],
+            around + of_state[DISTURB, :],
             inputs,
             shifted,
             ca.repmat(mounting, 1, p),

@@ -91,7 +91,7 @@ class RoadMap:
                     known += slope_by_size(effect) != 0.0
                 effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
                 sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
-            slopes += effect.usual_slope
+            slopes += effect.mean_slope
         return Here(slopes, np.minimum(known, 1.0), sizes)
 
 
@@ -145,7 +145,7 @@ def places(rows: Rows, on_map: Map) -> Array:
 
 def slope_by_size(effect: RoadEffect) -> Array:
     """What its usual slopes (2,) are for a size of one [rad]."""
-    return np.array(effect.model_copy(update={effect.size_name(): 1.0}).usual_slope, dtype=float)
+    return np.array(effect.model_copy(update={effect.size_name(): 1.0}).mean_slope, dtype=float)
 
 
 def _rows(effect: Effect) -> Rows:

@@ -11,13 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.model import coordinates
 from vsense_ros.model.coordinates import (
+    BANK,
     COORDINATES,
+    DISTURBANCES,
     DYNAMIC_COORDINATES,
+    GRADE,
     PITCH,
     ROLL,
+    SPEED_X,
+    SPEED_Y,
     SPIN,
-    SURROUNDINGS,
     WHEELS,
     YAW,
     X,
@@ -32,15 +37,15 @@ Array = NDArray[np.float64]
 
 # Parts of the state.
 Q, U, FORCE = (slice(i * COORDINATES, (i + 1) * COORDINATES) for i in range(3))
-SURROUND = slice(FORCE.stop, FORCE.stop + len(SURROUNDINGS))
-SLOPES = slice(SURROUND.start, SURROUND.start + 2)  # of the road, along and across
-POSE, TWIST = slice(0, 6), slice(U.start, U.start + 6)  # position and attitude, velocity and rates of the body
-FORWARD, LATERAL, YAW_RATE = U.start + X, U.start + Y, U.start + YAW
+DISTURB = slice(FORCE.stop, FORCE.stop + len(DISTURBANCES))
+SLOPES = slice(DISTURB.start + GRADE, DISTURB.start + BANK + 1)  # of the road, along and across
+TWIST = slice(U.start + coordinates.TWIST.start, U.start + coordinates.TWIST.stop)  # velocity and rates of the body
+FORWARD, LATERAL, YAW_RATE = (U.start + i for i in (SPEED_X, SPEED_Y, coordinates.YAW_RATE))
 SPIN_RATES = slice(U.start + SPIN.start, U.start + SPIN.stop)
 _PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
 # Errors that those of the velocities depend on after a step.
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
-GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(U.start, SURROUND.stop)])
+GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(U.start, DISTURB.stop)])
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ def layout(sensors: dict[str, SensorBase]) -> Layout:
     """State of a vehicle with these sensors."""
     coordinates = ["x", "y", "z", "roll", "pitch", "yaw"] + [f"travel_{w}" for w in WHEELS]
     coordinates += [f"spin_{w}" for w in WHEELS]
-    names = [*coordinates, *(f"{c}_rate" for c in coordinates), *(f"{c}_force" for c in coordinates), *SURROUNDINGS]
+    names = [*coordinates, *(f"{c}_rate" for c in coordinates), *(f"{c}_force" for c in coordinates), *DISTURBANCES]
     slices = []
     for name, sensor in sensors.items():
         first = len(names)
@@ -91,20 +96,20 @@ class Prior:
         if not kinds & ON_MAP:
             deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
-        deviation[SURROUND] = [around.grade, around.bank, around.steering_offset, around.radius_error]
+        deviation[DISTURB] = [around.grade, around.bank, around.steering_offset, around.radius_error]
         time_constant = np.full(where.size, np.inf)
         time_constant[FORCE] = errors.time_constant
-        time_constant[FORCE.stop - 4 : FORCE.stop] = errors.wheel_spin_time_constant
-        time_constant[SURROUND] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
+        time_constant[FORCE][SPIN] = errors.wheel_spin_time_constant
+        time_constant[DISTURB] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
         drift = np.zeros(where.size)
-        drift[SURROUND] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
+        drift[DISTURB] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
         for sensor, part in zip(sensors.values(), where.biases, strict=True):
             biases: tuple[Bias, ...] = sensor.biases()
             deviation[part] = [b.deviation for b in biases]
             drift[part] = [b.drift for b in biases]
             time_constant[part] = [b.time_constant for b in biases]
         reversion_mean = np.zeros(where.size)
-        reversion_mean[SLOPES] = np.sum([effect.usual_slope for effect in vehicle.physics.effects.present()], axis=0)
+        reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), reversion_mean)
 
     def placed(self) -> Prior:
@@ -119,7 +124,7 @@ def rolling_state(vehicle: Vehicle, speed: float) -> Array:
     physics = vehicle.physics
     state = np.zeros(U.stop)
     state[Z] = physics.chassis.cog_height
-    state[U.start] = speed
+    state[FORWARD] = speed
     for i, axle in enumerate((physics.front, physics.front, physics.rear, physics.rear)):
         state[U][SPIN][i] = speed / (axle.unloaded_radius * 0.98)
     return state
@@ -129,6 +134,5 @@ def largest_state(size: int) -> Array:
     """Amounts (n,) beyond which no car's state is."""
     largest = np.full(size, 1e15)
     largest[[ROLL, PITCH]] = 1.5, 1.4
-    velocities = largest[U]
-    velocities[[X, Y, YAW]] = 150.0, 150.0, 20.0
+    largest[[FORWARD, LATERAL, YAW_RATE]] = 150.0, 150.0, 20.0
     return largest

@@ -11,7 +11,7 @@ from vsense_ros.estimation.gaussian import whiten
 from vsense_ros.model.car.steps import sensor_functions
 from vsense_ros.observer.dekf import WholeCar
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.state import FORCE, SURROUND, Q, U
+from vsense_ros.observer.state import DISTURB, FORCE, Q, U
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Ukf(Ekf, CarFilter):
             return np.zeros((count, size))
 
         # Arguments of all points; what they share is filled in with the state.
-        self._parts = [(rows(s.stop - s.start), s) for s in (Q, U, FORCE, SURROUND)]
+        self._parts = [(rows(s.stop - s.start), s) for s in (Q, U, FORCE, DISTURB)]
         self._shared = [(rows(len(a)), a) for a in (car.inputs, car.parameters, car.effects)]
         state = [part.reshape(-1) for part, _ in (*self._parts, *self._shared)]
         # The step's matrix may be any: that of the mean serves all.

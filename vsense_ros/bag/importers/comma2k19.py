@@ -26,6 +26,7 @@ from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array, Stamps
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.messages.topics import WHEELS
 
 NAME = "comma2k19"
 DESCRIPTION = "segment folder of comma2k19 (processed_log, global_pose)"
@@ -74,7 +75,7 @@ def read(path: Path, *, rolling_radius: float = ROLLING_RADIUS, calibrated_gyro:
 
     if _has(segment, "CAN/wheel_speed"):
         time, speeds = _signal(segment, "CAN/wheel_speed", 4)
-        wheels = {f"wheel_{wheel}": speeds[:, i] / rolling_radius for i, wheel in enumerate(("fl", "fr", "rl", "rr"))}
+        wheels = {f"wheel_{wheel}": speeds[:, i] / rolling_radius for i, wheel in enumerate(WHEELS)}
         topic = "vehicle/wheel_speeds"
         channels[topic] = build.joints(topic, clock.unix(time), "velocity", wheels)
         notes.append(f"{topic}: the car gives m/s; divided by a rolling radius of {rolling_radius:.4f} m")

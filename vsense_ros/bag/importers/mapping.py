@@ -33,7 +33,7 @@ from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
-from vsense_ros.messages.topics import TOPICS
+from vsense_ros.messages.topics import TOPICS, WHEELS
 
 _G = 9.80665  # [m/s²]
 _DEG = np.pi / 180.0
@@ -73,7 +73,7 @@ _QUANTITIES: Mapping[str, Mapping[str, str]] = {
         "angular": "angular velocity",
     },
     "reference/acceleration": {"linear": "acceleration", "angular": "angular acceleration"},
-    **{f"reference/wheel_force/{w}": {"force": "force", "torque": "torque"} for w in ("fl", "fr", "rl", "rr")},
+    **{f"reference/wheel_force/{w}": {"force": "force", "torque": "torque"} for w in WHEELS},
 }
 
 Columns = Callable[[str], tuple[Array, Array]]

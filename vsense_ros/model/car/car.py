@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -27,22 +26,37 @@ from vsense_ros.model.car.contact import Contact, contact
 from vsense_ros.model.car.suspension import HubMotion, straight_guide, table_guide
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import (
+    BANK,
     COORDINATES,
+    DISTURBANCES,
+    GRADE,
     INPUTS,
     PITCH,
+    PITCH_RATE,
+    RADIUS_ERROR,
+    RATES,
     ROLL,
+    ROLL_RATE,
+    SPEED_X,
+    SPEED_Y,
     SPIN,
-    SURROUNDINGS,
+    STEERING,
+    STEERING_OFFSET,
+    TORQUES,
     TRAVEL,
+    VELOCITY,
     WHEELS,
     YAW,
+    YAW_RATE,
+    X,
+    Y,
     Z,
 )
 from vsense_ros.model.multibody.tree import Body, Tree
-from vsense_ros.model.parameter import numbers, symbols
-from vsense_ros.model.tyres import CORNERING_STIFFNESSES, FORCES, STEEPEST_SLOPES
+from vsense_ros.model.parameter import Scalar, numbers, symbols
+from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import transport_speed
-from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.vehicle import Axle, Vehicle
 
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
@@ -57,7 +71,7 @@ class Motion:
     q: ca.SX  # (14,)
     u: ca.SX  # (14,)
     udot: ca.SX  # (14,) derivatives of u
-    surroundings: ca.SX  # (4,)
+    disturbances: ca.SX  # (4,)
     inputs: ca.SX  # (5,)
 
     @property
@@ -68,7 +82,7 @@ class Motion:
     @property
     def gravity(self) -> ca.SX:
         """Acceleration of free fall in body axes, 3×1 [m/s²]."""
-        return gravity_in_body(self.q, self.surroundings)
+        return gravity_in_body(self.q, self.disturbances)
 
     @property
     def roll(self) -> ca.SX:
@@ -76,9 +90,9 @@ class Motion:
         return self.q[ROLL]
 
 
-def gravity_in_body(q: ca.SX, surroundings: ca.SX) -> ca.SX:
+def gravity_in_body(q: ca.SX, disturbances: ca.SX) -> ca.SX:
     """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
-    along, across = ca.sin(surroundings[0]), ca.sin(surroundings[1])
+    along, across = ca.sin(disturbances[GRADE]), ca.sin(disturbances[BANK])
     on_road = -GRAVITY * ca.vertcat(along, across, ca.sqrt(1 - along**2 - across**2))
     return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
 
@@ -88,12 +102,11 @@ class Corner:
     """What does not move of a corner."""
 
     index: int
-    axle: SimpleNamespace  # symbols of its `Axle`
-    tyre: str
+    axle: Axle  # with symbols in place of its numbers
     side: int  # 1 on the left, -1 on the right
     centre: ca.SX  # of the wheel in the design position (3×1) [m]
-    static_load: ca.SX  # [N]
-    loaded_radius: ca.SX  # under that load [m]
+    static_load: Scalar  # [N]
+    loaded_radius: Scalar  # under that load [m]
 
     @property
     def front(self) -> bool:
@@ -107,14 +120,10 @@ class Corner:
 
 @dataclass(frozen=True, eq=False)
 class TyreContact:
-    """A tyre's contact and forces, as `tyres.forces` gives them."""
+    """Where a tyre touches the road, and what the road does to it."""
 
     touch: Contact
-    force_x: ca.SX
-    force_y: ca.SX
-    moment: ca.SX
-    slip_x: ca.SX
-    slip_y: ca.SX
+    tyre: TyreForces
     rolling_speed: ca.SX
 
 
@@ -122,40 +131,37 @@ class Car:
     """Symbolic equations of motion of a vehicle's *structure*; the values of its parameters stay symbols.
 
     Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
-    its compiled code. `memory` holds the internal states of the effects, which a time step leaves as they are and
-    `remember` moves on between steps.
+    its compiled code. `internal_state` holds those of the effects that depend on the past: a time step leaves it as it
+    is, `next_internal_state` moves it on between steps.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self.parameters = symbols(vehicle.physics)
-        self._tyres = (vehicle.physics.front.tyre.model, vehicle.physics.rear.tyre.model)
         self._tables = vehicle.suspension
         self.q: ca.SX = ca.SX.sym("q", COORDINATES)
         self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
-        self.surroundings = ca.SX.sym("surroundings", len(SURROUNDINGS))
+        self.disturbances = ca.SX.sym("disturbances", len(DISTURBANCES))
         self.inputs: ca.SX = ca.SX.sym("inputs", len(INPUTS))
-        present = vehicle.physics.effects.present()
-        self._effects = tuple(
-            type(effect).model_construct(**vars(getattr(self.parameters.effects, effect.id))) for effect in present
-        )
-        self.memory = ca.SX.sym("memory", sum(len(effect.memory) for effect in present))
-        ends = np.cumsum([len(effect.memory) for effect in present]).tolist()
-        self._memories = tuple(
-            self.memory[end - len(effect.memory) : end] for effect, end in zip(present, ends, strict=True)
+        self._effects = present = self.parameters.effects.present()
+        self.internal_state = ca.SX.sym("internal_state", sum(len(effect.internal_state) for effect in present))
+        ends = np.cumsum([len(effect.internal_state) for effect in present]).tolist()
+        self._internal_states = tuple(
+            self.internal_state[end - len(effect.internal_state) : end]
+            for effect, end in zip(present, ends, strict=True)
         )
 
     @property
-    def remembering(self) -> dict[str, slice]:
-        """Where in `memory` that of each effect is that has one, by id."""
+    def internal_state_slices(self) -> dict[str, slice]:
+        """Where in `internal_state` the part of each effect is that has one, by id."""
         found, first = {}, 0
-        for effect in (effect for effect in self._effects if effect.memory):
-            found[effect.id] = slice(first, first := first + len(effect.memory))
+        for effect in (effect for effect in self._effects if effect.internal_state):
+            found[effect.id] = slice(first, first := first + len(effect.internal_state))
         return found
 
     @cached_property
-    def _wheelbase(self) -> ca.SX:
+    def _wheelbase(self) -> Scalar:
         return self.parameters.chassis.cog_to_front_axle + self.parameters.chassis.cog_to_rear_axle
 
     @cached_property
@@ -172,25 +178,24 @@ class Car:
             static_load = weight * other / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
             centre = ca.vertcat(arm, side * axle.track / 2, loaded_radius - chassis.cog_height)
-            tyre = self._tyres[0 if front else 1]
             for effect in self._effects:
                 axle = effect.wheel(i, axle)
-            corners.append(Corner(i, axle, tyre, side, centre, static_load, loaded_radius))
+            corners.append(Corner(i, axle, side, centre, static_load, loaded_radius))
         return tuple(corners)
 
     @cached_property
     def _road_wheel_angle(self) -> ca.SX:
         """Mean of both front wheels [rad]."""
-        angle = self.inputs[0] - self.surroundings[2]
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            angle = effect.front_angle(angle, self, memory)
+        angle = self.inputs[STEERING] - self.disturbances[STEERING_OFFSET]
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            angle = effect.front_angle(angle, self, state)
         return angle
 
     def _toed(self, corner: Corner, hub: HubMotion) -> HubMotion:
         """A hub with its axle turned about the vertical by what the effects do to it."""
         toe = ca.SX(0)
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            toe = effect.toe(toe, corner, self, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            toe = effect.toe(toe, corner, self, state)
         return hub if toe.is_zero() else replace(hub, axle=spatial.rotation_z(toe) @ hub.axle)
 
     def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
@@ -209,7 +214,7 @@ class Car:
             return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
         # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
         slope = 2 * corner.axle.roll_centre_height / corner.axle.track
-        direction = ca.vertcat(0, corner.side * slope, 1) / ca.sqrt(1 + slope**2)
+        direction = ca.vertcat(0, ca.SX(corner.side * slope), 1) / ca.sqrt(1 + slope**2)
         return straight_guide(corner.centre, direction, travel, self._steered(corner, angle))
 
     @cached_property
@@ -224,9 +229,9 @@ class Car:
         hub carries the mass of both: the equations are the same, and shorter."""
         chassis = self.parameters.chassis
         # The file gives mass, centre and inertia of the whole car; the chassis is what is left without hubs and wheels.
-        sprung = chassis.mass
+        sprung = ca.SX(chassis.mass)
         first_moment = ca.SX.zeros(3)
-        inertia = ca.diag(ca.vertcat(chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia))
+        inertia = ca.diag(ca.vertcat(ca.SX(chassis.roll_inertia), chassis.pitch_inertia, chassis.yaw_inertia))
         bodies: list[Body] = []
         unturned, here = ca.SX.eye(3), ca.SX(3, 1)
         for corner, hub in zip(self.corners, self._hubs, strict=True):
@@ -236,7 +241,7 @@ class Car:
             first_moment = first_moment - mass * corner.centre
             offset = spatial.skew(corner.centre)
             across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
-            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(across, along, across))
+            inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(ca.SX(across), along, across))
             point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
             disc = ca.diagcat(across * unturned + (along - across) * hub.axle @ hub.axle.T, ca.SX(3, 3))
             name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
@@ -253,7 +258,7 @@ class Car:
     @cached_property
     def root_velocity(self) -> ca.SX:
         """Spatial velocity of the chassis `[ω; v]`, 6×1."""
-        return ca.vertcat(self.u[3:6], self.u[0:3])
+        return ca.vertcat(self.u[RATES], self.u[VELOCITY])
 
     @cached_property
     def _rates(self) -> ca.SX:
@@ -270,11 +275,13 @@ class Car:
         a = corner.axle
         attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
         normal = attitude.T @ ca.SX([0, 0, 1])
-        turning = self.u[3:6] + hub.subspace[:3] * self.u[TRAVEL][corner.index]
-        velocity = self.u[0:3] + ca.cross(self.u[3:6], hub.centre) + hub.subspace[3:] * self.u[TRAVEL][corner.index]
+        angular, linear = self.u[RATES], self.u[VELOCITY]
+        travelling = hub.subspace * self.u[TRAVEL][corner.index]
+        turning = angular + travelling[spatial.ANGULAR]
+        velocity = linear + ca.cross(angular, hub.centre) + travelling[spatial.LINEAR]
         touch = contact(
             a,
-            a.unloaded_radius * (1 + self.surroundings[3]),
+            a.unloaded_radius * (1 + self.disturbances[RADIUS_ERROR]),
             hub.centre,
             hub.axle,
             normal,
@@ -283,36 +290,28 @@ class Car:
         )
         rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
         motion = self._tyre_motion(corner, touch, rolling_speed)
-        return TyreContact(touch, *self._tyre(corner, motion), rolling_speed)
+        return TyreContact(touch, self._tyre(corner, motion), rolling_speed)
 
     def _tyre_motion(self, corner: Corner, touch: Contact, rolling_speed: ca.SX, lagging: bool = True) -> ca.SX:
         """A column of `tyre_motions`."""
         speed_y = touch.speed_y * corner.axle.cornering_scale
         if lagging:
-            for effect, memory in zip(self._effects, self._memories, strict=True):
-                speed_y = effect.lateral_speed(speed_y, corner, memory)
+            for effect, state in zip(self._effects, self._internal_states, strict=True):
+                speed_y = effect.lateral_speed(speed_y, corner, state)
         rolling = rolling_speed + (corner.axle.longitudinal_scale - 1) * (rolling_speed - touch.speed_x)
         return ca.vertcat(touch.load, touch.speed_x, speed_y, rolling, touch.inclination)
 
-    def _tyre(self, corner: Corner, motion: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Forces, moment and slips of a tyre by a column of `tyre_motions`."""
+    def _tyre(self, corner: Corner, motion: ca.SX) -> TyreForces:
+        """Forces and slips of a tyre by a column of `tyre_motions`."""
         load, speed_x, speed_y, rolling_speed, inclination = ca.vertsplit(motion)
-        friction = self.parameters.road.friction * corner.axle.grip_scale
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            friction = effect.friction(friction, corner, load, memory)
+        friction = ca.SX(self.parameters.road.friction * corner.axle.grip_scale)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            friction = effect.friction(friction, corner, load, state)
         thrust = self._slip_of_thrust(corner, load, inclination)
         speed_y -= thrust * transport_speed(speed_x, corner.axle.tyre.standstill_speed)
-        force_x, force_y, moment, slip_x, slip_y = FORCES[corner.tyre](
-            corner.axle.tyre,
-            load,
-            speed_x,
-            speed_y,
-            rolling_speed,
-            friction,
-            camber=inclination,
-            side=corner.side,
-        )
-        return force_x, force_y, moment, slip_x, slip_y - thrust
+        wheel = TyreInput(load, speed_x, speed_y, rolling_speed, friction, inclination, corner.side)
+        found = corner.axle.tyre.forces(wheel)
+        return found._replace(lateral_slip=found.lateral_slip - thrust)
 
     def _slip_of_thrust(self, corner: Corner, load: ca.SX, inclination: ca.SX) -> ca.SX:
         """Lateral slip that would make the force which a tyre makes without any [-]: as such it fades where slip uses
@@ -322,7 +321,7 @@ class Car:
             thrust = effect.thrust(thrust, corner, load, inclination)
         if thrust.is_zero():
             return thrust
-        stiffness = CORNERING_STIFFNESSES[corner.tyre](corner.axle.tyre, load)
+        stiffness = corner.axle.tyre.cornering_stiffness_at(load)
         return thrust / ca.fmax(stiffness, LEAST_STIFFNESS)
 
     def _suspension_force(self, corner: Corner, hub: HubMotion) -> ca.SX:
@@ -343,25 +342,26 @@ class Car:
 
     def _wheel_torque(self, corner: Corner) -> ca.SX:
         """Torque about the axle besides that of the road [N m]."""
-        torque = self.inputs[1 + corner.index]
+        torque = self.inputs[TORQUES][corner.index]
         for effect in self._effects:
             torque = effect.wheel_torque(torque, corner, self)
         return torque
 
-    def _wheel_force(self, corner: Corner, hub: HubMotion, tyre: TyreContact) -> ca.SX:
+    def _wheel_force(self, corner: Corner, hub: HubMotion, contact: TyreContact) -> ca.SX:
         """What the road does to a wheel: force vector about its centre (6×1)."""
-        touch = tyre.touch
-        force = tyre.force_x * touch.ahead + tyre.force_y * touch.sideways + touch.load * touch.normal
-        resistance = touch.rolling_resistance(corner.axle, tyre.rolling_speed)
-        moment = tyre.moment * touch.normal + resistance * hub.axle
+        touch, tyre = contact.touch, contact.tyre
+        force = tyre.longitudinal * touch.ahead + tyre.lateral * touch.sideways + touch.load * touch.normal
+        resistance = touch.rolling_resistance(corner.axle, contact.rolling_speed)
+        moment = tyre.aligning_moment * touch.normal + resistance * hub.axle
         return spatial.force_at(touch.point - hub.centre, force, moment)
 
     def _chassis_force(self) -> ca.SX:
         """What acts on the chassis besides its suspensions and its weight: force vector about `cog` (6×1)."""
-        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * self.u[0] * ca.fabs(self.u[0])
+        speed = self.u[SPEED_X]
+        drag = -0.5 * AIR_DENSITY * self.parameters.aerodynamics.drag_area * speed * ca.fabs(speed)
         force = ca.vertcat(ca.SX(3, 1), drag, ca.SX(2, 1))
-        for effect, memory in zip(self._effects, self._memories, strict=True):
-            force = effect.chassis_force(force, self, memory)
+        for effect, state in zip(self._effects, self._internal_states, strict=True):
+            force = effect.chassis_force(force, self, state)
         return force
 
     def _loads(self, contacts: Sequence[TyreContact]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
@@ -375,16 +375,16 @@ class Car:
                 self._suspension_force(corner, hub) + self.force[TRAVEL][i],
                 self._wheel_torque(corner) + self.force[SPIN][i],
             ]
-        chassis = self._chassis_force() + ca.vertcat(self.force[3:6], self.force[0:3])
+        chassis = self._chassis_force() + ca.vertcat(self.force[RATES], self.force[VELOCITY])
         return ca.vertcat(*efforts), chassis, forces
 
     @cached_property
     def dynamics(self) -> ca.SX:
-        """Derivatives of `u` (14): a function of q, u, force, surroundings, inputs and p."""
+        """Derivatives of `u` (14): a function of q, u, force, disturbances, inputs and p."""
         root, joints = self._tree.forward_dynamics(self.root_velocity, self._rates, *self._loads(self.contacts))
         # A uniform field accelerates the whole tree alike, so gravity need not be applied body by body.
-        linear = root[3:6] + gravity_in_body(self.q, self.surroundings)
-        return ca.vertcat(linear, root[0:3], joints[0::2], joints[1::2])
+        linear = root[spatial.LINEAR] + gravity_in_body(self.q, self.disturbances)
+        return _by_coordinate(ca.vertcat(root[spatial.ANGULAR], linear), joints)
 
     def missing_force(self, acceleration: ca.SX, tyre_forces: ca.SX) -> ca.SX:
         """Generalized force (14) that the derivatives `acceleration` (14) of `u` need beyond what acts, if each tyre's
@@ -393,24 +393,23 @@ class Car:
             replace(
                 contact,
                 touch=replace(contact.touch, load=tyre_forces[2, i]),
-                force_x=tyre_forces[0, i],
-                force_y=tyre_forces[1, i],
-                moment=tyre_forces[3, i],
+                tyre=contact.tyre._replace(
+                    longitudinal=tyre_forces[0, i], lateral=tyre_forces[1, i], aligning_moment=tyre_forces[3, i]
+                ),
             )
             for i, contact in enumerate(self.contacts)
         ]
         efforts, chassis, forces = self._loads(given)
-        linear = acceleration[0:3] - gravity_in_body(self.q, self.surroundings)
+        linear = acceleration[VELOCITY] - gravity_in_body(self.q, self.disturbances)
         root, joints = self._tree.inverse_dynamics(
             self.root_velocity,
             self._rates,
-            ca.vertcat(acceleration[3:6], linear),
+            ca.vertcat(acceleration[RATES], linear),
             _by_corner(acceleration[TRAVEL], acceleration[SPIN]),
             chassis,
             forces,
         )
-        joints = joints - efforts
-        return ca.vertcat(root[3:6], root[0:3], joints[0::2], joints[1::2])
+        return _by_coordinate(root, joints - efforts)
 
     @cached_property
     def tyre_motions(self) -> ca.SX:
@@ -431,8 +430,9 @@ class Car:
         """Longitudinal, lateral and vertical force and moment of each tyre by `tyre_motions` (5×4); 4×4."""
         columns = []
         for corner in self.corners:
-            force_x, force_y, moment, *_ = self._tyre(corner, motions[:, corner.index])
-            columns.append(ca.vertcat(force_x, force_y, motions[0, corner.index], moment))
+            found = self._tyre(corner, motions[:, corner.index])
+            load = motions[0, corner.index]
+            columns.append(ca.vertcat(found.longitudinal, found.lateral, load, found.aligning_moment))
         return ca.horzcat(*columns)
 
     @cached_property
@@ -453,48 +453,41 @@ class Car:
         """
         chassis = self.parameters.chassis
         responses, slopes, foreseen = [], [], []
-        for corner, tyre in zip(self.corners, self.contacts, strict=True):
-            touch, spin = tyre.touch, 10 + corner.index
-            transport = transport_speed(tyre.rolling_speed, corner.axle.tyre.standstill_speed)
-            steepest = STEEPEST_SLOPES[corner.tyre](corner.axle.tyre, touch.load) / transport
-            tangent = ca.jacobian(tyre.force_x, self.u[spin]) / touch.effective_radius
+        for corner, wheel in zip(self.corners, self.contacts, strict=True):
+            touch, spin = wheel.touch, SPIN.start + corner.index
+            transport = transport_speed(wheel.rolling_speed, corner.axle.tyre.standstill_speed)
+            steepest = corner.axle.tyre.steepest_slope(touch.load) / transport
+            tangent = ca.jacobian(wheel.tyre.longitudinal, self.u[spin]) / touch.effective_radius
             excess = ca.fmax(STIFFENING * steepest - tangent, 0)
-            sliding = ca.sqrt((tyre.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
+            sliding = ca.sqrt((wheel.rolling_speed - touch.speed_x) ** 2 + touch.speed_y**2)
             sticks = _within(tangent, 0, steepest)
             share = ca.fmax(sticks, _within(sliding, *REACTING))
             response = ca.SX.zeros(COORDINATES)
-            response[0:2] = share * touch.ahead[0:2] / chassis.mass
-            response[5] = share * ca.cross(touch.point, touch.ahead)[2] / chassis.yaw_inertia
+            response[SPEED_X : SPEED_Y + 1] = share * touch.ahead[X : Y + 1] / chassis.mass
+            response[YAW_RATE] = share * ca.cross(touch.point, touch.ahead)[Z] / chassis.yaw_inertia
             response[spin] = -touch.effective_radius / corner.axle.wheel_spin_inertia
             responses.append(response)
             by_car = -excess * share * ca.jacobian(touch.speed_x, self.u)
-            slopes.append(excess * ca.jacobian(tyre.rolling_speed, self.u) + by_car)
+            slopes.append(excess * ca.jacobian(wheel.rolling_speed, self.u) + by_car)
             foreseen.append((1 - sticks) * _within(sliding, *STEADY) * by_car)
         return ca.horzcat(*responses), ca.vertcat(*slopes), ca.vertcat(*foreseen)
 
-    def remember(self, h: ca.SX) -> ca.SX:
-        """The memory for a step of `h` [s] that begins now, from that of the last step."""
-        parts = zip(self._effects, self._memories, strict=True)
-        return ca.vertcat(*(effect.remember(memory, self, h) for effect, memory in parts if effect.memory))
+    def next_internal_state(self, h: ca.SX) -> ca.SX:
+        """The internal state for a step of `h` [s] that begins now, from that of the last step."""
+        parts = zip(self._effects, self._internal_states, strict=True)
+        return ca.vertcat(*(effect.update(state, self, h) for effect, state in parts if effect.internal_state))
 
     @cached_property
     def wheel_outputs(self) -> ca.SX:
         """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
         slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
-        return ca.horzcat(
-            *(
-                ca.vertcat(
-                    t.force_x, t.force_y, t.touch.load, t.moment, t.slip_x, ca.atan(-t.slip_y), t.touch.inclination
-                )
-                for t in self.contacts
-            )
-        )
+        return ca.horzcat(*(wheel_outputs(contact.tyre, contact.touch) for contact in self.contacts))
 
     def inertia_times(self, acceleration: ca.SX) -> ca.SX:
         """Generalized force (14) that belongs to the accelerations `acceleration` (14) at rest: M(q) · acceleration."""
-        root = ca.vertcat(acceleration[3:6], acceleration[0:3])
+        root = ca.vertcat(acceleration[RATES], acceleration[VELOCITY])
         f = self._tree.inertia_times(root, _by_corner(acceleration[TRAVEL], acceleration[SPIN]))
-        return ca.vertcat(f[3:6], f[0:3], f[6::2], f[7::2])
+        return _by_coordinate(f[:6], f[6:])
 
     @property
     def kinematics(self) -> ca.SX:
@@ -502,9 +495,27 @@ class Car:
         return kinematics(self.q, self.u)
 
 
+def wheel_outputs(tyre: TyreForces, touch: Contact) -> ca.SX:
+    """A column of `Car.wheel_outputs`."""
+    return ca.vertcat(
+        tyre.longitudinal,
+        tyre.lateral,
+        touch.load,
+        tyre.aligning_moment,
+        tyre.longitudinal_slip,
+        ca.atan(-tyre.lateral_slip),
+        touch.inclination,
+    )
+
+
 def _by_corner(travel: ca.SX, spin: ca.SX) -> ca.SX:
     """In the order of the tree: hub, wheel, hub, wheel …"""
     return ca.vec(ca.horzcat(travel, spin).T)
+
+
+def _by_coordinate(root: ca.SX, joints: ca.SX) -> ca.SX:
+    """In the order of the velocities, from a spatial vector of the chassis and the joints in the order of the tree."""
+    return ca.vertcat(root[spatial.LINEAR], root[spatial.ANGULAR], joints[0::2], joints[1::2])
 
 
 def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
@@ -515,14 +526,14 @@ def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
 def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:
     """Derivatives of the coordinates (14): z-y-x angles for the attitude, singular at a pitch of 90°."""
     roll, pitch, yaw = q[ROLL], q[PITCH], q[YAW]
-    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[0:3]
+    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[VELOCITY]
     s, c, t = ca.sin(roll), ca.cos(roll), ca.tan(pitch)
     angles = ca.vertcat(
-        u[3] + t * (s * u[4] + c * u[5]),
-        c * u[4] - s * u[5],
-        (s * u[4] + c * u[5]) / ca.cos(pitch),
+        u[ROLL_RATE] + t * (s * u[PITCH_RATE] + c * u[YAW_RATE]),
+        c * u[PITCH_RATE] - s * u[YAW_RATE],
+        (s * u[PITCH_RATE] + c * u[YAW_RATE]) / ca.cos(pitch),
     )
-    return ca.vertcat(position, angles, u[6:])
+    return ca.vertcat(position, angles, u[TRAVEL], u[SPIN])
 
 
 _CARS: dict[tuple[object, ...], Car] = {}

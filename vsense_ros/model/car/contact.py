@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres.slip import transport_speed
+
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Axle
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +29,15 @@ class Contact:
     inclination: ca.SX  # positive where the top leans to the right (ISO 8855) [rad]
     effective_radius: ca.SX
 
-    def rolling_resistance(self, axle: SimpleNamespace, rolling_speed: ca.SX) -> ca.SX:
+    def rolling_resistance(self, axle: Axle, rolling_speed: ca.SX) -> ca.SX:
         """Moment about the axle [N m] of a wheel whose tread moves at `rolling_speed` [m/s]; none at standstill."""
         direction = rolling_speed / transport_speed(rolling_speed, axle.tyre.standstill_speed)
         return -axle.rolling_resistance * self.load * self.effective_radius * direction
 
 
 def contact(
-    axle: SimpleNamespace,
-    radius: ca.SX,
+    axle: Axle,
+    radius: Scalar,
     centre: ca.SX,
     direction: ca.SX,
     normal: ca.SX,

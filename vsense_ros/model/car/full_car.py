@@ -8,10 +8,9 @@ coordinates, 12 constraints). Both corners of an axle share their code; the righ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -20,10 +19,11 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
+from vsense_ros.model.car.car import wheel_outputs
 from vsense_ros.model.car.contact import Contact, contact
 from vsense_ros.model.car.linkage import DoubleWishbone, Linkages, Suspension
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import COORDINATES, POSE, RATES, SPIN, TRAVEL, VELOCITY, WHEELS, Z
 from vsense_ros.model.multibody.assembly import assemble, check
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
 from vsense_ros.model.multibody.joints import (
@@ -59,7 +59,7 @@ from vsense_ros.model.multibody.mechanism import (
 )
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 from vsense_ros.model.parameter import symbols, vector
-from vsense_ros.model.tyres import FORCES
+from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -68,7 +68,6 @@ RACK = "rack"  # displacement of the rack, positive to the left [m]
 ROD_RADIUS = 0.01  # [m] gives rods an inertia about their own line
 PLACING = 4  # iterations that put a linkage to a given travel
 CORNER_INPUTS = ("torque", "travel_force", "opposite_travel")
-OUTPUTS = ("force_x", "force_y", "force_z", "moment", "slip", "slip_angle", "inclination")
 UPRIGHT, WHEEL = "upright", "wheel"
 
 
@@ -132,6 +131,19 @@ def _across(a: ca.SX, b: ca.SX, reference: Vector) -> tuple[ca.SX, ca.SX]:
     return first, ca.cross(along, first)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extra:
+    """Symbols of a corner beside those of its axle, hard points and masses."""
+
+    side: ca.SX  # 1 on the left, -1 on the right
+    friction: ca.SX  # of the road [-]
+    stiffness: ca.SX  # of the strut's spring [N/m]
+    damping: ca.SX  # of the strut [N s/m]
+    preload: ca.SX  # of the strut's spring in the design position [N]
+    tie_rod_length: ca.SX  # [m]
+    gyration: ca.SX  # radius of gyration of the upright [m]
+
+
 _Parts = tuple[list[Body], tuple[Closure, ...], Measure]
 
 
@@ -145,16 +157,13 @@ class Corner:
         data, self._axle = symbols(axle, f"axle_{name}")
         points = ca.SX.sym("points", 3 * len(self._point_names))
         masses = ca.SX.sym("masses", len(self._mass_names))
-        extra = ca.SX.sym("extra", 7)
+        extra = ca.SX.sym("extra", len(fields(_Extra)))
         inputs = ca.SX.sym("inputs", len(CORNER_INPUTS))
+        torque, travel_force, opposite_travel = ca.vertsplit(inputs)
         self._points = {p: points[3 * i : 3 * i + 3] for i, p in enumerate(self._point_names)}
         self._mass = {m: masses[i] for i, m in enumerate(self._mass_names)}
-        self._extra = SimpleNamespace(
-            side=extra[0], friction=extra[1], stiffness=extra[2], damping=extra[3], preload=extra[4],
-            tie_rod_length=extra[5], gyration=extra[6],
-        )  # fmt: skip
+        self._extra = _Extra(*ca.vertsplit(extra))
         self._centre = ca.SX.sym("centre", 3)
-        self._tyre = FORCES[axle.tyre.model]
         self.travel = Displacement(Point(UPRIGHT, self._centre), Z_AXIS)
         if isinstance(suspension, DoubleWishbone):
             bodies, closures, strut = self._double_wishbone(suspension)
@@ -168,9 +177,9 @@ class Corner:
             closures=closures,
             springs=(
                 Spring(strut, x.stiffness, x.damping, rest=self._strut_rest(), preload=x.preload),
-                Spring(self.travel, a.antiroll_stiffness, rest=inputs[2]),
+                Spring(self.travel, a.antiroll_stiffness, rest=opposite_travel),
             ),
-            efforts=(Effort(Along(WHEEL), inputs[0]), Effort(self.travel, inputs[1])),
+            efforts=(Effort(Along(WHEEL), torque), Effort(self.travel, travel_force)),
             loads=(Load(WHEEL, self._tyre_load),),
             exports=(self.travel,),
             parameters=ca.vertcat(data, points, masses, extra, self._centre),
@@ -188,7 +197,7 @@ class Corner:
 
     def _wheel(self) -> Body:
         a = self._axle
-        inertia = ca.diag(ca.vertcat(a.wheel_diametral_inertia, a.wheel_spin_inertia, a.wheel_diametral_inertia))
+        inertia = ca.diag(ca.vertcat(ca.SX(a.wheel_diametral_inertia), a.wheel_spin_inertia, a.wheel_diametral_inertia))
         joint = Revolute(self._centre, Y_AXIS, follows=False)
         return Body(WHEEL, UPRIGHT, joint, a.wheel_mass, self._centre, inertia)
 
@@ -240,7 +249,7 @@ class Corner:
         return bodies, closures, Between(Point(UPRIGHT, p["strut.lower"]), Point(BASE, p["strut.upper"]))
 
     def _tyre_load(self, state: BodyState) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Tyre on a plane road: force vector, its main derivatives, `OUTPUTS`."""
+        """Tyre on a plane road: force vector, its main derivatives, `WHEEL_OUTPUTS`."""
         a = self._axle
         centre = state.origin + state.rotation @ self._centre
         axle = state.rotation[:, 1]
@@ -257,15 +266,16 @@ class Corner:
         )
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
         camber = ca.SX.sym("camber")
-        found = self._tyre(
-            a.tyre,
-            slips[0],
-            slips[1],
-            slips[2] * a.cornering_scale,
-            slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
-            self._extra.friction * a.grip_scale,
-            camber=camber,
-            side=self._extra.side,
+        found = a.tyre.forces(
+            TyreInput(
+                load=slips[0],
+                speed_x=slips[1],
+                speed_y=slips[2] * a.cornering_scale,
+                rolling_speed=slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
+                friction=self._extra.friction * a.grip_scale,
+                camber=camber,
+                side=self._extra.side,
+            )
         )
         result = ca.vertcat(*found)
         parameters = ca.vertcat(*(s for s in ca.symvar(result) if not ca.depends_on(ca.vertcat(slips, camber), s)))
@@ -273,14 +283,12 @@ class Corner:
         rolling = touch.effective_radius * state.rate
         here = ca.vertcat(touch.load, touch.speed_x, touch.speed_y, rolling)
         values, slopes = tyre(here, touch.inclination, parameters)
-        force = values[0] * touch.ahead + values[1] * touch.sideways + touch.load * touch.normal
-        moment = values[2] * touch.normal + touch.rolling_resistance(a, rolling) * axle
+        forces = TyreForces(*ca.vertsplit(values))
+        force = forces.longitudinal * touch.ahead + forces.lateral * touch.sideways + touch.load * touch.normal
+        moment = forces.aligning_moment * touch.normal + touch.rolling_resistance(a, rolling) * axle
         wrench = spatial.force_at(touch.point, force, moment)
         by_velocity, by_place = _tangents(a, touch, centre, axle, slopes)
-        outputs = ca.vertcat(
-            values[0], values[1], touch.load, values[2], values[3], ca.atan(-values[4]), touch.inclination
-        )
-        return wrench, by_velocity, by_place, outputs
+        return wrench, by_velocity, by_place, wheel_outputs(forces, touch)
 
     def numbers(self, suspension: Suspension, axle: Axle, side: int, centre: Array, friction: float) -> Array:
         """Values of the linkage's parameters without those of the spring, which `FullCar` finds."""
@@ -354,7 +362,7 @@ class Corner:
         )
 
 
-def _tangents(a: SimpleNamespace, touch: Contact, centre: ca.SX, axle: ca.SX, slopes: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _tangents(a: Axle, touch: Contact, centre: ca.SX, axle: ca.SX, slopes: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Derivatives (6×6) of a tyre's force vector by the velocity and by a small displacement of its wheel."""
 
     def row(direction: ca.SX) -> ca.SX:
@@ -476,7 +484,7 @@ class FullCar:
         parameters = self.parameters(vehicle)
         integrator = Integrator(self.mechanism, parameters, h, tolerance, "full_car")
         z = integrator.state.z
-        z[2] = vehicle.physics.chassis.cog_height
+        z[Z] = vehicle.physics.chassis.cog_height
         offsets = self.mechanism.offsets
         corners = self.corner_parameters(parameters)
         for i, (linkage, numbers) in enumerate(zip(self.mechanism.branches, corners, strict=True)):
@@ -497,7 +505,7 @@ class FullCar:
         parameters = ca.SX.sym("parameters", int(ends[-1]))
         state, _ = base_functions(mechanism)
         nothing = ca.SX(3, 1)
-        velocity, acceleration, *_ = state(z[:6], dz[:6], ddz[:6], nothing, ca.SX(6, 1), parameters[:11], 1.0)
+        velocity, acceleration, *_ = state(z[POSE], dz[POSE], ddz[POSE], nothing, ca.SX(6, 1), parameters[:11], 1.0)
         travels, spins = [], []
         for i, linkage in enumerate(mechanism.branches):
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
@@ -513,9 +521,7 @@ class FullCar:
         travel_x, spin_x = ca.horzcat(*travels), ca.horzcat(*spins)
         results = [
             ca.vertcat(first, travel_x[i, :].T, spin_x[i, :].T)
-            for i, first in enumerate(
-                (z[:6], ca.vertcat(velocity[3:], velocity[:3]), ca.vertcat(acceleration[3:], acceleration[:3]))
-            )
+            for i, first in enumerate((z[POSE], _as_velocity(velocity), _as_velocity(acceleration)))
         ]
         return codegen.function(
             "full_car_motion", [z, dz, ddz, guides, parameters], results, ("z", "dz", "ddz", "guides", "parameters")
@@ -526,19 +532,19 @@ class FullCar:
         the simplified one, from a z nearby; and how much was missing before the last iteration."""
         mechanism = self.mechanism
         ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
-        z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", 14), ca.MX.sym("u", 14)
+        z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", COORDINATES), ca.MX.sym("u", COORDINATES)
         guides = ca.MX.sym("guides", len(mechanism.guides), 3)
         parameters = ca.MX.sym("parameters", int(ends[-1]))
         equations = {corner.linkage: corner.placing for corner in self.corners}
         _, base_rates = base_functions(mechanism)
-        places, rates = [q[:6]], [base_rates(q[:6]) @ ca.vertcat(u[3:6], u[:3])]
+        places, rates = [q[POSE]], [base_rates(q[POSE]) @ ca.vertcat(u[RATES], u[VELOCITY])]
         violation = ca.MX(0)
         for i, linkage in enumerate(mechanism.branches):
             own = z[mechanism.offsets[i] : mechanism.offsets[i + 1]]
             rows = [mechanism.guides.index(guide) for guide in linkage.guides]
             moved = guides[rows, :] if rows else ca.MX(0, 3)
             numbers = parameters[int(ends[i]) : int(ends[i + 1])]
-            wanted, wanted_rates = ca.vertcat(q[6 + i], q[10 + i]), ca.vertcat(u[6 + i], u[10 + i])
+            wanted, wanted_rates = (ca.vertcat(moving[TRAVEL][i], moving[SPIN][i]) for moving in (q, u))
             for _ in range(PLACING):
                 gap, matrix, _ = equations[linkage](own, moved, numbers, wanted, wanted_rates)
                 own = own + ca.solve(matrix, gap, "qr")
@@ -599,6 +605,11 @@ def _linkages(vehicle: Vehicle) -> Linkages:
             "`linkage.front` and `linkage.rear`"
         )
     return vehicle.linkage
+
+
+def _as_velocity(spatial_vector: ca.SX) -> ca.SX:
+    """Linear before angular (6), as the velocities of the simplified car have it."""
+    return ca.vertcat(spatial_vector[spatial.LINEAR], spatial_vector[spatial.ANGULAR])
 
 
 def _skew(r: Array) -> Array:

@@ -11,20 +11,35 @@ from __future__ import annotations
 from functools import cache
 
 import casadi as ca
+import numpy as np
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import Car, Motion, kinematics
-from vsense_ros.model.coordinates import DYNAMIC_COORDINATES, PITCH, ROLL, SPIN, TRAVEL, Z
+from vsense_ros.model.coordinates import (
+    ATTITUDE,
+    COORDINATES,
+    DISTURBANCES,
+    DYNAMIC_COORDINATES,
+    PITCH,
+    POSE,
+    ROLL,
+    SPIN,
+    TRAVEL,
+    TWIST,
+    WHEELS,
+    Z,
+)
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
 from vsense_ros.model.sensors import SensorBase
 
 GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
-_STATE_NAMES = ("q", "u", "force", "surroundings", "inputs", "p", "memory")
+_STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "internal_state")
+_STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(DISTURBANCES))  # of what `linearize` derives by
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.surroundings, car.inputs, car.p, car.memory]
+    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -32,12 +47,12 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 
 def dynamics_function(car: Car) -> ca.Function:
-    """(q, u, force, surroundings, inputs, p, memory) → derivatives of u (14), wheel outputs (7×4)."""
+    """(q, u, force, disturbances, inputs, p, internal_state) → derivatives of u (14), wheel outputs (7×4)."""
     return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
 
 
 def linearize_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), surroundings (14×4), and the
+    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×4), and the
     first of these times the rates of the dynamic coordinates by u (14×14).
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
@@ -48,30 +63,32 @@ def linearize_function(car: Car) -> ca.Function:
     state = [ca.MX.sym(name, argument.shape) for name, argument in zip(_STATE_NAMES, _arguments(car), strict=True)]
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
     jacobian = -inverse @ (direct + by_forces @ (by_motions @ motions + beside))
-    by_q, by_u, by_surroundings = ca.horzsplit(jacobian, [0, 7, 21, 25])
-    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_surroundings, by_q @ rates))]
+    by_q, by_u, by_disturbances = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
+    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_disturbances, by_q @ rates))]
     return ca.Function("linearize", state, results, _STATE_NAMES, [f"r{i}" for i in range(len(results))])
 
 
 def _factors_function(car: Car) -> ca.Function:
     """(…) → derivatives of u; inverse of the mass matrix; the missing force's derivative by the state `z` (dynamic
-    coordinates, u, surroundings) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
+    coordinates, u, disturbances) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
     forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic coordinates by u.
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
-        columns = [*DYNAMIC_COORDINATES, *range(14, 32)]
-        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.surroundings))[:, columns]
+        columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(DISTURBANCES))]
+        return ca.jacobian(expression, ca.vertcat(car.q, car.u, car.disturbances))[:, columns]
 
     arguments = _arguments(car)
-    udot, forces, motions = ca.SX.sym("udot", 14), ca.SX.sym("forces", 4, 4), ca.SX.sym("motions", 5, 4)
+    udot = ca.SX.sym("udot", COORDINATES)
+    forces, motions = ca.SX.sym("forces", 4, len(WHEELS)), ca.SX.sym("motions", 5, len(WHEELS))
     missing, tyres = car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
     *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
     # Joints first: they are coupled with each other through the chassis only, which keeps the factors sparse.
-    order = [*(i for corner in range(4) for i in (SPIN.start + corner, TRAVEL.start + corner)), *range(6)]
-    back = sorted(range(14), key=order.__getitem__)
+    joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
+    order = [*joints, *range(TWIST.stop)]
+    back = sorted(range(COORDINATES), key=order.__getitem__)
     inverse = inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back]
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
     results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
@@ -84,15 +101,15 @@ def advance_function(car: Car) -> ca.Function:
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
     h = ca.SX.sym("h")
-    inverse = ca.SX.sym("inverse", 14, 14)
-    by_q = ca.SX.sym("by_q", 14, 7)
+    inverse = ca.SX.sym("inverse", COORDINATES, COORDINATES)
+    by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
     dynamics = ca.Function("f", _arguments(car), [car.dynamics])
     q, u = car.q, car.u
     rest = _arguments(car)[2:]
     # Inverse of the stiffened matrix by Woodbury's identity.
     responses, slopes, foreseen = car.stiffening
     columns, rows = inverse @ responses, GAMMA * h * slopes
-    reduced = ca.SX.eye(4) - rows @ columns
+    reduced = ca.SX.eye(len(WHEELS)) - rows @ columns
 
     def solve(right: ca.SX, known: ca.SX) -> ca.SX:
         """A stage without the stiffening that its `known` part (4) would cause."""
@@ -119,41 +136,40 @@ def advance_function(car: Car) -> ca.Function:
 
 def kinematics_function(car: Car) -> ca.Function:
     """(q, u) → ∂q̇/∂(roll, pitch, yaw) of the first six coordinates (6×3), ∂q̇/∂u of the first six (6×6)."""
-    rate = kinematics(car.q, car.u)[:6]
-    return codegen.function(
-        "kinematics", [car.q, car.u], [ca.jacobian(rate, car.q)[:, 3:6], ca.jacobian(rate, car.u)[:, :6]], ("q", "u")
-    )
+    rate = kinematics(car.q, car.u)[POSE]
+    by_attitude, by_twist = ca.jacobian(rate, car.q)[:, ATTITUDE], ca.jacobian(rate, car.u)[:, TWIST]
+    return codegen.function("kinematics", [car.q, car.u], [by_attitude, by_twist], ("q", "u"))
 
 
 def force_function(car: Car) -> ca.Function:
-    """(q, inputs, surroundings, p, memory, acceleration) → generalized force M(q) · acceleration (14)."""
-    acceleration = ca.SX.sym("acceleration", 14)
+    """(q, inputs, disturbances, p, internal_state, acceleration) → generalized force M(q) · acceleration (14)."""
+    acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.surroundings, car.p, car.memory, acceleration],
+        [car.q, car.inputs, car.disturbances, car.p, car.internal_state, acceleration],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "surroundings", "p", "memory", "acceleration"),
+        ("q", "inputs", "disturbances", "p", "internal_state", "acceleration"),
     )
 
 
-def remember_function(car: Car) -> ca.Function:
-    """(…, h) → the memory of the effects for a step of `h` [s] that begins now."""
+def internal_state_function(car: Car) -> ca.Function:
+    """(…, h) → the internal state of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
-    return codegen.function("remember", [*_arguments(car), h], [car.remember(h)], (*_STATE_NAMES, "h"))
+    return codegen.function("internal_state", [*_arguments(car), h], [car.next_internal_state(h)], (*_STATE_NAMES, "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
-    """(q, u, udot, surroundings, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
-    udot (m×14), surroundings (m×4); by the biases it is the unit matrix if there are any."""
-    udot = ca.SX.sym("udot", 14)
+    """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
+    udot (m×14), disturbances (m×4); by the biases it is the unit matrix if there are any."""
+    udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.surroundings, car.inputs), biases, mounting)
+    value = sensor.equation(Motion(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
-        [car.q, car.u, udot, car.surroundings, car.inputs, biases, mounting],
-        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.surroundings))],
-        ("q", "u", "udot", "surroundings", "inputs", "biases", "mounting"),
+        [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],
+        [value, *(ca.jacobian(value, s) for s in (car.q, car.u, udot, car.disturbances))],
+        ("q", "u", "udot", "disturbances", "inputs", "biases", "mounting"),
     )
 
 
@@ -167,8 +183,8 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    if car.memory.numel():
-        functions.append(remember_function(car))
+    if car.internal_state.numel():
+        functions.append(internal_state_function(car))
     return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
 
 

@@ -32,7 +32,7 @@ class AccelerometerBias(Effect):
     z: float = size("m/s²", "added by the sensor along z", typical=0.3, high=5.0)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         left = max((s.force_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
         return dict.fromkeys("xyz", left)
 

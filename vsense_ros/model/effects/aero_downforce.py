@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
+from vsense_ros.model.coordinates import SPEED_X
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
@@ -23,8 +24,8 @@ class AeroDownforce(Effect):
     front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)
     rear: float = size("m²", "downforce coefficient of the rear axle times area", typical=0.3, low=-3.0, high=8.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
-        pressure = 0.5 * AIR_DENSITY * car.u[0] ** 2
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+        pressure = 0.5 * AIR_DENSITY * car.u[SPEED_X] ** 2
         chassis = car.parameters.chassis
         front, rear = pressure * self.front, pressure * self.rear
         pitch = front * chassis.cog_to_front_axle - rear * chassis.cog_to_rear_axle

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
+from vsense_ros.model.coordinates import SPEED_X
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
@@ -25,9 +26,9 @@ class AeroDrag(Effect):
     area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"area": 0.05 * vehicle.physics.aerodynamics.drag_area}
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
-        drag = 0.5 * AIR_DENSITY * self.area * car.u[0] * ca.fabs(car.u[0])
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+        drag = 0.5 * AIR_DENSITY * self.area * car.u[SPEED_X] * ca.fabs(car.u[SPEED_X])
         return force - ca.vertcat(0, 0, 0, drag, 0, 0)

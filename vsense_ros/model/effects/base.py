@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.parameter import Part
 
 if TYPE_CHECKING:
     from vsense_ros.model.car.car import Car, Corner
     from vsense_ros.model.sensors import SensorBase
-    from vsense_ros.model.vehicle import Vehicle
+    from vsense_ros.model.vehicle import Axle, Vehicle
 
 CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
-WHEELS = tuple(CORNERS)
 AXLES = ("front", "rear")
 _PROFILE = "its profile along the road"
 SPACING = 50.0  # [m] from one row of a profile to the next; so far beyond its last one a road is as everywhere
@@ -73,8 +73,8 @@ class Effect(Part):
     part of a `Car`. With all sizes zero an effect changes nothing. Methods return what they are given, changed; an
     effect overrides those that concern it. Vectors are in body axes.
 
-    `memory` names the internal states of effects that depend on the past; `remember` moves them on, and they are
-    constant during a time step.
+    `internal_state` names the states of effects that depend on the past; `update` moves them on, and they are constant
+    during a time step.
     """
 
     id: ClassVar[str]
@@ -86,10 +86,10 @@ class Effect(Part):
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
-    memory: ClassVar[tuple[str, ...]] = ()
+    internal_state: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         """How much of it every such car has, as standard deviations of sizes by field name."""
         return {}
 
@@ -102,23 +102,23 @@ class Effect(Part):
         """Mass [kg], first moment (3) [kg m] and inertia (3×3) [kg m²] of the sprung mass about `cog`."""
         return mass, moment, inertia
 
-    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        """Parameters of one corner, shaped like an `Axle`."""
+    def wheel(self, wheel: int, axle: Axle) -> Axle:
+        """Parameters of one corner: those of its axle."""
         return axle
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         """Mean road-wheel angle of the front axle, positive to the left [rad]."""
         return angle
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
         """What a wheel is turned about the vertical beyond steering and suspension, positive to the left [rad]."""
         return angle
 
-    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:
         """Grip under a wheel with a load [N], relative to the road on which the tyre was measured [-]."""
         return friction
 
-    def lateral_speed(self, speed: ca.SX, corner: Corner, memory: ca.SX) -> ca.SX:
+    def lateral_speed(self, speed: ca.SX, corner: Corner, internal_state: ca.SX) -> ca.SX:
         """Lateral velocity of the contact point that the tyre responds to [m/s]."""
         return speed
 
@@ -135,7 +135,7 @@ class Effect(Part):
         """Torque that drives a wheel [N m]."""
         return torque
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         """On the chassis besides suspensions and weight: moment about `cog` [N m] and force [N], 6×1."""
         return force
 
@@ -144,21 +144,21 @@ class Effect(Part):
         that has `turned` to the left by so much since it set out [rad]; arrays over time, or numbers."""
         return 0.0, 0.0
 
-    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        """The memory for a step of `h` [s] that begins now, from that of the last step."""
-        return memory
+    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        """The internal state for a step of `h` [s] that begins now, from that of the last step."""
+        return internal_state
 
-    def rested(self, memory: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
-        """What is left of the memory (as many as `memory`) where driving begins anew after a while [s], zero for at
-        once: nothing, unless it lasts for longer than a car takes to settle."""
-        return np.zeros_like(memory)
+    def relaxed(self, internal_state: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+        """What is left of the internal state (as many as `internal_state`) where driving begins anew after a while [s],
+        zero for at once: nothing, unless it lasts for longer than a car takes to settle."""
+        return np.zeros_like(internal_state)
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:
         """The settings of the sensors by name, with what the effect does to them."""
         return sensors
 
     @property
-    def usual_slope(self) -> tuple[Any, Any]:
+    def mean_slope(self) -> tuple[Any, Any]:
         """`slope` of a road that turns as the car does; zero for a plane, as whoever drives on it must know from which
         direction it came to it."""
         return here if (here := self.slope(0.0)) == self.slope(1.0) else (0.0, 0.0)
@@ -209,7 +209,7 @@ class RoadEffect(Effect):
     def _is_plane(self) -> bool:
         """Whether it is a slope that does not turn as the car does."""
         steep = self.model_copy(update={self.size_name(): 1.0})
-        return type(self).slope is not Effect.slope and not any(steep.usual_slope)
+        return type(self).slope is not Effect.slope and not any(steep.mean_slope)
 
     def _without(self, parts: list[str]) -> str:
         """Parts that are left out, a plane besides, and what there is instead."""
@@ -228,11 +228,6 @@ def bounds(field: FieldInfo) -> tuple[float, float]:
 def role(field: FieldInfo) -> str:
     """What a field of an effect is: `size`, `shape`, `form` or `profile`."""
     return str(field.json_schema_extra["role"]) if isinstance(field.json_schema_extra, dict) else ""
-
-
-def changed(axle: SimpleNamespace, **values: ca.SX) -> SimpleNamespace:
-    """A copy of a corner's parameters with other values."""
-    return SimpleNamespace(**{**vars(axle), **values})
 
 
 def of_axle(effect: Effect, corner: Corner) -> Any:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import SPIN
 from vsense_ros.model.effects.base import Effect, of_wheel, size
 
 SMALLEST_SPIN = 1.0  # [rad/s] below it the torque fades, so that a wheel may rest
@@ -27,4 +28,4 @@ class BrakeDrag(Effect):
     rr: float = size("N m", "torque against the rotation, rear right", typical=40.0, low=0.0, high=2000.0)
 
     def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        return torque - of_wheel(self, corner) * ca.tanh(car.u[10 + corner.index] / SMALLEST_SPIN)
+        return torque - of_wheel(self, corner) * ca.tanh(car.u[SPIN][corner.index] / SMALLEST_SPIN)

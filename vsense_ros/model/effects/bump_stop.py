@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import TRAVEL
 from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 
 ROUNDING = 0.002  # [m] over which contact begins
@@ -26,5 +27,5 @@ class BumpStop(Effect):
     clearance: float = shape("m", "compression at which contact begins", default=0.03, typical=0.015, low=0.0, high=0.3)
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        depth = car.q[6 + corner.index] - self.clearance
+        depth = car.q[TRAVEL][corner.index] - self.clearance
         return force + of_axle(self, corner) * (depth + ca.sqrt(depth**2 + ROUNDING**2)) / 2

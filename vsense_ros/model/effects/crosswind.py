@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
+from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, YAW
 from vsense_ros.model.effects.base import Effect, shape, size
 
 if TYPE_CHECKING:
@@ -34,18 +35,19 @@ class Crosswind(Effect):
     )
     ahead: float = shape("m", "centre of pressure ahead of cog", default=0.4, typical=0.2, low=-2.0, high=3.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
-        yaw = car.q[5]
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+        yaw = car.q[YAW]
         along = self.east * ca.cos(yaw) + self.north * ca.sin(yaw)
         across = self.north * ca.cos(yaw) - self.east * ca.sin(yaw)
         # Against the air, and what of it the calm air has already done to the car.
-        x, y = car.u[0] - along, car.u[1] - across
+        speed_x, speed_y = car.u[SPEED_X], car.u[SPEED_Y]
+        x, y = speed_x - along, speed_y - across
         side = (
             -0.5
             * AIR_DENSITY
             * self.side_area
-            * (ca.sqrt(x**2 + y**2 + CALM**2) * y - ca.sqrt(car.u[0] ** 2 + car.u[1] ** 2 + CALM**2) * car.u[1])
+            * (ca.sqrt(x**2 + y**2 + CALM**2) * y - ca.sqrt(speed_x**2 + speed_y**2 + CALM**2) * speed_y)
         )
         area = car.parameters.aerodynamics.drag_area
-        drag = 0.5 * AIR_DENSITY * area * (x * ca.fabs(x) - car.u[0] * ca.fabs(car.u[0]))
+        drag = 0.5 * AIR_DENSITY * area * (x * ca.fabs(x) - speed_x * ca.fabs(speed_x))
         return force + ca.vertcat(0, 0, self.ahead * side, -drag, side, 0)

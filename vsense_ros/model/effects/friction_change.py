@@ -21,5 +21,5 @@ class FrictionChange(RoadEffect):
 
     relative: float = size("-", "grip over that of the vehicle file, minus 1", typical=0.2, low=-0.95, high=1.0)
 
-    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:
         return friction * (1 + self.relative)

@@ -25,7 +25,7 @@ class GyroBias(Effect):
     z: float = size("rad/s", "added by the sensor about z", typical=0.005, high=0.2)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         left = max((s.rate_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
         return dict.fromkeys("xyz", left)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import SPIN
 from vsense_ros.model.effects.base import Effect, of_axle, shape, size
 
 if TYPE_CHECKING:
@@ -33,5 +34,5 @@ class LimitedSlipDifferential(Effect):
     )
 
     def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        difference = car.u[10 + corner.index] - car.u[10 + corner.opposite]
+        difference = car.u[SPIN][corner.index] - car.u[SPIN][corner.opposite]
         return torque - of_axle(self, corner) * self.slipping * ca.tanh(difference / self.slipping)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import TRAVEL
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ class RollSteer(Effect):
     front: float = size("rad/rad", "steer to the left per roll to the right, front", typical=0.05, high=0.6)
     rear: float = size("rad/rad", "steer to the left per roll to the right, rear", typical=0.05, high=0.6)
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
-        left = 6 if corner.front else 8
-        roll = (car.q[left + 1] - car.q[left]) / corner.axle.track
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
+        travel, left = car.q[TRAVEL], min(corner.index, corner.opposite)
+        roll = (travel[left + 1] - travel[left]) / corner.axle.track
         return angle + of_axle(self, corner) * roll

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, ClassVar
 
-from vsense_ros.model.effects.base import Effect, changed, size
+from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Vehicle
+    from vsense_ros.model.vehicle import Axle, Vehicle
 
 
 class RollingResistance(Effect):
@@ -22,8 +21,8 @@ class RollingResistance(Effect):
     coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.008, high=0.3)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"coefficient": 0.0007}  # a twentieth of what tyres have
 
-    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        return changed(axle, rolling_resistance=axle.rolling_resistance + self.coefficient)
+    def wheel(self, wheel: int, axle: Axle) -> Axle:
+        return axle.model_copy(update={"rolling_resistance": axle.rolling_resistance + self.coefficient})

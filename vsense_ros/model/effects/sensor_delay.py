@@ -25,7 +25,7 @@ class SensorDelay(Effect):
     gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.2, high=1.0)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"steering": 0.005}  # a few periods of a bus
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:

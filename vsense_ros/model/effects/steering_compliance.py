@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, size
 
 if TYPE_CHECKING:
@@ -24,13 +25,13 @@ class SteeringCompliance(Effect):
     id: ClassVar[str] = "steering_compliance"
     sentence: ClassVar[str] = "a steering system that yields to the lateral force of the front tyres"
     mistaken_for: ClassVar[tuple[str, ...]] = ("toe_compliance", "roll_steer", "aero_downforce", "steering_ratio")
-    memory: ClassVar[tuple[str, ...]] = ("front_lateral_force",)
+    internal_state: ClassVar[tuple[str, ...]] = ("front_lateral_force",)
 
     compliance: float = size("rad/N", "angle per lateral force of the front axle", typical=1e-6, low=-2e-6, high=2e-5)
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
-        return angle - self.compliance * memory[0]
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+        return angle - self.compliance * internal_state[0]
 
-    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        force = car.wheel_outputs[1, 0] + car.wheel_outputs[1, 1]
-        return memory + (1 - ca.exp(-h / self.LAG)) * (force - memory)
+    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        force = car.wheel_outputs[FORCE_Y, 0] + car.wheel_outputs[FORCE_Y, 1]
+        return internal_state + (1 - ca.exp(-h / self.LAG)) * (force - internal_state)

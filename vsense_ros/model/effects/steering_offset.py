@@ -23,8 +23,8 @@ class SteeringOffset(Effect):
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"angle": vehicle.observer.surroundings.steering_offset}
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         return angle + self.angle

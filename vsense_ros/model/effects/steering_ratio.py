@@ -23,5 +23,5 @@ class SteeringRatio(Effect):
         "-", "true road-wheel angle over the measured one, minus 1", typical=0.05, low=-0.5, high=1.0
     )
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         return angle * (1 + self.relative)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import TRAVEL
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 SMALLEST_RATE = 0.01  # [m/s] below it the friction fades, so that the suspension creeps instead of sticking
@@ -25,4 +26,4 @@ class SuspensionFriction(Effect):
     rear: float = size("N", "friction of one rear suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
-        return force + of_axle(self, corner) * ca.tanh(car.u[6 + corner.index] / SMALLEST_RATE)
+        return force + of_axle(self, corner) * ca.tanh(car.u[TRAVEL][corner.index] / SMALLEST_RATE)

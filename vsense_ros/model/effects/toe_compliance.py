@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 
+from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, of_axle, size
 
 if TYPE_CHECKING:
@@ -20,13 +21,13 @@ class ToeCompliance(Effect):
     id: ClassVar[str] = "toe_compliance"
     sentence: ClassVar[str] = "wheels that turn on their bushings under lateral force"
     mistaken_for: ClassVar[tuple[str, ...]] = ("steering_compliance", "roll_steer", "tyre_load_sensitivity")
-    memory: ClassVar[tuple[str, ...]] = ("force_fl", "force_fr", "force_rl", "force_rr")
+    internal_state: ClassVar[tuple[str, ...]] = ("force_fl", "force_fr", "force_rl", "force_rr")
 
     front: float = size("rad/N", "angle of a front wheel against its lateral force", typical=1e-6, high=2e-5)
     rear: float = size("rad/N", "angle of a rear wheel against its lateral force", typical=1e-6, high=2e-5)
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, memory: ca.SX) -> ca.SX:
-        return angle - of_axle(self, corner) * memory[corner.index]
+    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
+        return angle - of_axle(self, corner) * internal_state[corner.index]
 
-    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        return memory + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[1, :].T - memory)
+    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        return internal_state + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[FORCE_Y, :].T - internal_state)

@@ -23,19 +23,22 @@ class TyreHeating(Effect):
     id: ClassVar[str] = "tyre_heating"
     sentence: ClassVar[str] = "grip that falls as the tyres heat up"
     mistaken_for: ClassVar[tuple[str, ...]] = ("friction_change", "aero_downforce")
-    memory: ClassVar[tuple[str, ...]] = ("heat_fl", "heat_fr", "heat_rl", "heat_rr")
+    internal_state: ClassVar[tuple[str, ...]] = ("heat_fl", "heat_fr", "heat_rl", "heat_rr")
 
     front: float = size("1/K", "relative loss of grip per kelvin, front", typical=0.003, low=-0.01, high=0.05)
     rear: float = size("1/K", "relative loss of grip per kelvin, rear", typical=0.003, low=-0.01, high=0.05)
     cooling_time: float = shape("s", "time constant of cooling", default=60.0, typical=30.0, low=5.0, high=1000.0)
 
-    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
-        return friction * ca.fmax(1 - of_axle(self, corner) * memory[corner.index], LEAST)
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:
+        return friction * ca.fmax(1 - of_axle(self, corner) * internal_state[corner.index], LEAST)
 
-    def remember(self, memory: ca.SX, car: Car, h: ca.SX) -> ca.SX:
-        powers = [c.force_x * (c.rolling_speed - c.touch.speed_x) - c.force_y * c.touch.speed_y for c in car.contacts]
+    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+        powers = [
+            c.tyre.longitudinal * (c.rolling_speed - c.touch.speed_x) - c.tyre.lateral * c.touch.speed_y
+            for c in car.contacts
+        ]
         heating = ca.vertcat(*powers) / HEAT_CAPACITY
-        return memory + h * (heating - memory / self.cooling_time)
+        return internal_state + h * (heating - internal_state / self.cooling_time)
 
-    def rested(self, memory: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
-        return memory * np.exp(-duration / self.cooling_time)
+    def relaxed(self, internal_state: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+        return internal_state * np.exp(-duration / self.cooling_time)

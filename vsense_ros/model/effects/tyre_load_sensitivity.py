@@ -26,9 +26,9 @@ class TyreLoadSensitivity(Effect):
     rear: float = size("-", "relative loss of grip at twice the load at rest, rear", typical=0.15, low=-0.3, high=0.8)
 
     @classmethod
-    def usual(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
         return {"front": 0.1, "rear": 0.1}  # by which formulas differ that were fitted to the same tyre
 
-    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, memory: ca.SX) -> ca.SX:
+    def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:
         excess = load / corner.static_load - 1
         return friction * ca.fmax(1 - of_axle(self, corner) * excess, LEAST)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from vsense_ros.model.effects.base import WHEELS, Effect, changed, shape, size
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.effects.base import Effect, shape, size
 
 STIFFNESS_SHARE = 0.75  # of the vertical stiffness that the pressure carries, the rest is the carcass
 RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of pressure
+
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Axle
 
 
 class TyreUnderinflation(Effect):
@@ -31,11 +34,12 @@ class TyreUnderinflation(Effect):
         high=1.0,
     )  # fmt: skip
 
-    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
+    def wheel(self, wheel: int, axle: Axle) -> Axle:
         loss = getattr(self, WHEELS[wheel])
-        return changed(
-            axle,
-            tyre_stiffness=axle.tyre_stiffness * (1 - STIFFNESS_SHARE * loss),
-            rolling_resistance=axle.rolling_resistance * (1 + RESISTANCE * loss),
-            cornering_scale=axle.cornering_scale * (1 - self.cornering * loss),
+        return axle.model_copy(
+            update={
+                "tyre_stiffness": axle.tyre_stiffness * (1 - STIFFNESS_SHARE * loss),
+                "rolling_resistance": axle.rolling_resistance * (1 + RESISTANCE * loss),
+                "cornering_scale": axle.cornering_scale * (1 - self.cornering * loss),
+            }
         )

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import casadi as ca
 from pydantic import create_model
 
-from vsense_ros.model.effects.base import AXLES, CORNERS, WHEELS, Effect, size
+from vsense_ros.model.coordinates import ROLL_RATE, SPEED_X, SPEED_Y, STEERING, TORQUES, TRAVEL, WHEELS, YAW_RATE
+from vsense_ros.model.effects.base import AXLES, CORNERS, Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car.car import Car, Corner
@@ -25,28 +26,28 @@ class Channel:
     words: str
     unit: str
     row: int  # of moments and forces on the chassis; of a suspension, of its travel among the coordinates; of an axle
-    typical: float  # size where its feature has its usual size
+    typical: float  # size where its feature has its typical size
 
 
 @dataclass(frozen=True)
 class Feature:
-    """What a term follows; `usual` is a size it often has, in `unit`."""
+    """What a term follows; `typical` is a size it often has, in `unit`."""
 
     words: str
     unit: str  # of what the term is divided by; empty for none
-    usual: float
+    typical: float
     value: Callable[[Car], ca.SX]
     by_torque: bool = False  # whether it needs the wheel torques
 
 
 def _lateral(car: Car) -> ca.SX:
-    return car.u[0] * car.u[5]
+    return car.u[SPEED_X] * car.u[YAW_RATE]
 
 
 def _demand(car: Car) -> ca.SX:
     """Acceleration that the wheel torques ask for [m/s²]."""
     p = car.parameters
-    return ca.sum1(car.inputs[1:5]) / (p.chassis.mass * p.front.unloaded_radius)
+    return ca.sum1(car.inputs[TORQUES]) / (p.chassis.mass * p.front.unloaded_radius)
 
 
 def _travel(row: int) -> dict[str, Feature]:
@@ -69,7 +70,7 @@ _ACROSS = [f"torque_across_{axle}" for axle in AXLES]
 CHANNELS = (
     CHASSIS
     | {
-        name: Channel(f"a force in the {place} suspension", "N", 6 + i, 50.0)
+        name: Channel(f"a force in the {place} suspension", "N", TRAVEL.start + i, 50.0)
         for i, (name, place) in enumerate(zip(_SUSPENSIONS, CORNERS.values(), strict=True))
     }
     | {
@@ -79,8 +80,8 @@ CHANNELS = (
     | {STEERING_ANGLE: Channel("an angle of the front wheels", "rad", 0, 0.003)}
 )
 CONSTANT = Feature("that is always there", "", 1.0, lambda car: ca.SX(1))
-SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[0])
-SQUARE = Feature("that grows with the square of the speed", "m²/s²", 500.0, lambda car: car.u[0] ** 2)
+SPEED = Feature("that grows with the speed", "m/s", 20.0, lambda car: car.u[SPEED_X])
+SQUARE = Feature("that grows with the square of the speed", "m²/s²", 500.0, lambda car: car.u[SPEED_X] ** 2)
 DRIVING = Feature("that grows with the drive torque", "m/s²", 2.0, lambda car: ca.fmax(_demand(car), 0), True)
 BRAKING = Feature("that grows with the brake torque", "m/s²", 3.0, lambda car: ca.fmax(-_demand(car), 0), True)
 EVEN = {
@@ -98,7 +99,7 @@ TURNING = {
         lambda car: _lateral(car) * ca.fabs(_lateral(car)),
     ),
     "lateral_speed": Feature(
-        "that follows lateral acceleration times speed", "m²/s³", 80.0, lambda car: _lateral(car) * car.u[0]
+        "that follows lateral acceleration times speed", "m²/s³", 80.0, lambda car: _lateral(car) * car.u[SPEED_X]
     ),
     "lateral_driving": Feature(
         "that follows the lateral acceleration under drive torque", "m²/s⁴", 6.0,
@@ -108,12 +109,12 @@ TURNING = {
         "that follows the lateral acceleration under brake torque", "m²/s⁴", 10.0,
         lambda car: _lateral(car) * ca.fmax(-_demand(car), 0), True,
     ),
-    "steering": Feature("that follows the steering angle", "rad", 0.05, lambda car: car.inputs[0]),
+    "steering": Feature("that follows the steering angle", "rad", 0.05, lambda car: car.inputs[STEERING]),
     "side_slip": Feature(
-        "that follows the side slip", "rad", 0.04, lambda car: car.u[1] / ca.fmax(car.u[0], SLOWEST)
+        "that follows the side slip", "rad", 0.04, lambda car: car.u[SPEED_Y] / ca.fmax(car.u[SPEED_X], SLOWEST)
     ),
-    "yaw_rate": Feature("that follows the yaw rate", "rad/s", 0.2, lambda car: car.u[5]),
-    "roll_rate": Feature("that follows the roll rate", "rad/s", 0.1, lambda car: car.u[3]),
+    "yaw_rate": Feature("that follows the yaw rate", "rad/s", 0.2, lambda car: car.u[YAW_RATE]),
+    "roll_rate": Feature("that follows the roll rate", "rad/s", 0.1, lambda car: car.u[ROLL_RATE]),
 }  # fmt: skip
 ASYMMETRIC = {"constant": CONSTANT, "speed": SPEED, "driving": DRIVING, "braking": BRAKING}
 TO_ONE_SIDE = {"driving": DRIVING, "braking": BRAKING} | {
@@ -123,7 +124,7 @@ TO_ONE_SIDE = {"driving": DRIVING, "braking": BRAKING} | {
 STEERED = {
     "steering_squared": Feature(
         "that follows the square of the steering angle", "rad²", 0.0025,
-        lambda car: car.inputs[0] * ca.fabs(car.inputs[0]),
+        lambda car: car.inputs[STEERING] * ca.fabs(car.inputs[STEERING]),
     )
 }  # fmt: skip
 TERMS = (
@@ -142,7 +143,7 @@ TERMS = (
 def _field(channel: Channel, feature: Feature) -> Any:
     per = f"({feature.unit})" if "/" in feature.unit else feature.unit
     unit = f"{channel.unit}/{per}" if per else channel.unit
-    typical = channel.typical / feature.usual
+    typical = channel.typical / feature.typical
     return float, size(unit, f"{channel.words} {feature.words}", typical=typical, high=100 * typical)
 
 
@@ -154,13 +155,13 @@ class _Unmodelled(Effect):
     sentence: ClassVar[str] = "a force for which no physics is known"
     known: ClassVar[bool] = False
 
-    def chassis_force(self, force: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         added = ca.SX.zeros(6)
         for name, channel in CHASSIS.items():
             added[channel.row] += self._sum(name, car)
         return force + added
 
-    def front_angle(self, angle: ca.SX, car: Car, memory: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
         return angle + self._sum(STEERING_ANGLE, car)
 
     def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:

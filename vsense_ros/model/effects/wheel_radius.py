@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from vsense_ros.model.effects.base import WHEELS, Effect, changed, size
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.effects.base import Effect, size
+
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Axle
 
 
 class WheelRadius(Effect):
@@ -21,5 +24,5 @@ class WheelRadius(Effect):
     rl: float = size("-", "relative error of the radius, rear left", typical=0.01, high=0.2)
     rr: float = size("-", "relative error of the radius, rear right", typical=0.01, high=0.2)
 
-    def wheel(self, wheel: int, axle: SimpleNamespace) -> SimpleNamespace:
-        return changed(axle, unloaded_radius=axle.unloaded_radius * (1 + getattr(self, WHEELS[wheel])))
+    def wheel(self, wheel: int, axle: Axle) -> Axle:
+        return axle.model_copy(update={"unloaded_radius": axle.unloaded_radius * (1 + getattr(self, WHEELS[wheel]))})

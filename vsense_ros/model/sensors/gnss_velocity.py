@@ -50,4 +50,4 @@ class GnssVelocity(SensorBase):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         on_road = motion.attitude @ (motion.u[0:3] + ca.cross(motion.u[3:6], mounting))
         # Of the way along a sloping road only the cosine is seen on the map.
-        return on_road[0:2] * ca.cos(motion.surroundings[0])
+        return on_road[0:2] * ca.cos(motion.disturbances[0])

@@ -16,10 +16,27 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS, WHEELS, YAW, X, Z
+from vsense_ros.model.coordinates import (
+    BANK,
+    COORDINATES,
+    DISTURBANCES,
+    GRADE,
+    INPUTS,
+    RATES,
+    SPEED_X,
+    SPEED_Y,
+    SPIN,
+    VELOCITY,
+    WHEEL_OUTPUTS,
+    WHEELS,
+    YAW,
+    Z,
+)
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
+
+_SLOPES = slice(GRADE, BANK + 1)
 
 # (time [s], q (14,), u (14,)) → road-wheel angle [rad] and wheel torques fl, fr, rl, rr [N m], (5,). It is asked once a
 # step, in order of time, for the middle of the step, with the state at the step's beginning; it may keep a memory, but
@@ -37,24 +54,25 @@ class Trajectory:
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 5) as model.car.INPUTS, those of the step that begins here
-    surroundings: Array | None = None  # (n, 4) as model.car.SURROUNDINGS; zeros if not given
+    disturbances: Array | None = None  # (n, 4) as model.car.DISTURBANCES; zeros if not given
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
         """Room for the instants `t` (n,) [s]."""
         n = len(t)
         q, u, udot = (np.empty((n, COORDINATES)) for _ in range(3))
-        return cls(t, q, u, udot, wheels=np.empty((n, 7, len(WHEELS))), inputs=np.empty((n, len(INPUTS))))
+        wheels = np.empty((n, len(WHEEL_OUTPUTS), len(WHEELS)))
+        return cls(t, q, u, udot, wheels, inputs=np.empty((n, len(INPUTS))))
 
     @property
     def acceleration(self) -> Array:
         """Kinematic acceleration of `cog` in body axes, (n, 3) [m/s²]."""
-        return self.udot[:, :3] + np.cross(self.u[:, 3:6], self.u[:, :3])
+        return self.udot[:, VELOCITY] + np.cross(self.u[:, RATES], self.u[:, VELOCITY])
 
     @property
     def side_slip(self) -> Array:
         """Angle from the car's heading to its velocity, positive to the left, (n,) [rad]."""
-        return np.arctan2(self.u[:, 1], self.u[:, 0])
+        return np.arctan2(self.u[:, SPEED_Y], self.u[:, SPEED_X])
 
 
 def axle_of(vehicle: Vehicle, wheel: int) -> Axle:
@@ -79,7 +97,7 @@ def rolling_straight(vehicle: Vehicle, speed: float = 0.0) -> tuple[Array, Array
     """Coordinates and velocities (14 each) of the car in its design position at `speed` [m/s] along the map's x."""
     q, u = np.zeros(COORDINATES), np.zeros(COORDINATES)
     q[Z] = vehicle.physics.chassis.cog_height
-    u[X] = speed
+    u[SPEED_X] = speed
     u[SPIN] = speed / rolling_radii(vehicle)
     return q, u
 
@@ -94,12 +112,12 @@ def simulate(
     q: Array | None = None,
     u: Array | None = None,
     force: Array | None = None,
-    surroundings: Array | None = None,
+    disturbances: Array | None = None,
 ) -> Trajectory:
     """Drive a car for `duration` [s] in steps of `step` [s], and keep every `keep_every`-th instant from the first on.
 
     `q`, `u` (14) is the state at the beginning (default: standing in the design position), `force` (14) a constant
-    generalized force beyond the model's, `surroundings` (4) road and offsets as in `model.car.SURROUNDINGS`, to which
+    generalized force beyond the model's, `disturbances` (4) road and offsets as in `model.car.DISTURBANCES`, to which
     the vehicle's effects add the slopes of their roads.
     Raises `FloatingPointError` where the motion leaves what the coordinates can describe (a pitch of 90°).
     """
@@ -108,44 +126,45 @@ def simulate(
     now_u = np.array(start_u if u is None else u, dtype=float)
     inputs = np.zeros(len(INPUTS))
     extra = np.zeros(COORDINATES) if force is None else np.array(force, dtype=float)
-    given = np.zeros(len(SURROUNDINGS)) if surroundings is None else np.array(surroundings, dtype=float)
+    given = np.zeros(len(DISTURBANCES)) if disturbances is None else np.array(disturbances, dtype=float)
     around = given.copy()
     road = vehicle.physics.effects.present()
     car = car_of(vehicle)
     functions = model_functions(car)
-    memory = np.zeros(car.memory.numel())
-    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector(), memory]
+    internal_state = np.zeros(car.internal_state.numel())
+    arguments = [now_q, now_u, extra, around, inputs, vehicle.parameter_vector(), internal_state]
     linearize = Kernel(functions["linearize"], arguments)
     outputs = Kernel(functions["dynamics"], arguments)
     udot, by_q, by_u, _, by_q_rates = linearize.results
     inverse = np.zeros(COORDINATES**2)
     h = np.array([step])
     advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
-    between = np.zeros(len(INPUTS))  # the memory belongs to the beginning of a step, inputs to its middle
-    remember = Kernel(functions["remember"], [*arguments[:4], between, *arguments[5:], h]) if memory.size else None
+    between = np.zeros(len(INPUTS))  # the internal state belongs to the beginning of a step, inputs to its middle
+    beginning = [*arguments[:4], between, *arguments[5:], h]
+    move_on = Kernel(functions["internal_state"], beginning) if internal_state.size else None
     unit = np.eye(COORDINATES)
 
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
     result = replace(
-        Trajectory.unfilled(np.array([i * step for i in kept])), surroundings=np.empty((len(kept), len(SURROUNDINGS)))
+        Trajectory.unfilled(np.array([i * step for i in kept])), disturbances=np.empty((len(kept), len(DISTURBANCES)))
     )
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
         if road:
-            around[:2] = given[:2] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
+            around[_SLOPES] = given[_SLOPES] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
         between[:] = (between + inputs) / 2 if i else inputs
-        if remember is not None:
-            remember.call()
-            memory[:] = remember.results[0][:, 0]
+        if move_on is not None:
+            move_on.call()
+            internal_state[:] = move_on.results[0][:, 0]
         linearize.call()
         if i % keep_every == 0:
             outputs.call()
-            result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot[:, 0]
+            result.q[row], result.u[row], result.udot[row] = now_q, now_u, udot.ravel()
             result.wheels[row], result.inputs[row] = outputs.results[1], inputs
-            result.surroundings[row] = around  # type: ignore[index]
+            result.disturbances[row] = around  # type: ignore[index]
             row += 1
         slope = by_u + (GAMMA * step) * by_q_rates
         inverse[:] = np.linalg.inv(unit - (GAMMA * step) * slope).reshape(-1, order="F")

@@ -7,10 +7,27 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen import Kernel, compiled
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.full_car import OUTPUTS, FullCar
+from vsense_ros.model import spatial
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, steering_rack
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import COORDINATES, SPIN, SURROUNDINGS, TRAVEL, WHEELS, YAW
+from vsense_ros.model.coordinates import (
+    BANK,
+    COORDINATES,
+    DISTURBANCES,
+    GRADE,
+    RADIUS_ERROR,
+    RATES,
+    SPIN,
+    STEERING,
+    STEERING_OFFSET,
+    TORQUES,
+    TRAVEL,
+    VELOCITY,
+    WHEEL_OUTPUTS,
+    WHEELS,
+    YAW,
+)
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
@@ -24,7 +41,7 @@ class FullCarPlant:
     """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
 
     `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
-    model's) and `surroundings` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
+    model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
     that it takes at design height.
     """
 
@@ -46,7 +63,7 @@ class FullCarPlant:
             placing, [state.z, self._guides, self.integrator.parameters, self._target_q, self._target_u]
         )
         self.force = np.zeros(COORDINATES)
-        self.surroundings = np.zeros(len(SURROUNDINGS))
+        self.disturbances = np.zeros(len(DISTURBANCES))
         self._angle = self._rate = 0.0
         self._motion.call()
 
@@ -86,7 +103,7 @@ class FullCarPlant:
 
     def step(self, inputs: Array) -> None:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
-        angle = float(inputs[0] - self.surroundings[2])
+        angle = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET])
         rate = (angle - self._angle) / self.step_length
         self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
         self._angle, self._rate = angle, rate
@@ -127,22 +144,22 @@ class FullCarPlant:
     @property
     def wheels(self) -> Array:
         """Tyre forces and slips at the present time, (7, 4), rows as `Car.wheel_outputs`."""
-        return self.integrator.outputs().reshape(len(WHEELS), len(OUTPUTS)).T
+        return self.integrator.outputs().reshape(len(WHEELS), len(WHEEL_OUTPUTS)).T
 
     def _hold(self, inputs: Array) -> None:
         """The wheels at the mean angle of `inputs`, at rest."""
-        self._angle, self._rate = float(inputs[0] - self.surroundings[2]), 0.0
+        self._angle, self._rate = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET]), 0.0
         self._guides[:] = self.rack.motion(self._angle)
 
     def _act(self, inputs: Array) -> None:
         integrator, force = self.integrator, self.force
-        integrator.wrench[:3], integrator.wrench[3:] = force[3:6], force[:3]
-        along, across = np.sin(self.surroundings[:2])
+        integrator.wrench[spatial.ANGULAR], integrator.wrench[spatial.LINEAR] = force[RATES], force[VELOCITY]
+        along, across = np.sin(self.disturbances[[GRADE, BANK]])
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
         for i, wheel in enumerate(WHEELS):
-            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[1 + i] + force[SPIN][i]
+            integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[TORQUES][i] + force[SPIN][i]
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
 
 
@@ -156,7 +173,7 @@ def simulate_full_car(
     q: Array | None = None,
     u: Array | None = None,
     force: Array | None = None,
-    surroundings: Array | None = None,
+    disturbances: Array | None = None,
 ) -> Trajectory:
     """As `model.simulate.simulate`, for a vehicle with a `linkage` section.
 
@@ -166,13 +183,13 @@ def simulate_full_car(
     plant = FullCarPlant(vehicle, step)
     if force is not None:
         plant.force[:] = force
-    if surroundings is not None:
-        if surroundings[3] != 0:
+    if disturbances is not None:
+        if disturbances[RADIUS_ERROR] != 0:
             raise InputError(
-                f"the full car has no relative error of the tyre radius, found {surroundings[3]:g}: change "
+                f"the full car has no relative error of the tyre radius, found {disturbances[RADIUS_ERROR]:g}: change "
                 "unloaded_radius instead"
             )
-        plant.surroundings[:] = surroundings
+        plant.disturbances[:] = disturbances
     start_q, start_u = rolling_straight(vehicle)
     start_q = start_q if q is None else q
     start_u = start_u if u is None else u

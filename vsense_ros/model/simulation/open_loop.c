@@ -55,7 +55,7 @@ static void keep(double *kept, const lanes *state, const long long *alive, long 
 
 /* A lane whose motion leaves the range of numbers goes no further. */
 void open_loop(const struct run *r) {
-    static const int of_work = LINEARIZE_WORK + ADVANCE_WORK + REMEMBER_WORK;
+    static const int of_work = LINEARIZE_WORK + ADVANCE_WORK + INTERNAL_STATE_WORK;
     lanes work[of_work], parameters[PARAMETERS], memory[MEMORY + 1], remembered[MEMORY + 1];
     lanes q[COORDINATES], u[COORDINATES], force[COORDINATES], udot[COORDINATES];
     lanes next_q[COORDINATES], next_u[COORDINATES], inputs[INPUTS], before[INPUTS], between[INPUTS];
@@ -91,7 +91,7 @@ void open_loop(const struct run *r) {
                 before[k] = inputs[k];
             }
             lanes *result[1] = {remembered};
-            remember(in_between, result, work);
+            internal_state(in_between, result, work);
             for (int k = 0; k < MEMORY; k++) memory[k] = remembered[k];
             for (int lane = 0; lane < LANES; lane++)
                 if (alive[lane] && i + 1 == r->steps[lane])

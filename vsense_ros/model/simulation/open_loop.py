@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel, simd
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.car.steps import GAMMA, advance_function, linearize_function, remember_function
-from vsense_ros.model.coordinates import COORDINATES, INPUTS, SPIN, SURROUNDINGS
+from vsense_ros.model.car.steps import GAMMA, advance_function, internal_state_function, linearize_function
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, SPIN, TORQUES, WHEELS
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Inputs:
 
     step: float  # [s]
     inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
-    surroundings: Array  # (n, 4) as model.car.SURROUNDINGS
+    disturbances: Array  # (n, 4) as model.car.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
@@ -45,7 +45,7 @@ class Inputs:
         """The same of the first so many steps."""
         varying = {name: values[:steps] for name, values in self.varying.items()}
         target, gain = (None if values is None else values[:steps] for values in (self.target, self.gain))
-        return Inputs(self.step, self.inputs[:steps], self.surroundings[:steps], varying, target, gain)
+        return Inputs(self.step, self.inputs[:steps], self.disturbances[:steps], varying, target, gain)
 
 
 @dataclass(frozen=True)
@@ -56,19 +56,19 @@ class Motion:
     q: Array
     u: Array
     udot: Array
-    memory: Array  # (m,) of the effects in the last step, as `Car.memory`; NaN if the run did not reach that
+    internal_state: Array  # (m,) of the effects in the last step, as `Car.internal_state`; NaN if not reached
 
 
 @dataclass(frozen=True)
 class Run:
-    """From the state `q`, `u` (14 each) and the effects' memory (m,), empty if it is not given; parameters in the order
-    of the car."""
+    """From the state `q`, `u` (14 each) and the effects' internal state (m,), zero if it is not given; parameters in
+    the order of the car."""
 
     q: Array
     u: Array
     inputs: Inputs
     parameters: Array
-    memory: Array | None = None
+    internal_state: Array | None = None
 
 
 class OpenLoop:
@@ -104,40 +104,40 @@ class OpenLoop:
     def _motion(self, run: Run) -> Motion:
         rows = (len(run.inputs) + self.keep - 1) // self.keep
         q, u, udot = (np.full((rows, COORDINATES), np.nan) for _ in range(3))
-        memory = np.full(self.car.memory.numel(), np.nan)
-        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, memory)
+        internal_state = np.full(self.car.internal_state.numel(), np.nan)
+        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
 
     def _run_plain(self, run: Run, motion: Motion) -> None:
         inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
         now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
-        memory = np.zeros(len(motion.memory)) if run.memory is None else np.array(run.memory, dtype=float)
+        internal_state = _beginning(run, len(motion.internal_state))
         size = COORDINATES
         functions = _functions(self.car)
-        driving, around = np.zeros(len(INPUTS)), np.zeros(len(SURROUNDINGS))
-        arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, memory]
+        driving, around = np.zeros(len(INPUTS)), np.zeros(len(DISTURBANCES))
+        arguments = [now_q, now_u, np.zeros(size), around, driving, parameters, internal_state]
         h, inverse = np.array([inputs.step]), np.zeros(size**2)
         linearize = Kernel(functions["linearize"], arguments)
         udot, by_q, by_u, by_q_rates = linearize.results
-        # The memory belongs to the beginning of a step, inputs to its middle.
+        # The internal state belongs to the beginning of a step, inputs to its middle.
         between, before = np.zeros(len(INPUTS)), np.zeros(len(INPUTS))
         beginning = [*arguments[:4], between, *arguments[5:], h]
-        remember = Kernel(functions["remember"], beginning) if memory.size else None
+        move_on = Kernel(functions["internal_state"], beginning) if internal_state.size else None
         advance = Kernel(functions["advance"], [*arguments, h, inverse, by_q.reshape(-1, order="F")])
         unit, scale = np.eye(size), GAMMA * inputs.step
         for i in range(len(inputs)):
-            driving[:], around[:] = inputs.inputs[i], inputs.surroundings[i]
+            driving[:], around[:] = inputs.inputs[i], inputs.disturbances[i]
             for name, values in inputs.varying.items():
                 parameters[self._place[name]] = values[i]
             if inputs.gain is not None and inputs.target is not None:
-                driving[1:] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
-            if remember is not None:
+                driving[TORQUES] += inputs.gain[i] * (inputs.target[i] - now_u[SPIN].mean())
+            if move_on is not None:
                 between[:] = (before + driving) / 2 if i else driving
                 before[:] = driving
-                remember.call()
-                memory[:] = remember.results[0][:, 0]
+                move_on.call()
+                internal_state[:] = move_on.results[0][:, 0]
             if i % self.keep == 0:
                 linearize.call()
-                for column, value in zip(kept, (now_q, now_u, udot[:, 0]), strict=True):
+                for column, value in zip(kept, (now_q, now_u, udot.ravel()), strict=True):
                     column[i // self.keep] = value
                 try:
                     inverse[:] = np.linalg.inv(unit - scale * (by_u + scale * by_q_rates)).reshape(-1, order="F")
@@ -147,7 +147,7 @@ class OpenLoop:
             if not np.isfinite(sum(result.sum() for result in advance.results)):
                 return
             now_q[:], now_u[:] = (result[:, 0] for result in advance.results)
-        motion.memory[:] = memory
+        motion.internal_state[:] = internal_state
 
 
 _Doubles = ctypes.POINTER(ctypes.c_double)
@@ -162,7 +162,7 @@ class _Run(ctypes.Structure):
         ("h", ctypes.c_double),
         ("steps", _Integers),
         *((name, _Doubles) for name in ("q", "u")),
-        *((name, _Doubles) for name in ("inputs", "surroundings", "target", "gain", "varying", "parameters")),
+        *((name, _Doubles) for name in ("inputs", "disturbances", "target", "gain", "varying", "parameters")),
         ("varied", ctypes.c_longlong),
         ("places", _Integers),
         *((name, _Doubles) for name in ("memory", "remembered")),
@@ -206,27 +206,32 @@ class _Compiled:
             at_once(*(run.q for run in runs)),
             at_once(*(run.u for run in runs)),
             beside(*(drive.inputs for drive in drives)),
-            beside(*(drive.surroundings for drive in drives)),
+            beside(*(drive.disturbances for drive in drives)),
             beside(*(none(run) if run.inputs.target is None else run.inputs.target for run in runs)),
-            beside(*(none(run, 4) if run.inputs.gain is None else run.inputs.gain for run in runs)),
+            beside(*(none(run, len(WHEELS)) if run.inputs.gain is None else run.inputs.gain for run in runs)),
             beside(*(_varying(run, varied, places) for run in runs)),
             at_once(*(run.parameters for run in runs)),
         ]
         rows = max(len(motion.t) for motion in motions)
-        size = len(motions[0].memory)
-        memory = at_once(*(np.zeros(size) if run.memory is None else run.memory for run in runs))
+        size = len(motions[0].internal_state)
+        internal_state = at_once(*(_beginning(run, size) for run in runs))
         remembered = np.full((self.lanes, size), np.nan)
         kept = [np.zeros((self.lanes, rows, COORDINATES)) for _ in range(3)]
         reached = np.zeros(self.lanes, dtype=np.int64)
         arguments = _Run(
             keep, h, _integers(steps), *map(_pointer, columns), len(places), _integers(places),
-            *map(_pointer, (memory, remembered, *kept)), rows, _integers(reached),
+            *map(_pointer, (internal_state, remembered, *kept)), rows, _integers(reached),
         )  # fmt: skip
         self.function(ctypes.byref(arguments))
         for lane, motion in enumerate(motions):
             for state, column in zip((motion.q, motion.u, motion.udot), kept, strict=True):
                 state[: reached[lane]] = column[lane, : reached[lane]]
-            motion.memory[:] = remembered[lane]
+            motion.internal_state[:] = remembered[lane]
+
+
+def _beginning(run: Run, size: int) -> Array:
+    """A copy of the effects' internal state where a run begins, (size,)."""
+    return np.zeros(size) if run.internal_state is None else np.array(run.internal_state, dtype=float)
 
 
 def _varying(run: Run, names: Sequence[str], places: NDArray[np.int64]) -> Array:
@@ -253,8 +258,8 @@ def _functions(car: Car) -> dict[str, ca.Function]:
     state = [ca.SX.sym(every.name_in(i), *every.size_in(i)) for i in range(every.n_in())]
     udot, by_q, by_u, _, by_q_rates = every(*state)
     made = [ca.Function("linearize", state, [udot, by_q, by_u, by_q_rates]), advance_function(car).expand()]
-    if car.memory.numel():
-        made.append(remember_function(car).expand())
+    if car.internal_state.numel():
+        made.append(internal_state_function(car).expand())
     return {function.name(): function for function in made}
 
 
@@ -264,13 +269,13 @@ def _compiled(car: Car) -> _Compiled | None:
     if codegen.compiler() is None:
         return None
     functions = _functions(car)
-    constants = {"MEMORY": car.memory.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
+    constants = {"MEMORY": car.internal_state.numel(), "GAMMA": repr(GAMMA), "PARAMETERS": car.p.numel()}
     written = [
         simd.source(list(functions.values())),
         *(f"#define {name} {value}" for name, value in constants.items()),
     ]
-    if "remember" not in functions:
-        written.append("#define REMEMBER_WORK 0\n#define remember(in, out, work)")
+    if "internal_state" not in functions:
+        written.append("#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)")
     written.append(resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8"))
     built = codegen.library("open_loop", "\n".join(written), _flags())
     if built is None:

@@ -7,17 +7,17 @@ circle; with slip in one direction alone this is Fiala's formula, and his aligni
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Literal
 
 import casadi as ca
 from pydantic import model_validator
 
-from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.parameter import Scalar, parameter
+from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
 
 
-class Fiala(Part):
+class Fiala(Tyre):
     """Parameters of a Fiala tyre."""
 
     model: Literal["fiala"]
@@ -39,51 +39,30 @@ class Fiala(Part):
             )
         return self
 
+    def steepest_slope(self, load: Scalar) -> Scalar:
+        """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
+        return self.slip_stiffness
 
-def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
-    return p.slip_stiffness
+    def cornering_stiffness_at(self, load: Scalar) -> Scalar:
+        """Lateral force per slip angle at zero slip [N/rad]."""
+        return self.cornering_stiffness
 
+    def forces(self, wheel: TyreInput) -> TyreForces:
+        """Steady forces and slips; inclination and side of the car are without effect."""
+        travel, slip_x, slip_y = slips(wheel, wheel.speed_x, self.standstill_speed)
+        size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SMALLEST_SLIP**2), 1)
+        coefficient = wheel.friction * (self.static_friction - (self.static_friction - self.sliding_friction) * size)
+        limit = coefficient * ca.fmax(wheel.load, SMALLEST_LOAD)
+        # What the force would be if all of the contact patch stuck to the road.
+        elastic_x, elastic_y = self.slip_stiffness * slip_x, self.cornering_stiffness * slip_y
+        elastic = ca.sqrt(elastic_x**2 + elastic_y**2 + (SMALLEST_SLIP * self.cornering_stiffness) ** 2)
+        sticking = ca.fmax(1 - elastic / (3 * limit), 0)  # share of the contact patch
+        share = contact(wheel.load) * limit * (1 - sticking**3) / elastic
+        trail = 3 * self.pneumatic_trail * (1 - sticking) * sticking**3 / (1 - sticking**3)
+        force_y = share * elastic_y
+        moment = -trail * (wheel.speed_x / travel) * force_y
+        return TyreForces(share * elastic_x, force_y, moment, slip_x, slip_y)
 
-def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Lateral force per slip angle at zero slip [N/rad]."""
-    return p.cornering_stiffness
-
-
-def forces(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Forces and slips as `tyres.forces` describes them; `camber` and `side` are without effect."""
-    travel, slip_x, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SMALLEST_SLIP**2), 1)
-    coefficient = friction * (p.static_friction - (p.static_friction - p.sliding_friction) * size)
-    limit = coefficient * ca.fmax(load, SMALLEST_LOAD)
-    # What the force would be if all of the contact patch stuck to the road.
-    elastic_x, elastic_y = p.slip_stiffness * slip_x, p.cornering_stiffness * slip_y
-    elastic = ca.sqrt(elastic_x**2 + elastic_y**2 + (SMALLEST_SLIP * p.cornering_stiffness) ** 2)
-    sticking = ca.fmax(1 - elastic / (3 * limit), 0)  # share of the contact patch
-    share = contact(load) * limit * (1 - sticking**3) / elastic
-    trail = 3 * p.pneumatic_trail * (1 - sticking) * sticking**3 / (1 - sticking**3)
-    force_y = share * elastic_y
-    return share * elastic_x, force_y, -trail * (speed_x / travel) * force_y, slip_x, slip_y
-
-
-def relaxation_lengths(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX]:
-    """Distance over which the longitudinal and the lateral force build up [m]."""
-    return p.relaxation_length, p.relaxation_length
+    def relaxation_lengths(self, wheel: TyreInput) -> RelaxationLengths:
+        """Distance over which the longitudinal and the lateral force build up [m]."""
+        return RelaxationLengths(self.relaxation_length, self.relaxation_length)

@@ -5,16 +5,16 @@ For small slips only: neither load nor friction limits the forces. Good for mode
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Literal
 
 import casadi as ca
 
-from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.parameter import Scalar, parameter
+from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import contact, slips
 
 
-class Linear(Part):
+class Linear(Tyre):
     """Parameters of a linear tyre."""
 
     model: Literal["linear"]
@@ -27,49 +27,28 @@ class Linear(Part):
         "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
     )
 
+    def steepest_slope(self, load: Scalar) -> Scalar:
+        """Largest increase of longitudinal force per longitudinal slip [N]."""
+        return self.slip_stiffness
 
-def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Largest increase of longitudinal force per longitudinal slip [N]."""
-    return p.slip_stiffness
+    def cornering_stiffness_at(self, load: Scalar) -> Scalar:
+        """Lateral force per slip angle at zero slip [N/rad]."""
+        return self.cornering_stiffness
 
+    def forces(self, wheel: TyreInput) -> TyreForces:
+        """Steady forces and slips; grip and side of the car are without effect."""
+        travel, _, slip_y = slips(wheel, wheel.speed_x, self.standstill_speed)
+        # Braking counts against the speed over ground, driving against that of the tread (Leung's eq. 3.15).
+        faster = ca.fmax(ca.fabs(wheel.speed_x), ca.fabs(wheel.rolling_speed))
+        _, slip_x, _ = slips(wheel, faster, self.standstill_speed)
+        on_road = contact(wheel.load)
+        force_x = on_road * self.slip_stiffness * slip_x
+        from_slip = on_road * self.cornering_stiffness * ca.atan(slip_y)
+        rolling = wheel.speed_x / travel
+        force_y = from_slip - on_road * self.camber_stiffness * wheel.camber * rolling**2
+        moment = -self.pneumatic_trail * rolling * from_slip
+        return TyreForces(force_x, force_y, moment, slip_x, slip_y)
 
-def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Lateral force per slip angle at zero slip [N/rad]."""
-    return p.cornering_stiffness
-
-
-def forces(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Forces and slips as `tyres.forces` describes them; `friction` and `side` are without effect."""
-    travel, _, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    # Braking counts against the speed over ground, driving against that of the tread (Leung's eq. 3.15).
-    faster = ca.fmax(ca.fabs(speed_x), ca.fabs(rolling_speed))
-    _, slip_x, _ = slips(faster, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    on_road = contact(load)
-    force_x = on_road * p.slip_stiffness * slip_x
-    from_slip = on_road * p.cornering_stiffness * ca.atan(slip_y)
-    rolling = speed_x / travel
-    force_y = from_slip - on_road * p.camber_stiffness * camber * rolling**2
-    return force_x, force_y, -p.pneumatic_trail * rolling * from_slip, slip_x, slip_y
-
-
-def relaxation_lengths(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX]:
-    """Distance over which the longitudinal and the lateral force build up [m]."""
-    return p.relaxation_length, p.relaxation_length
+    def relaxation_lengths(self, wheel: TyreInput) -> RelaxationLengths:
+        """Distance over which the longitudinal and the lateral force build up [m]."""
+        return RelaxationLengths(self.relaxation_length, self.relaxation_length)

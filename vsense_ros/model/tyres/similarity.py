@@ -7,16 +7,16 @@ slip and lateral force both change their signs, the curve between them stays.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Literal
 
 import casadi as ca
 
-from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.parameter import Scalar, parameter
+from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips, transport_speed
 
 
-class Similarity(Part):
+class Similarity(Tyre):
     """Parameters of a tyre in similarity form, named as in the paper's table 1."""
 
     model: Literal["similarity"]
@@ -30,50 +30,29 @@ class Similarity(Part):
         "m/s", "added to the velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
     )
 
+    def steepest_slope(self, load: Scalar) -> Scalar:
+        """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
+        return self.peak * self.stiffness * self.longitudinal_ratio
 
-def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Largest increase of longitudinal force per longitudinal slip, that at zero slip [N]."""
-    return p.peak * p.stiffness * p.longitudinal_ratio
+    def cornering_stiffness_at(self, load: Scalar) -> Scalar:
+        """Lateral force per slip angle at zero slip [N/rad]."""
+        return self.peak * self.stiffness
 
+    def forces(self, wheel: TyreInput) -> TyreForces:
+        """Steady forces and slips, no aligning moment; inclination and side of the car are without effect."""
+        _, slip_x, slip_y = slips(wheel, wheel.speed_x, self.standstill_speed)
+        limit = wheel.friction * ca.fmax(wheel.load, SMALLEST_LOAD)
+        k_x = self.stiffness / limit * self.longitudinal_ratio * slip_x
+        k_y = self.stiffness / limit * slip_y
+        k = ca.sqrt(k_x**2 + k_y**2 + SMALLEST_SLIP**2)
+        scaled = k / self.shape
+        bent = scaled - self.curvature * (scaled - ca.atan(scaled))
+        # An identified shape above 2 would let the curve cross zero far out, and the tyre push the sliding car.
+        curve = ca.fmax(self.peak * ca.sin(self.shape * ca.atan(bent)), 0)
+        share = contact(wheel.load) * curve * limit / k
+        return TyreForces(share * k_x, share * k_y, ca.SX(0), slip_x, slip_y)
 
-def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Lateral force per slip angle at zero slip [N/rad]."""
-    return p.peak * p.stiffness
-
-
-def forces(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Forces and slips as `tyres.forces` describes them; no aligning moment; `camber` and `side` are without effect."""
-    _, slip_x, slip_y = slips(speed_x, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    limit = friction * ca.fmax(load, SMALLEST_LOAD)
-    k_x = p.stiffness / limit * p.longitudinal_ratio * slip_x
-    k_y = p.stiffness / limit * slip_y
-    k = ca.sqrt(k_x**2 + k_y**2 + SMALLEST_SLIP**2)
-    scaled = k / p.shape
-    # An identified shape above 2 would let the curve cross zero far out, and the tyre push the sliding car.
-    curve = ca.fmax(p.peak * ca.sin(p.shape * ca.atan(scaled - p.curvature * (scaled - ca.atan(scaled)))), 0)
-    share = contact(load) * curve * limit / k
-    return share * k_x, share * k_y, ca.SX(0), slip_x, slip_y
-
-
-def relaxation_lengths(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX]:
-    """Distance over which the forces build up [m]: that rolled in the paper's constant time."""
-    length = p.relaxation_time * transport_speed(rolling_speed, p.standstill_speed)
-    return length, length
+    def relaxation_lengths(self, wheel: TyreInput) -> RelaxationLengths:
+        """Distance over which the forces build up [m]: that rolled in the paper's constant time."""
+        length = self.relaxation_time * transport_speed(wheel.rolling_speed, self.standstill_speed)
+        return RelaxationLengths(length, length)

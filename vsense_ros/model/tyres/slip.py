@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import casadi as ca
+
+from vsense_ros.model.parameter import Scalar
+from vsense_ros.model.tyres.base import TyreInput
 
 SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
 SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
 SHORTEST_RELAXATION = 1e-3  # [m] keeps the rate of a tyre without relaxation finite
 
 
-def transport_speed(speed: ca.SX | float, standstill_speed: ca.SX | float) -> ca.SX:
+def transport_speed(speed: Scalar, standstill_speed: Scalar) -> Scalar:
     """What sliding velocities are divided by, positive and smooth through standstill [m/s]."""
     return ca.sqrt(speed**2 + standstill_speed**2)
 
 
-def slips(
-    over: ca.SX, speed_x: ca.SX, speed_y: ca.SX, rolling_speed: ca.SX, standstill_speed: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Transport speed of the velocity `over` [m/s]; longitudinal and lateral slip: sliding velocities over it [-]."""
-    transport = transport_speed(over, standstill_speed)
-    return transport, (rolling_speed - speed_x) / transport, -speed_y / transport
+class Slips(NamedTuple):
+    """Sliding velocities of a contact patch over the speed that they are referred to."""
+
+    reference_speed: Scalar  # positive [m/s]
+    longitudinal: Scalar  # [-]
+    lateral: Scalar  # [-]
 
 
-def contact(load: ca.SX) -> ca.SX:
+def slips(wheel: TyreInput, velocity: Scalar, standstill_speed: Scalar) -> Slips:
+    """Slips of a wheel, referred to the size of a `velocity` [m/s]."""
+    reference = transport_speed(velocity, standstill_speed)
+    return Slips(reference, (wheel.rolling_speed - wheel.speed_x) / reference, -wheel.speed_y / reference)
+
+
+def contact(load: Scalar) -> Scalar:
     """1 on the road, 0 in the air [-]."""
     return ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)
 
 
-def relaxation_rate(
-    length: ca.SX | float, rolling_speed: ca.SX | float, standstill_speed: ca.SX | float
-) -> ca.SX | float:
+def relaxation_rate(length: Scalar, rolling_speed: Scalar, standstill_speed: Scalar) -> Scalar:
     """Rate [1/s] at which a force follows its steady value: d(force)/dt = rate · (steady force − force).
 
     The deflection of a tyre builds up over the distance rolled, `length` [m] (Pacejka 2012, section 7.2), so the rate

@@ -7,13 +7,13 @@ Inclination acts as additional lateral slip, the lag behind the slip comes from 
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import casadi as ca
 from pydantic import model_validator
 
-from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.parameter import Part, Scalar, parameter
+from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
 
 LARGEST_LOAD_RATIO = 2.5  # the force curves are those of this ratio to the nominal load beyond it
@@ -41,6 +41,26 @@ class ForceCurve(Part):
         if self.slip_at_sliding <= self.slip_at_maximum:
             raise ValueError("slip_at_sliding must be larger than slip_at_maximum")
         return self
+
+
+def _force_at_load(nominal: Scalar, double: Scalar, ratio: Scalar) -> Scalar:
+    """Quadratic load influence through zero, `nominal` at ratio 1 and `double` at 2 (Rill 2012, eq. 3.58)."""
+    return ratio * (2 * nominal - 0.5 * double - (nominal - 0.5 * double) * ratio)
+
+
+def _slip_at_load(nominal: Scalar, double: Scalar, ratio: Scalar) -> Scalar:
+    """Linear load influence of a slip parameter."""
+    return nominal + (double - nominal) * (ratio - 1)
+
+
+class CurveAtLoad(NamedTuple):
+    """A force curve at the present load and friction: symbols or numbers, as in `ForceCurve`."""
+
+    initial_slope: Scalar
+    maximum: Scalar
+    slip_at_maximum: Scalar
+    sliding: Scalar
+    slip_at_sliding: Scalar
 
 
 class LoadPair(Part):
@@ -77,8 +97,23 @@ class LoadPair(Part):
                 )
         return self
 
+    def initial_slope(self, load_ratio: Scalar) -> Scalar:
+        """Slope of the force at zero slip [N] under a load over the nominal one."""
+        return _force_at_load(self.nominal.initial_slope, self.double.initial_slope, load_ratio)
 
-class TMeasy(Part):
+    def at(self, load_ratio: Scalar, friction: Scalar) -> CurveAtLoad:
+        """The curve under a load over the nominal one, on a road with that grip."""
+        near, far = self.nominal, self.double
+        return CurveAtLoad(
+            initial_slope=self.initial_slope(load_ratio),
+            maximum=friction * _force_at_load(near.maximum, far.maximum, load_ratio),
+            slip_at_maximum=friction * _slip_at_load(near.slip_at_maximum, far.slip_at_maximum, load_ratio),
+            sliding=friction * _force_at_load(near.sliding, far.sliding, load_ratio),
+            slip_at_sliding=friction * _slip_at_load(near.slip_at_sliding, far.slip_at_sliding, load_ratio),
+        )
+
+
+class TMeasy(Tyre):
     """Parameters of a TMeasy tyre."""
 
     model: Literal["tmeasy"] = "tmeasy"
@@ -98,137 +133,97 @@ class TMeasy(Part):
         "m/s", "added to the transport velocity so that slip stays finite at standstill", gt=0, le=2, default=0.3
     )
 
+    def steepest_slope(self, load: Scalar) -> Scalar:
+        """Largest increase of longitudinal force per longitudinal slip at a wheel load, that at zero slip [N]."""
+        return self.longitudinal.initial_slope(self._load_ratio(load))
 
-def _force_at_load(nominal: ca.SX, double: ca.SX, ratio: ca.SX) -> ca.SX:
-    """Quadratic load influence through zero, `nominal` at ratio 1 and `double` at 2 (Rill 2012, eq. 3.58)."""
-    return ratio * (2 * nominal - 0.5 * double - (nominal - 0.5 * double) * ratio)
+    def cornering_stiffness_at(self, load: Scalar) -> Scalar:
+        """Lateral force per slip angle at zero slip [N/rad]."""
+        return self.lateral.initial_slope(self._load_ratio(load))
 
+    def forces(self, wheel: TyreInput) -> TyreForces:
+        """Steady forces and slips; the side of the car is without effect.
 
-def _slip_at_load(nominal: ca.SX, double: ca.SX, ratio: ca.SX) -> ca.SX:
-    """Linear load influence of a slip parameter."""
-    return nominal + (double - nominal) * (ratio - 1)
+        A wheel that leans rolls like a cone: its tread is deflected towards the lean in the middle of the contact
+        patch, on average as by a third of the slip at the ends (Hirschberg et al. 2007, section 2.6). That deflection
+        is symmetric and has no trail.
+        """
+        slip = slips(wheel, wheel.rolling_speed, self.standstill_speed)
+        rolling = wheel.rolling_speed / slip.reference_speed
+        by_camber = self._camber_slip(wheel.camber, rolling)
+        over_x, over_y = self._forces_over_slips(wheel, slip.longitudinal, slip.lateral + by_camber)
+        # The trail points against the direction of rolling.
+        moment = -self._trail(wheel.load, slip.lateral) * rolling * over_y * slip.lateral
+        return TyreForces(
+            over_x * slip.longitudinal, over_y * (slip.lateral + by_camber), moment, slip.longitudinal, slip.lateral
+        )
 
+    def relaxation_lengths(self, wheel: TyreInput) -> RelaxationLengths:
+        """Distance over which the longitudinal and the lateral force build up [m].
 
-def _curve(p: SimpleNamespace, load_ratio: ca.SX, friction: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    near, far = p.nominal, p.double
-    slope = _force_at_load(near.initial_slope, far.initial_slope, load_ratio)
-    maximum = friction * _force_at_load(near.maximum, far.maximum, load_ratio)
-    sliding = friction * _force_at_load(near.sliding, far.sliding, load_ratio)
-    slip_max = friction * _slip_at_load(near.slip_at_maximum, far.slip_at_maximum, load_ratio)
-    slip_slide = friction * _slip_at_load(near.slip_at_sliding, far.slip_at_sliding, load_ratio)
-    return slope, maximum, slip_max, sliding, slip_slide
+        Force over slip over the stiffness of the carcass, so shorter the more the tyre slides (Hirschberg et al. 2007,
+        section 3, with the carcass's damping left out).
+        """
+        slip = slips(wheel, wheel.rolling_speed, self.standstill_speed)
+        by_camber = self._camber_slip(wheel.camber, wheel.rolling_speed / slip.reference_speed)
+        over_x, over_y = self._forces_over_slips(wheel, slip.longitudinal, slip.lateral + by_camber)
+        return RelaxationLengths(over_x / self.longitudinal_stiffness, over_y / self.lateral_stiffness)
 
+    def _load_ratio(self, load: Scalar) -> Scalar:
+        """Over the nominal load; limited, because the parabola that describes load influence turns down beyond."""
+        return ca.fmin(ca.fmax(load, SMALLEST_LOAD) / self.nominal_load, LARGEST_LOAD_RATIO)
 
-def steepest_slope(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Largest increase of longitudinal force per longitudinal slip at a wheel load, that at zero slip [N]."""
-    ratio = _load_ratio(p, load)
-    return _force_at_load(p.longitudinal.nominal.initial_slope, p.longitudinal.double.initial_slope, ratio)
+    def _forces_over_slips(self, wheel: TyreInput, slip_x: Scalar, slip_y: Scalar) -> tuple[Scalar, Scalar]:
+        """Longitudinal and lateral force over the slip in the same direction [N]: positive everywhere."""
+        ratio = self._load_ratio(wheel.load)
+        x, y = self.longitudinal.at(ratio, wheel.friction), self.lateral.at(ratio, wheel.friction)
 
+        # Normalising factors that make both directions comparable (Hirschberg et al. 2007, eqs. 9-11).
+        range_x, range_y = x.maximum / x.initial_slope, y.maximum / y.initial_slope
+        factor_x = x.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_x / (range_x + range_y)
+        factor_y = y.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_y / (range_x + range_y)
+        normal_x, normal_y = slip_x / factor_x, slip_y / factor_y
+        slip = ca.sqrt(normal_x**2 + normal_y**2 + SMALLEST_SLIP**2)
+        share_x = (
+            normal_x**2 + 0.5 * SMALLEST_SLIP**2
+        ) / slip**2  # cos² of the slip direction; an even mix at zero slip
 
-def _load_ratio(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Over the nominal load; limited, because the parabola that describes load influence turns down beyond."""
-    return ca.fmin(ca.fmax(load, SMALLEST_LOAD) / p.nominal_load, LARGEST_LOAD_RATIO)
+        def combine(along: Scalar, across: Scalar) -> Scalar:
+            return ca.sqrt(along**2 * share_x + across**2 * (1 - share_x))
 
+        combined = CurveAtLoad(
+            initial_slope=combine(x.initial_slope * factor_x, y.initial_slope * factor_y),
+            maximum=combine(x.maximum, y.maximum),
+            slip_at_maximum=combine(x.slip_at_maximum / factor_x, y.slip_at_maximum / factor_y),
+            sliding=combine(x.sliding, y.sliding),
+            slip_at_sliding=combine(x.slip_at_sliding / factor_x, y.slip_at_sliding / factor_y),
+        )
+        force_over_slip = contact(wheel.load) * _force_over_slip(combined, slip)
+        return force_over_slip / factor_x, force_over_slip / factor_y
 
-def cornering_stiffness(p: SimpleNamespace, load: ca.SX) -> ca.SX:
-    """Lateral force per slip angle at zero slip [N/rad]."""
-    return _force_at_load(p.lateral.nominal.initial_slope, p.lateral.double.initial_slope, _load_ratio(p, load))
+    def _camber_slip(self, camber: Scalar, rolling: Scalar) -> Scalar:
+        """Lateral slip to which inclination is equivalent; `rolling` is the rolling speed over its size."""
+        return -self.camber_slip * ca.sin(camber) * rolling**2
 
+    def _trail(self, load: Scalar, slip_y: Scalar) -> Scalar:
+        """Pneumatic trail [m]: falls to zero, overshoots while the tyre slides more and more, and ends in full sliding.
 
-def _forces_over_slips(
-    p: SimpleNamespace, load: ca.SX, slip_x: ca.SX, slip_y: ca.SX, friction: ca.SX
-) -> tuple[ca.SX, ca.SX]:
-    """Longitudinal and lateral force over the slip in the same direction [N]: positive everywhere."""
-    ratio = _load_ratio(p, load)
-
-    slope_x, max_x, slip_max_x, slide_x, slip_slide_x = _curve(p.longitudinal, ratio, friction)
-    slope_y, max_y, slip_max_y, slide_y, slip_slide_y = _curve(p.lateral, ratio, friction)
-
-    # Normalising factors that make both directions comparable (Hirschberg et al. 2007, eqs. 9-11).
-    range_x, range_y = max_x / slope_x, max_y / slope_y
-    factor_x = slip_max_x / (slip_max_x + slip_max_y) + range_x / (range_x + range_y)
-    factor_y = slip_max_y / (slip_max_x + slip_max_y) + range_y / (range_x + range_y)
-    normal_x, normal_y = slip_x / factor_x, slip_y / factor_y
-    slip = ca.sqrt(normal_x**2 + normal_y**2 + SMALLEST_SLIP**2)
-    share_x = (normal_x**2 + 0.5 * SMALLEST_SLIP**2) / slip**2  # cos² of the slip direction; an even mix at zero slip
-
-    def combine(x: ca.SX, y: ca.SX) -> ca.SX:
-        return ca.sqrt(x**2 * share_x + y**2 * (1 - share_x))
-
-    slope = combine(slope_x * factor_x, slope_y * factor_y)
-    maximum = combine(max_x, max_y)
-    slip_max = combine(slip_max_x / factor_x, slip_max_y / factor_y)
-    sliding = combine(slide_x, slide_y)
-    slip_slide = combine(slip_slide_x / factor_x, slip_slide_y / factor_y)
-
-    adhesion = ca.fmin(slip / slip_max, 1)
-    rising = slope / (1 + adhesion * (adhesion + slope * slip_max / maximum - 2))  # force over slip
-    beyond = ca.fmin(ca.fmax((slip - slip_max) / (slip_slide - slip_max), 0), 1)
-    falling = (maximum - (maximum - sliding) * beyond**2 * (3 - 2 * beyond)) / slip
-    force_over_slip = ca.if_else(slip < slip_max, rising, falling)
-
-    on_road = contact(load)
-    return on_road * force_over_slip / factor_x, on_road * force_over_slip / factor_y
-
-
-def forces(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Forces and slips as `tyres.forces` describes them; `side` is without effect.
-
-    A wheel that leans rolls like a cone: its tread is deflected towards the lean in the middle of the contact patch, on
-    average as by a third of the slip at the ends (Hirschberg et al. 2007, section 2.6). That deflection is symmetric
-    and has no trail.
-    """
-    transport, slip_x, slip_y = slips(rolling_speed, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    by_camber = _camber_slip(p, camber, rolling_speed / transport)
-    over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
-    # The trail points against the direction of rolling.
-    moment = -_trail(p, load, slip_y) * (rolling_speed / transport) * over_y * slip_y
-    return over_x * slip_x, over_y * (slip_y + by_camber), moment, slip_x, slip_y
+        Hirschberg et al. 2007, section 2.5. It goes with the length of the contact patch, which grows with the square
+        root of the load.
+        """
+        slip, end = ca.fabs(slip_y) / self.slip_of_no_trail, self.end_of_trail
+        share = 1 / end
+        adhering = (1 - share) * (1 - slip) + share * (1 - (3 - 2 * slip) * slip**2)
+        sliding = -(1 - share) * (slip - 1) * (ca.fmax(end - slip, 0) / (end - 1)) ** 2
+        return self.pneumatic_trail * ca.sqrt(self._load_ratio(load)) * ca.if_else(slip < 1, adhering, sliding)
 
 
-def _camber_slip(p: SimpleNamespace, camber: ca.SX | float, rolling: ca.SX) -> ca.SX:
-    """Lateral slip to which inclination is equivalent; `rolling` is the rolling over the transport speed."""
-    return -p.camber_slip * ca.sin(camber) * rolling**2
-
-
-def _trail(p: SimpleNamespace, load: ca.SX, slip_y: ca.SX) -> ca.SX:
-    """Pneumatic trail [m]: falls to zero, overshoots while the tyre slides more and more, and ends in full sliding.
-
-    Hirschberg et al. 2007, section 2.5. It goes with the length of the contact patch, which grows with the square root
-    of the load.
-    """
-    slip, end = ca.fabs(slip_y) / p.slip_of_no_trail, p.end_of_trail
-    share = 1 / end
-    adhering = (1 - share) * (1 - slip) + share * (1 - (3 - 2 * slip) * slip**2)
-    sliding = -(1 - share) * (slip - 1) * (ca.fmax(end - slip, 0) / (end - 1)) ** 2
-    return p.pneumatic_trail * ca.sqrt(_load_ratio(p, load)) * ca.if_else(slip < 1, adhering, sliding)
-
-
-def relaxation_lengths(
-    p: SimpleNamespace,
-    load: ca.SX,
-    speed_x: ca.SX,
-    speed_y: ca.SX,
-    rolling_speed: ca.SX,
-    friction: ca.SX,
-    camber: ca.SX | float = 0.0,
-    side: float = 1.0,
-) -> tuple[ca.SX, ca.SX]:
-    """Distance over which the longitudinal and the lateral force build up [m].
-
-    Force over slip over the stiffness of the carcass, so shorter the more the tyre slides (Hirschberg et al. 2007,
-    section 3, with the carcass's damping left out).
-    """
-    transport, slip_x, slip_y = slips(rolling_speed, speed_x, speed_y, rolling_speed, p.standstill_speed)
-    by_camber = _camber_slip(p, camber, rolling_speed / transport)
-    over_x, over_y = _forces_over_slips(p, load, slip_x, slip_y + by_camber, friction)
-    return over_x / p.longitudinal_stiffness, over_y / p.lateral_stiffness
+def _force_over_slip(curve: CurveAtLoad, slip: Scalar) -> Scalar:
+    """Force over a positive slip [N]: up to the maximum on a fraction, then down on a cubic, then constant."""
+    adhesion = ca.fmin(slip / curve.slip_at_maximum, 1)
+    steepness = curve.initial_slope * curve.slip_at_maximum / curve.maximum
+    rising = curve.initial_slope / (1 + adhesion * (adhesion + steepness - 2))
+    to_sliding = curve.slip_at_sliding - curve.slip_at_maximum
+    beyond = ca.fmin(ca.fmax((slip - curve.slip_at_maximum) / to_sliding, 0), 1)
+    falling = (curve.maximum - (curve.maximum - curve.sliding) * beyond**2 * (3 - 2 * beyond)) / slip
+    return ca.if_else(slip < curve.slip_at_maximum, rising, falling)

@@ -1,0 +1,40 @@
+"""What a filter's intake must know of a sensor, whatever it is mounted on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Source(Protocol):
+    """Where readings come from: a topic and its type of message, and how to read one."""
+
+    message: ClassVar[str]  # message type
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def topic(self) -> str: ...
+    @property
+    def frame_id(self) -> str: ...
+    @property
+    def latency(self) -> float:
+        """How long after the measurement its time stamp is [s]."""
+
+    @property
+    def timeout(self) -> float:
+        """Silence after which it is told [s]."""
+
+    def offsets(self) -> Array:
+        """Known errors (m,), to be subtracted."""
+
+    def deviations(self) -> Array:
+        """Standard deviations (m,), where a message states none."""
+
+    def read(self, names: tuple[str, ...], values: Mapping[str, Array], value: Array, variance: Array) -> None:
+        """Write the measurement (m,) of a message, and the variances (m,) if it states some."""

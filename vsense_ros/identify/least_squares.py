@@ -1,0 +1,363 @@
+"""Nonlinear least squares for models that are simulated: damped Gauss-Newton steps with a Gaussian prior and bounds.
+
+A residual costs a simulation and its derivatives cost one for each free parameter, so slopes are secants that are
+taken seldom and learn from the steps in between (Broyden, 1965). Where parameters can stand in for one another the
+value has a curved valley: what a step that was too long missed tells how the valley bends, and a shorter one follows
+it. Residuals come in blocks (windows, recordings), so that a simulation may fail in some of them, and so that a fit
+can be judged without some of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.normal_equations import NormalEquations, minimiser
+from vsense_ros.identify.parameter_set import ParameterSet
+
+Array = NDArray[np.float64]
+
+PRIOR = 3e-3  # a free parameter that is one deviation off costs as much as this share of the squared residuals
+STEP = 0.25  # of a free parameter's likely offset, for secants
+STEPS = (1.0, -1.0, 0.25)  # times that, tried in this order until the simulation diverges in no block
+# Steps that are tried in this order until the value falls by a `SUFFICIENT` share of what the slopes promise: caution
+# (what the diagonal of the normal matrix grows by, as a share of itself), and shares of the step along an arc.
+SUFFICIENT = 0.25
+CAUTION = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
+BENT = 1.5  # most that an arc is bent, over the length of the step
+SETTLED = 2e-3  # relative fall of the value, had or promised, that ends the iterations
+UNSETTLED = 0.05  # the same in the last of them, from where on the fit has not converged
+_HALVINGS = 60  # of the interval in which the damping is sought
+
+
+class DivergedError(Exception):
+    """A simulation left all bounds."""
+
+
+class ResidualFunction(Protocol):
+    """What is fitted: weighted differences of measurement and model, by block."""
+
+    @property
+    def at_once(self) -> int:
+        """How many parameter sets are best simulated side by side."""
+
+    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        """Simulate up to `at_once` parameter sets, whose residuals are asked for next."""
+
+    def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
+        """(rows,) of each block, in standard deviations. From where the simulation diverges they are those of
+        `instead`. Raises `DivergedError` where it diverges and there is nothing instead."""
+
+    def diverged(self, parameter_set: ParameterSet) -> Sequence[bool]:
+        """Whether the simulation diverges in each block."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a fit is searched for."""
+
+    iterations: int = 8  # at most
+    step: float = STEP
+    secants: Collection[int] = (0, 2, 4)  # iterations after which the slopes are simulated anew
+    longest: float = np.inf  # step of an iteration [deviations], as a Euclidean norm
+    weight: float | None = None  # what a parameter that is one deviation off costs; by default, `prior_weight`
+
+
+DEFAULT = Settings()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A parameter set that fits, and all that is needed to judge small changes of it."""
+
+    parameter_set: ParameterSet
+    free_parameters: tuple[FreeParameter, ...]
+    offsets: Array  # (k,)
+    residuals: list[Array]  # by block, (rows,)
+    slopes: list[Array]  # by block, (rows, k) by the free parameters in units of their deviations
+    weight: float  # what a free parameter that is one deviation off costs
+    converged: bool = True
+
+    @property
+    def scaled_offsets(self) -> Array:
+        """(k,) offsets in units of their deviations."""
+        return self.offsets / np.array([parameter.deviation for parameter in self.free_parameters])
+
+    @property
+    def offset_by_name(self) -> dict[str, float]:
+        """Offsets by the name of the free parameter."""
+        return {p.name: float(offset) for p, offset in zip(self.free_parameters, self.offsets, strict=True)}
+
+    @property
+    def value(self) -> float:
+        """What is minimised: the squared residuals and the prior's cost."""
+        return cost(self.residuals) + self.prior_cost
+
+    @property
+    def prior_cost(self) -> float:
+        """What it costs that offsets are not zero, in squared standard deviations of residuals."""
+        return self.weight * float(self.scaled_offsets @ self.scaled_offsets)
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Its normal equations."""
+        return NormalEquations(
+            self.free_parameters, self.scaled_offsets, self.weight,
+            np.array([s.T @ s for s in self.slopes]),
+            np.array([s.T @ r for s, r in zip(self.slopes, self.residuals, strict=True)]),
+            np.array([r @ r for r in self.residuals]),
+            np.array([len(r) for r in self.residuals]),
+        )  # fmt: skip
+
+    def joined(self, free_parameters: Sequence[FreeParameter], slopes: Sequence[Array]) -> Fit:
+        """The fit with further free parameters, of which the slopes (rows, n) by block are given. One that it has
+        already, by name, is replaced where it is; all others are at zero."""
+        names, known = {parameter.name for parameter in free_parameters}, self.offset_by_name
+        stay = [i for i, parameter in enumerate(self.free_parameters) if parameter.name not in names]
+        new = [known.get(parameter.name, 0.0) for parameter in free_parameters]
+        return replace(
+            self,
+            free_parameters=(*(self.free_parameters[i] for i in stay), *free_parameters),
+            offsets=np.append(self.offsets[stay], new),
+            slopes=[np.column_stack([own[:, stay], more]) for own, more in zip(self.slopes, slopes, strict=True)],
+        )
+
+
+def cost(residuals: Sequence[Array]) -> float:
+    """Sum of squares."""
+    return float(sum(r @ r for r in residuals))
+
+
+def prior_weight(residuals: Sequence[Array]) -> float:
+    """What a free parameter that is one deviation off costs: `PRIOR` of the squared residuals, which are taken for no
+    less than those of a model whose residuals are one standard deviation.
+
+    Residuals of neighbouring instants err together, so that many say little more than few: the prior counts against
+    all of them, not against one.
+    """
+    return PRIOR * max(cost(residuals), float(sum(len(r) for r in residuals)))
+
+
+def slope(
+    residuals: ResidualFunction, start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float = STEP
+) -> list[Array]:
+    """Secant of the residuals, per deviation of a free parameter whose offset is changed by `step` likely ones from a
+    fit that began at `start`. Where the simulation diverges with that and does not in the fit, which would tell
+    nothing, other steps are tried."""
+    best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
+    for by, parameter_set in _attempts(start, fit, parameter, step):
+        changed = residuals(parameter_set, fit.residuals)
+        diverged = sum(residuals.diverged(parameter_set))
+        if diverged < fewest:
+            best = [(c - r) * (parameter.deviation / by) for c, r in zip(changed, fit.residuals, strict=True)]
+            fewest = diverged
+        if not diverged or diverged <= sum(residuals.diverged(fit.parameter_set)):
+            break
+    return best
+
+
+def slopes_by(
+    residuals: ResidualFunction,
+    start: ParameterSet,
+    fit: Fit,
+    free_parameters: Sequence[FreeParameter],
+    step: float = STEP,
+) -> Iterator[list[Array]]:
+    """`slope` by each of the free parameters, several of which are simulated side by side."""
+    at_once = residuals.at_once
+    for begin in range(0, len(free_parameters), at_once):
+        together = free_parameters[begin : begin + at_once]
+        first = (next(_attempts(start, fit, parameter, step), None) for parameter in together)
+        residuals.prepare([attempt[1] for attempt in first if attempt is not None])
+        yield from (slope(residuals, start, fit, parameter, step) for parameter in together)
+
+
+def _attempts(
+    start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float
+) -> Iterator[tuple[float, ParameterSet]]:
+    """By how much the offset of a free parameter is changed for a secant, and the parameter set with that, the first
+    choice first."""
+    offsets = fit.offset_by_name
+    present = offsets.get(parameter.name, 0.0)
+    free_parameters = (*(known for known in fit.free_parameters if known.name != parameter.name), parameter)
+    for share in STEPS:
+        by = share * step * parameter.likely
+        if parameter.low <= present + by <= parameter.high:
+            offsets[parameter.name] = present + by
+            yield by, with_offsets(start, free_parameters, np.array([offsets[known.name] for known in free_parameters]))
+
+
+def slopes_at(
+    residuals: ResidualFunction,
+    start: ParameterSet,
+    at: Fit,
+    progress: Callable[[], None] = lambda: None,
+    step: float = STEP,
+) -> list[Array]:
+    """By block, (rows, k): secants by all free parameters of a fit from where it is, per deviation; it began at
+    `start`."""
+    slopes = [np.zeros((len(r), len(at.free_parameters))) for r in at.residuals]
+    for i, columns in enumerate(slopes_by(residuals, start, at, at.free_parameters, step)):
+        for block, column in zip(slopes, columns, strict=True):
+            block[:, i] = column
+        progress()
+    return slopes
+
+
+def solve(
+    slopes: Sequence[Array],
+    residuals: Sequence[Array],
+    scaled_offsets: Array,
+    weight: float,
+    caution: float = 0.0,
+    longest: float = np.inf,
+) -> Array:
+    """The change (k,) of the free parameters [deviations] that minimises the squared residuals and `weight` times the
+    squared offsets, which are `scaled_offsets` (k,) now.
+
+    With `caution` it is shorter, as the damping of Marquardt (1963) makes it; if it is then longer than `longest`, it
+    is the best change of that length (Moré, 1978).
+    """
+    normal = sum((s.T @ s for s in slopes), np.zeros((len(scaled_offsets), len(scaled_offsets))))
+    right = sum((s.T @ r for s, r in zip(slopes, residuals, strict=True)), np.zeros(len(scaled_offsets)))
+    normal = normal + caution * np.diag(np.diag(normal))
+    change = minimiser(normal, right, scaled_offsets, weight)
+    if np.linalg.norm(change) <= longest:
+        return change
+    return _of_length(normal, right, scaled_offsets, weight, longest)
+
+
+def _of_length(normal: Array, right: Array, scaled_offsets: Array, weight: float, length: float) -> Array:
+    """The best change of a length: that of the damping, as an addition to the diagonal, which makes it so long."""
+    unit, change = np.eye(len(scaled_offsets)), np.zeros(len(scaled_offsets))
+    gradient = float(np.linalg.norm(right + weight * scaled_offsets))
+    low, high = 0.0, gradient / length  # the change is shorter than the gradient over the damping
+    for _ in range(_HALVINGS):
+        damping = 0.5 * (low + high)
+        change = minimiser(normal + damping * unit, right, scaled_offsets, weight)
+        low, high = (low, damping) if np.linalg.norm(change) <= length else (damping, high)
+    return change
+
+
+def fit(
+    residuals: ResidualFunction,
+    start: ParameterSet,
+    free_parameters: Sequence[FreeParameter],
+    *,
+    first: Fit | None = None,
+    begin: Array | None = None,
+    instead: Sequence[Array] | None = None,
+    settings: Settings = DEFAULT,
+    progress: Callable[[], None] = lambda: None,
+) -> Fit:
+    """Change the offsets of `free_parameters` until the value no longer falls.
+
+    It begins at the offsets `begin` (k,) if they are given, otherwise at that of the parameters' `starts` which fits
+    best. `first` is a fit from which to go on, with the slopes and the weight to use; none are then simulated anew.
+    `instead` are the residuals of blocks in which the simulation diverges; without them `DivergedError` is raised where
+    the start cannot be simulated. `progress` is called after each slope and each iteration.
+    """
+    if first is not None:
+        known = first.offset_by_name
+        begin = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
+    elif begin is None:
+        begin = _best_start(residuals, start, free_parameters)
+    parameter_set = with_offsets(start, free_parameters, begin)
+    best = Fit(parameter_set, tuple(free_parameters), begin, residuals(parameter_set, instead), [], 0.0)
+    slopes = first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
+    best = replace(best, slopes=slopes)
+    fall = 0.0
+    for iteration in range(settings.iterations):
+        at = replace(best, weight=_weight(settings, first, best))
+        best = _stepped(residuals, start, at, instead, settings.longest)
+        fall = 1 - best.value / max(at.value, 1e-12)
+        progress()
+        if fall < SETTLED:
+            break
+        if first is None and iteration in settings.secants:
+            best = replace(best, slopes=slopes_at(residuals, start, best, progress, settings.step))
+    return replace(best, weight=_weight(settings, first, best), converged=fall < UNSETTLED)
+
+
+def _weight(settings: Settings, first: Fit | None, at: Fit) -> float:
+    """What a free parameter that is one deviation off costs in a fit."""
+    if first is not None:
+        return first.weight
+    return prior_weight(at.residuals) if settings.weight is None else settings.weight
+
+
+def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameters: Sequence[FreeParameter]) -> Array:
+    """Of the offsets that a fit may begin from those that fit best, (k,): the first of each free parameter, the second
+    of each, and so on; a parameter that has fewer stays at its first. Raises `DivergedError` if none can be
+    simulated."""
+    found: list[tuple[float, Array]] = []
+    for i in range(max((len(parameter.starts) for parameter in free_parameters), default=1)):
+        begin = np.array([p.starts[i] if i < len(p.starts) else p.starts[0] for p in free_parameters])
+        try:
+            found.append((cost(residuals(with_offsets(start, free_parameters, begin))), begin))
+        except DivergedError:
+            continue
+    if not found:
+        raise DivergedError
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _stepped(
+    residuals: ResidualFunction, start: ParameterSet, at: Fit, instead: Sequence[Array] | None, longest: float
+) -> Fit:
+    """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
+
+    What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
+    acceleration of Transtrum and Sethna, 2012, does, with a second derivative that costs no simulation).
+    """
+    deviations = np.array([parameter.deviation for parameter in at.free_parameters])
+    low, high = np.array([k.low for k in at.free_parameters]), np.array([k.high for k in at.free_parameters])
+    best = at
+    for caution, shares in CAUTION:
+        step = solve(at.slopes, at.residuals, at.scaled_offsets, at.weight, caution, longest)
+        promised = _promised(at, step)
+        if promised < SETTLED * at.value:
+            break
+        bend = np.zeros(len(step))
+        for share in shares:
+            offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
+            parameter_set = with_offsets(start, at.free_parameters, offsets)
+            try:
+                found = residuals(parameter_set, instead)
+            except DivergedError:
+                continue
+            tried = replace(at, parameter_set=parameter_set, offsets=offsets, residuals=found)
+            missed = _missed(at, tried)
+            if tried.value < best.value:
+                best = _learnt(at, tried, missed)
+            if at.value - tried.value > SUFFICIENT * share * (2 - share) * promised:
+                return best
+            bend = solve(at.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), at.weight, caution)
+            bend *= min(1.0, BENT * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
+    return best
+
+
+def _promised(at: Fit, step: Array) -> float:
+    """How much less the value is after a step (k,) [deviations], if the residuals follow their slopes."""
+    line = [r + s @ step for r, s in zip(at.residuals, at.slopes, strict=True)]
+    return at.value - cost(line) - at.weight * float((at.scaled_offsets + step) @ (at.scaled_offsets + step))
+
+
+def _missed(at: Fit, tried: Fit) -> list[Array]:
+    """By block, what residuals after a step are beyond what the slopes promised."""
+    moved = tried.scaled_offsets - at.scaled_offsets
+    return [new - old - s @ moved for new, old, s in zip(tried.residuals, at.residuals, at.slopes, strict=True)]
+
+
+def _learnt(at: Fit, tried: Fit, missed: Sequence[Array]) -> Fit:
+    """A fit after a step, with slopes that would have promised what it found and are otherwise as they were
+    (Broyden, 1965)."""
+    moved = tried.scaled_offsets - at.scaled_offsets
+    direction = moved / float(moved @ moved)
+    return replace(tried, slopes=[s + np.outer(m, direction) for s, m in zip(at.slopes, missed, strict=True)])
