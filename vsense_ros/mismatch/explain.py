@@ -216,7 +216,7 @@ class _Explainer:
         threshold = self._threshold(search, validation)
         self.answer = self.answer.with_(threshold=threshold)
         if not self._assume:
-            return _judged(search, hypotheses, validation, threshold)
+            return _judged_with_further(search, hypotheses, validation, threshold)
         judged = judge(hypotheses, (), validation, search.with_profile, threshold)
         if not hypotheses:
             return judged
@@ -292,8 +292,10 @@ def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
     return traces
 
 
-def _judged(search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float) -> Judged:
-    """Single effects, and what explains more with further ones, judged beside terms without known physics."""
+def _judged_with_further(
+    search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float
+) -> Judged:
+    """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
     least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     found_last = hypotheses
     while found_last := search.further(found_last, least, validation.proven, unseen):
