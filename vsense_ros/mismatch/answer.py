@@ -32,7 +32,7 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.signals import SIGNALS, grid
+from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged
@@ -41,6 +41,7 @@ from vsense_ros.mismatch.words import in_words
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES
+from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
@@ -249,7 +250,7 @@ def located(
 def _signals_off(residuals: Residuals, base: Fit, there: Residuals, off: list[Array]) -> tuple[SignalMisfit, ...]:
     """Errors of the base fit by signal, and what a good model leaves; the worst first by what is `off` there."""
     by_signal, ranking = residuals.by_signal(base.residuals), there.by_signal(off)
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     good = {name: times * residuals.deviation[name] for name, times in residuals.good(base.residuals).items()}
     worst_first = sorted(by_signal, key=lambda name: ranking.get(name, 0.0) / good[name], reverse=True)
     return tuple(
@@ -324,7 +325,7 @@ def base_parameters(base: Fit, explained: Fit | None) -> dict[str, BaseParameter
 def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) -> dict[str, SignalErrors]:
     """Root mean square errors of each signal in its unit with the base fit and with the one that is `shown`, in
     training and on what was held out."""
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     training = _before_and_after(residuals, base.residuals, shown.residuals)
     held_out: dict[str, Errors] = {}
     if validation.residuals is not None:
@@ -391,7 +392,7 @@ def _falls(found: EffectEntry | Force, answer: Answer) -> str:
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
     """Each signal in each window as it was measured, as simulated with the base fit, and as `simulated`."""
     predictor = residuals.predictor
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     pairs = zip(
         predictor.dataset.windows, predictor.measured, predictor.simulated(base.parameter_set), simulated, strict=True
     )
