@@ -19,9 +19,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, oracle, score, tool, vehicle_file
+from blind import cases, oracle, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch import thresholds
 
 SEALS = Path(__file__).with_name("labels.sha256")
 CONSOLE = Console()
@@ -214,9 +216,9 @@ def alone(options: dict) -> None:
             jobs += [(case.number, name, options["out"]) for name in json.loads(finished.read_text())["train"]]
     _all(options, "recordings", _answer_alone, jobs)
     found = {f"{number}, {name}": tool.earlier(_alone(out, number, name)).explain for number, name, out in jobs}
-    verdicts = Counter(answer["verdict"] for answer in found.values() if answer)
+    verdicts = Counter(answer.verdict for answer in found.values() if answer)
     CONSOLE.print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()))
-    most = sorted(((_explained(answer), name) for name, answer in found.items() if answer), reverse=True)
+    most = sorted(((reading.explained_seconds(answer), name) for name, answer in found.items() if answer), reverse=True)
     for (explained, id), name in most[:5]:
         CONSOLE.print(f"{explained:.2f} s explained by {id}: {name}")
 
@@ -234,12 +236,6 @@ def _answer_alone(number: str, name: str, out: Path) -> None:
         told = {"train": [str((case / name).resolve())], "held_out": []}
         (folder / FINISHED).write_text(json.dumps(told), encoding="utf-8")
         tool.explain(folder, part, hidden=out / "labels")
-
-
-def _explained(answer: dict) -> tuple[float, str]:
-    """The gain that lasts times the duration [s], of the effect of which that is most, and its id."""
-    every = ((min(e["gain_training"], e["gain_left_out"]) * answer["driven_s"], e["id"]) for e in answer["effects"])
-    return max(every, default=(0.0, "nothing"))
 
 
 def _oracle(out: Path, number: str) -> Path:
@@ -332,21 +328,24 @@ def _check_seal(options: dict) -> None:
 
 
 @main.command()
+@click.option(
+    "--to", "file", type=click.Path(exists=True, dir_okay=False, path_type=Path), default=thresholds.FILE,
+    help="The thresholds of the tool; default: those of the package.",
+)  # fmt: skip
 @click.pass_obj
-def calibrate(options: dict) -> None:
-    """Fit the confidence of the tool to its answers: how often a name is right, by the lead of its gain; and tell how
-    far off its sizes are."""
+def calibrate(options: dict, file: Path) -> None:
+    """Fit the confidence of the tool to its answers, and write it into its thresholds: how often a name is right, by
+    the lead of its gain, and how often an effect is there that was refused. Tell how far off its sizes are, too."""
     _check_seal(options)
     results = _results(options, None)
     leads, right, told = score.leads(results)
     if not told.any():
         raise click.ClickException("no answer has a name to calibrate with; `python -m blind run` gives answers")
-    share, by_lead = score.trust(leads[told], right[told])
-    CONSOLE.print(
-        f"{share:.2f} of what leads clearly is right, log odds of the rest {by_lead:.1f} · ln(lead), from {sum(told)} "
-        f"names of which {sum(right & told)} are right; of {sum(~told)} effects that were refused {sum(right & ~told)} "
-        "are there"
-    )
+    found = score.calibrated(leads, right, told, options["split"])
+    thresholds.write(found, file)
+    for name, (value, source) in found.items():
+        CONSOLE.print(f"{name} {value:g}: {source}")
+    CONSOLE.print(f"written to {file}")
     errors = score.relative_errors(results)
     if len(errors):
         half, most = np.quantile(errors, [0.5, 0.9])
@@ -372,4 +371,7 @@ def sizes() -> None:
 
 
 if __name__ == "__main__":
-    main(prog_name="python -m blind")
+    try:
+        main(prog_name="python -m blind")
+    except InputError as error:
+        raise SystemExit(f"Error: {error}") from None

@@ -35,7 +35,7 @@ def ask(case: Path, report: Path, effects: list[str]) -> None:
 def best(report: Path, effects: list[str]) -> Best | None:
     """From the answers that `ask` has left in `report`; None where there is none."""
     answer = tool.earlier(report)
-    if not answer or not answer.explain.get("effects"):
+    if not answer or not reading.effects(answer.explain):
         return None
     gain, *without = (_gain(folder, assumed) for folder, assumed in _reports(report, effects).items())
     errors = reading.errors(answer.explain)
@@ -67,5 +67,5 @@ def _reports(report: Path, effects: list[str]) -> dict[Path, list[str]]:
 
 def _gain(report: Path, effects: list[str]) -> float:
     answer = tool.earlier(report)
-    found = answer.explain.get("effects", [])[: len(effects)] if answer else []
+    found = reading.effects(answer.explain)[: len(effects)] if answer else ()
     return max((reading.gain(effect) for effect in found), default=0.0)

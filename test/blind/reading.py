@@ -1,75 +1,80 @@
-"""What is read of the tool's `explain.json`: the one place that knows its keys.
-
-`verdict`; `effects`: ranked, each with `id`, `parameters` (`name`, `value`, `interval_90`), `gain_training`,
-`gain_held_out`, and `accepted` where several are there at once; `answer_set`: ids within reach of the best; `fit`: for
-each signal `held_out` with the error `before` and `after`; `driven_s`; `misfit`.
-"""
+"""What is read of the tool's `explain.json`: the one place that knows its keys. None: the tool gave no answer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import TypeVar
 
-PLACES = ("wheel", "axle", "sensor")
+from vsense_ros.mismatch.answer_schema import Answer, EffectEntry
 
-
-def verdict(explain: Mapping) -> str:
-    return explain.get("verdict", "no_answer")
-
-
-def ranked(explain: Mapping) -> list[str]:
-    return [effect["id"] for effect in explain.get("effects", [])]
+T = TypeVar("T")
+Interval = tuple[float, float]
 
 
-def accepted(explain: Mapping) -> list[str]:
-    """What the tool says is there: the effects marked so, or else the first."""
-    if verdict(explain) != "named":
-        return []
-    return [effect["id"] for effect in explain["effects"] if effect.get("accepted")] or ranked(explain)[:1]
+def verdict(explain: Answer | None) -> str:
+    return explain.verdict if explain else "no_answer"
 
 
-def answer_set(explain: Mapping) -> list[str]:
-    """Of the whole answer, or where each effect has its own, of the first."""
-    if "answer_set" in explain:
-        return list(explain["answer_set"])
-    effects = explain.get("effects", [])
-    return list(effects[0].get("answer_set", [])) if effects else []
+def effects(explain: Answer | None) -> tuple[EffectEntry, ...]:
+    """Ranked."""
+    return explain.effects if explain else ()
 
 
-def parameters(effect: Mapping) -> dict[str, float]:
+def ranked(explain: Answer | None) -> list[str]:
+    """Ids of the effects."""
+    return [effect.id for effect in effects(explain)]
+
+
+def accepted(explain: Answer | None) -> list[str]:
+    """Ids of the effects that the tool says are there."""
+    return [effect.id for effect in explain.accepted] if explain and explain.verdict == "named" else []
+
+
+def answer_set(explain: Answer | None) -> list[str]:
+    """Ids of the effects within reach of the best."""
+    return list(explain.answer_set) if explain else []
+
+
+def parameters(effect: EffectEntry) -> dict[str, float]:
     """Values by name; a single one of an effect that says its wheel, axle or sensor goes by that."""
-    return _of_parameters(effect, "value")
+    return _by_place(effect, {size.name: size.value for size in effect.parameters})
 
 
-def intervals(effect: Mapping) -> dict[str, tuple[float, float]]:
+def intervals(effect: EffectEntry) -> dict[str, Interval]:
     """90 % intervals by the same names."""
-    return {name: tuple(limits) for name, limits in _of_parameters(effect, "interval_90").items()}
+    return _by_place(effect, {size.name: size.interval_90 for size in effect.parameters})
 
 
-def _of_parameters(effect: Mapping, key: str) -> dict:
-    found = {entry["name"]: entry[key] for entry in effect.get("parameters", [])}
-    place = next((effect[kind] for kind in PLACES if effect.get(kind)), None)
+def _by_place(effect: EffectEntry, found: dict[str, T]) -> dict[str, T]:
+    place = effect.wheel or effect.axle or effect.sensor
     return {place: next(iter(found.values()))} if place and len(found) == 1 else found
 
 
-def driven(explain: Mapping) -> float:
+def driven(explain: Answer | None) -> float:
     """Of all recordings, held out or not, what is looked at [s]."""
-    return explain.get("driven_s", 0.0)
+    return explain.driven_s if explain else 0.0
 
 
-def misfit(explain: Mapping) -> float | None:
+def misfit(explain: Answer | None) -> float | None:
     """Root mean square of what the refitted model leaves over in training, in standard deviations of a good model."""
-    return explain.get("misfit")
+    return explain.misfit if explain else None
 
 
-def gain(effect: Mapping) -> float:
+def gain(effect: EffectEntry) -> float:
     """The smaller of the gains on training and on held-out manoeuvres."""
-    return min(effect["gain_training"], effect["gain_held_out"])
+    assert effect.gain_held_out is not None, "every case of the examination has held-out manoeuvres"
+    return min(effect.gain_training, effect.gain_held_out)
 
 
-def errors(explain: Mapping) -> dict[str, tuple[float, float]]:
+def explained_seconds(explain: Answer) -> tuple[float, str]:
+    """What the effect that explains most gains where it was not fitted, times the duration [s], and its id."""
+    each = ((min(e.gain_training, e.gain_left_out) * explain.driven_s, e.id) for e in explain.effects)
+    return max(each, default=(0.0, "nothing"))
+
+
+def errors(explain: Answer | None) -> dict[str, tuple[float, float]]:
     """Of each signal on held-out manoeuvres, before and after."""
     return {
-        signal: (found["held_out"]["before"], found["held_out"]["after"])
-        for signal, found in explain.get("fit", {}).items()
-        if found.get("held_out")
+        signal: (found.held_out.before, found.held_out.after)
+        for signal, found in (explain.fit.items() if explain else ())
+        if found.held_out
     }

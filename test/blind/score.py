@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 from blind import reading
 from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
+from vsense_ros.mismatch.answer_schema import EffectEntry
 
 QUIET = ("no_mismatch", "not_assessable")
 
@@ -90,19 +91,20 @@ def number(values: Iterable[float], what=median) -> dict:
     return {"value": float(what(values)) if values else None, "n": len(values)}
 
 
-def rightly_told(result: Result) -> tuple[dict, dict[str, float]]:
-    """The effect that is told first and what its parameters should be; nothing where it is not the hidden one."""
+def rightly_told(result: Result) -> tuple[EffectEntry, dict[str, float]] | None:
+    """The effect that is told first and what its parameters should be; None where it is not the hidden one."""
     hidden = result.label["hidden"][0]
     if result.ranked[:1] != [hidden["id"]]:
-        return {}, {}
-    return result.answer.explain["effects"][0], hidden["parameters"]
+        return None
+    return reading.effects(result.answer.explain)[0], hidden["parameters"]
 
 
 def parameter_error(result: Result) -> float | None:
     """Relative error of the estimated parameters of a rightly named effect, over the comparable ones."""
-    effect, expected = rightly_told(result)
-    if not expected:
+    told = rightly_told(result)
+    if told is None or not told[1]:
         return None
+    effect, expected = told
     found = reading.parameters(effect)
     wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
     return sqrt(wrong / sum(value**2 for value in expected.values()))
@@ -110,9 +112,12 @@ def parameter_error(result: Result) -> float | None:
 
 def intervals_hold(result: Result) -> list[bool]:
     """Of the comparable parameters of a rightly named effect, whether each lies in the 90 % interval that is told."""
-    effect, expected = rightly_told(result)
-    told = reading.intervals(effect)
-    return [told[name][0] <= value <= told[name][1] for name, value in expected.items() if name in told]
+    told = rightly_told(result)
+    if told is None:
+        return []
+    effect, expected = told
+    limits = reading.intervals(effect)
+    return [limits[name][0] <= value <= limits[name][1] for name, value in expected.items() if name in limits]
 
 
 def recovery(result: Result) -> float | None:
@@ -136,7 +141,7 @@ def located_right(result: Result) -> bool | None:
     hidden = result.label["hidden"][0]
     if not hidden["where"] or len(hidden["parameters"]) != 1 or result.ranked[:1] != [hidden["id"]]:
         return None
-    found = reading.parameters(result.answer.explain["effects"][0])
+    found = reading.parameters(reading.effects(result.answer.explain)[0])
     return bool(found) and max(found, key=lambda name: abs(found[name])) in hidden["parameters"]
 
 
@@ -203,7 +208,7 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for r in results:
         if r.kind not in ("effect", "nothing", "outside"):
             continue
-        gains = {effect["id"]: reading.gain(effect) for effect in r.answer.explain.get("effects", [])}
+        gains = {effect.id: reading.gain(effect) for effect in reading.effects(r.answer.explain)}
         for name, gain in gains.items():
             others = [other for one, other in gains.items() if one != name]
             found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))
@@ -217,8 +222,8 @@ def relative_errors(results: list[Result]) -> np.ndarray:
     found = []
     for r in results:
         if r.kind == "effect" and r.detectable:
-            effect, expected = rightly_told(r)
-            told = reading.parameters(effect)
+            effect, expected = rightly_told(r) or (None, {})
+            told = reading.parameters(effect) if effect else {}
             found += [abs(1 - value / told[name]) for name, value in expected.items() if told.get(name)]
     return np.array(found)
 
@@ -235,6 +240,20 @@ def trust(leads: np.ndarray, right: np.ndarray) -> tuple[float, float]:
 
     clear, slope = minimize(cost, [1.0, 4.0], method="Nelder-Mead").x
     return float(1 / (1 + np.exp(-clear))), float(slope)
+
+
+def calibrated(leads: np.ndarray, right: np.ndarray, told: np.ndarray, split: str) -> dict[str, tuple[float, str]]:
+    """Thresholds of the tool that follow from its answers, by name, each with the data it came from. The arguments are
+    those that `leads` gives, of the cases of a split."""
+    trusted, by_lead = trust(leads[told], right[told])
+    names = f"{split} split, {told.sum()} names of which {(right & told).sum()} are right"
+    found = {"trusted": (round(trusted, 2), names), "by_lead": (round(by_lead, 1), names)}
+    if (~told).any():
+        refused = (
+            f"{split} split, {(~told).sum()} effects that were refused, of which {(right & ~told).sum()} are there"
+        )
+        found["refused"] = (round(float(np.mean(right[~told])), 2), refused)
+    return {name: (value, f"{source}, by `python -m blind calibrate`") for name, (value, source) in found.items()}
 
 
 def all_sets(results: list[Result]) -> dict[str, dict]:

@@ -12,7 +12,7 @@ from blind.cases import all_cases
 from blind.generate import generate
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.explain import explain_recordings
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +34,6 @@ def test_of_ten_to_twenty_seconds_with_nothing_hidden_nothing_is_named(drives, m
     (path,) = (drives / "train").glob(f"*{manoeuvre}")
     for kinds in ((), ("gnss_position", "gnss_velocity", "wheel_torques")):
         heard = {name: sensor for name, sensor in car.sensors.items() if sensor.kind not in kinds}
-        found = answer([import_recording(path)], car.model_copy(update={"sensors": heard})).found
-        assert found["verdict"] == "no_mismatch"
-        assert not [effect for effect in found["effects"] if effect["accepted"]]
+        found = explain_recordings([import_recording(path)], car.model_copy(update={"sensors": heard})).answer
+        assert found.verdict == "no_mismatch"
+        assert not [effect for effect in found.effects if effect.accepted]

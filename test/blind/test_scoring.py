@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import runpy
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,26 +24,46 @@ from blind.oracle import Best
 from blind.outside import OUTSIDE
 from blind.score import Result
 from blind.tool import Answer
+from mismatch.synthetic_findings import effect, finding
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch import answer_schema as explain_json
+from vsense_ros.mismatch import thresholds
+from vsense_ros.mismatch.answer_schema import Errors, SignalErrors
 
 
 def _result(
-    hidden, verdict, ranked=(), *, kind="effect", answer_set=None, gain=0.5, after=0.4, acceptable=()
+    hidden, verdict, ranked=(), *, kind="effect", answer_set=None, gain=0.5, after=0.4, acceptable=(), several=False
 ) -> Result:
+    """An answer that names the first of the ranked effects, or all of them if they are `several`."""
     label = {
         "kind": kind,
         "manoeuvres": "rich",
         "acceptable": list(acceptable),
         "hidden": [{"id": name, "where": "", "parameters": {"area": 0.3}} for name in hidden],
     }
-    area = {"name": "area", "value": 0.33, "interval_90": [0.29, 0.37]}
-    explain = {
-        "verdict": verdict,
-        "effects": [{"id": name, "parameters": [dict(area)]} for name in ranked],
-        "answer_set": list(ranked if answer_set is None else answer_set),
-        "fit": {"yaw_rate": {"held_out": {"before": 1.0, "after": after}}},
-    }
+    area = {"name": "area", "unit": "m²", "value": 0.33, "interval_90": [0.29, 0.37]}
+    explain = finding(
+        verdict,
+        effects=[
+            effect(name, 0.5, parameters=[area], accepted=verdict == "named" and (several or name == ranked[0]))
+            for name in ranked
+        ],
+        answer_set=ranked if answer_set is None else answer_set,
+        fit={"yaw_rate": _yaw_rate(1.0, after)},
+    )
     best = Best(gain, {"yaw_rate": 0.2}) if hidden else None
     return Result(label, Answer(explain, 1.0), best)
+
+
+def _yaw_rate(before: float, after: float) -> SignalErrors:
+    errors = Errors(before=before, after=after)
+    return SignalErrors(unit="rad/s", training=errors, held_out=errors)
+
+
+def _keep(report: Path, explain: explain_json.Answer) -> None:
+    """Leave an answer where the tool's earlier ones are."""
+    report.mkdir(parents=True, exist_ok=True)
+    (report / tool.KEPT).write_text(json.dumps({"explain": explain.as_json(), "cpu": 1.0}), encoding="utf-8")
 
 
 def test_a_tool_that_is_always_right_scores_one():
@@ -81,9 +103,7 @@ def test_silence_on_what_even_the_true_effect_cannot_show_costs_nothing():
 
 
 def _told(report: Path, gain: float, *effects: str) -> None:
-    found = {"effects": [{"id": effect, "gain_training": gain, "gain_held_out": gain} for effect in effects], "fit": {}}
-    report.mkdir(parents=True, exist_ok=True)
-    (report / tool.KEPT).write_text(json.dumps({"explain": found, "cpu": 1.0}), encoding="utf-8")
+    _keep(report, finding("named", effects=[effect(id, gain, gain_held_out=gain) for id in effects], fit={}))
 
 
 @pytest.mark.parametrize(("alone", "detectable"), [(0.5, True), (0.59, False)])
@@ -98,10 +118,11 @@ def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alon
 def test_what_is_outside_the_library_can_be_detected_where_the_same_drive_without_it_fits_better(
     tmp_path, left, detectable
 ):
-    (tmp_path / tool.KEPT).write_text(json.dumps({"explain": {"misfit": left}, "cpu": 1.0}), encoding="utf-8")
-    found = oracle.best_without(Answer({"misfit": 1.5}, 1.0), tmp_path)
+    _keep(tmp_path, finding("no_mismatch", misfit=left))
+    found = oracle.best_without(Answer(finding("unknown", misfit=1.5), 1.0), tmp_path)
     assert found.detectable == detectable
-    assert oracle.best_without(Answer({"verdict": "not_assessable"}, 1.0), tmp_path) is None
+    assert oracle.best_without(Answer(finding("not_assessable"), 1.0), tmp_path) is None
+    assert oracle.best_without(Answer(None, 1.0), tmp_path) is None
 
 
 def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_cover_them():
@@ -118,9 +139,7 @@ def test_naming_one_of_two_that_cannot_be_told_apart_is_not_wrong_but_does_not_c
 
 def test_naming_both_of_two_that_cannot_be_told_apart_is_wrong_where_one_is_hidden():
     twins = ("aero_drag", "rolling_resistance")
-    result = _result(["aero_drag"], "named", twins, kind="inseparable", acceptable=twins)
-    for effect in result.answer.explain["effects"]:
-        effect["accepted"] = True
+    result = _result(["aero_drag"], "named", twins, kind="inseparable", acceptable=twins, several=True)
     found = score.of_set([result])
     assert found["wrong_among_answers"]["value"] == 1.0
     assert found["inseparable_covered"]["value"] == 0.0
@@ -139,21 +158,23 @@ def test_a_choice_without_the_truth_is_wrong():
 
 
 def test_both_of_a_double_must_be_accepted():
-    one, both = (_result(["gyro_bias", "aero_drag"], "named", ["gyro_bias", "aero_drag"], kind="double") for _ in "ab")
-    for effect in both.answer.explain["effects"]:
-        effect["accepted"] = True
+    pair = ["gyro_bias", "aero_drag"]
+    one, both = (_result(pair, "named", pair, kind="double", several=several) for several in (False, True))
     assert score.of_set([one, both])["doubles_both"]["value"] == 0.5
 
 
 def test_intervals_hold_where_the_hidden_size_lies_in_them():
     result = _result(["brake_drag"], "named", ["brake_drag"])
     result.label["hidden"][0]["parameters"] = {"rl": 60.0}
-    (effect,) = result.answer.explain["effects"]
-    effect |= {"wheel": "rl", "parameters": [{"name": "torque", "value": 50.0, "interval_90": [41.0, 59.0]}]}
-    assert score.intervals_hold(result) == [False]
-    effect["parameters"][0]["interval_90"] = [40.0, 61.0]
-    assert score.intervals_hold(result) == [True]
-    assert score.relative_errors([result]) == pytest.approx([0.2])
+
+    def told(*interval: float) -> Result:
+        torque = {"name": "torque", "unit": "N m", "value": 50.0, "interval_90": interval}
+        explain = finding("named", effects=[effect("brake_drag", 0.5, wheel="rl", parameters=[torque])])
+        return replace(result, answer=Answer(explain, 1.0))
+
+    assert score.intervals_hold(told(41.0, 59.0)) == [False]
+    assert score.intervals_hold(told(40.0, 61.0)) == [True]
+    assert score.relative_errors([told(40.0, 61.0)]) == pytest.approx([0.2])
 
 
 def test_recovery_is_what_was_gained_of_what_could_be_gained():
@@ -241,6 +262,21 @@ def test_trust_finds_again_how_often_clear_and_narrow_leads_are_right():
     assert score.trust(leads, right) == (pytest.approx(0.9, abs=0.03), pytest.approx(3.0, rel=0.15))
 
 
+def test_what_calibration_finds_is_written_with_the_number_of_names_it_came_from(tmp_path):
+    file = tmp_path / "thresholds.yaml"
+    shutil.copy(thresholds.FILE, file)
+    told = np.arange(200) < 100
+    right = np.where(told, np.arange(200) % 10 > 0, np.arange(200) % 20 == 0)  # nine in ten, and one in twenty
+    found = score.calibrated(np.full(200, 50.0), right, told, "public")
+    thresholds.write(found, file)
+    written = thresholds.read(file)
+    assert (written.trusted, written.refused) == (pytest.approx(0.9, abs=0.02), 0.05)
+    assert replace(written, trusted=0.0, by_lead=0.0, refused=0.0) == replace(
+        thresholds.THRESHOLDS, trusted=0.0, by_lead=0.0, refused=0.0
+    )
+    assert "public split, 100 names of which 90 are right, by `python -m blind calibrate`" in file.read_text()
+
+
 def test_effects_have_the_ids_that_the_tool_answers_with():
     assert len(EFFECTS) == 35
     assert not set(EFFECTS) & set(OUTSIDE)
@@ -249,16 +285,19 @@ def test_effects_have_the_ids_that_the_tool_answers_with():
 def test_an_answer_that_is_there_is_not_asked_for_again(tmp_path):
     report = tmp_path / "report"
     report.mkdir()
-    stored = {"explain": {"verdict": "named"}, "cpu": 3.0, "fault": ""}
+    stored = {"explain": finding("named").as_json(), "cpu": 3.0, "fault": ""}
     (report / "answer.json").write_text(json.dumps(stored), encoding="utf-8")
-    assert tool.explain(Path("none"), report, hidden=tmp_path) == Answer({"verdict": "named"}, 3.0)
+    assert tool.explain(Path("none"), report, hidden=tmp_path) == Answer(finding("named"), 3.0)
+    (report / "answer.json").write_text(json.dumps(stored | {"explain": {"verdict": "named"}}), encoding="utf-8")
+    with pytest.raises(InputError, match=r"answer\.json: of an earlier version"):
+        tool.earlier(report)
 
 
 def test_a_tool_that_fails_is_reported_with_what_it_printed(tmp_path):
     report = tmp_path / "report"
     report.mkdir()
     answer = tool._run([sys.executable, "-c", "raise SystemExit('no such option')"], report)
-    assert answer.explain == {}
+    assert answer.explain is None
     assert "no such option" in answer.fault
 
 
@@ -267,9 +306,9 @@ import json, pathlib, sys
 words = sys.argv[1:]
 report = pathlib.Path(words[words.index("--report") + 1])
 name = words[words.index("--assume") + 1] if "--assume" in words else "gyro_bias"
-effect = {"id": name, "parameters": [], "gain_training": 0.4, "gain_held_out": 0.3}
-fit = {"yaw_rate": {"held_out": {"before": 2.0, "after": 1.0}}}
-said = {"verdict": "named", "effects": [effect], "answer_set": [name], "fit": fit}
+said = json.loads(pathlib.Path(words[words.index("--template") + 1]).read_text())
+said["effects"][0]["id"] = name
+said["answer_set"] = [name]
 (report / "explain.json").write_text(json.dumps(said))
 """
 
@@ -281,9 +320,11 @@ def test_the_runner_goes_from_cases_to_figures(tmp_path, monkeypatch):
     (out / "labels").mkdir(parents=True)
     every = cases.all_cases("public")
     (out / "labels" / "labels.json").write_text(cases.labels_text(every), encoding="utf-8")
-    monkeypatch.setattr(
-        tool, "command", lambda case, report, *o: [sys.executable, "-c", STUB, "--report", str(report), *o]
-    )
+    template = tmp_path / "template.json"
+    named = effect("gyro_bias", 0.4, accepted=True, parameters=[])
+    template.write_text(finding("named", effects=[named], fit={"yaw_rate": _yaw_rate(2.0, 1.0)}).written())
+    line = [sys.executable, "-c", STUB, "--template", str(template)]
+    monkeypatch.setattr(tool, "command", lambda case, report, *o: [*line, "--report", str(report), *o])
     words = ["--out", str(tmp_path), "--cases", "8", "--processes", "1"]
     run = CliRunner().invoke(main, [*words, "run"], catch_exceptions=False)
     assert run.exit_code == 0, run.output

@@ -8,9 +8,12 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+from vsense_ros.errors import InputError
+from vsense_ros.mismatch import answer_schema as explain_json
 
 TIMEOUT = 1800  # [s]
 KEPT = "answer.json"
@@ -22,7 +25,7 @@ ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
 class Answer:
     """What the tool said, and what it cost."""
 
-    explain: dict  # its explain.json; empty where it gave none
+    explain: explain_json.Answer | None  # its explain.json; None where it gave none
     cpu: float  # [s]
     fault: str = ""  # what it printed where it gave no answer
 
@@ -46,16 +49,24 @@ def explain(case: Path, report: Path, *options: str, hidden: Path | None) -> Ans
     report.mkdir(parents=True)
     line = command(case, report, *options)
     answer = _run(concealed(line, hidden) if hidden else line, report)
-    (report / KEPT).write_text(json.dumps(asdict(answer)), encoding="utf-8")
+    (report / KEPT).write_text(json.dumps(_content(answer)), encoding="utf-8")
     return answer
 
 
+def _content(answer: Answer) -> dict:
+    explain = answer.explain.as_json() if answer.explain else {}
+    return {"explain": explain, "cpu": answer.cpu, "fault": answer.fault}
+
+
 def earlier(report: Path) -> Answer | None:
-    """The answer that `explain` has left in a folder, if there is one."""
+    """The answer that `explain` has left in a folder, if there is one. Raises `InputError` for one of another version
+    of the tool, whose explain.json says other things."""
     try:
-        return Answer(**json.loads((report / KEPT).read_text(encoding="utf-8")))
+        kept = json.loads((report / KEPT).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
+    explain = explain_json.parsed(kept["explain"], str(report / KEPT)) if kept["explain"] else None
+    return Answer(explain, kept["cpu"], kept.get("fault", ""))
 
 
 def _run(line: list[str], report: Path) -> Answer:
@@ -72,9 +83,9 @@ def _run(line: list[str], report: Path) -> Answer:
         printed.seek(0)
         text = printed.read()
     try:
-        found = json.loads((report / "explain.json").read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
-        return Answer({}, usage.ru_utime + usage.ru_stime, f"exit {process.returncode}: {error}\n{text[-2000:]}")
+        found = explain_json.read_answer(report)
+    except (OSError, InputError) as error:
+        return Answer(None, usage.ru_utime + usage.ru_stime, f"exit {process.returncode}: {error}\n{text[-2000:]}")
     return Answer(found, usage.ru_utime + usage.ru_stime)
 
 

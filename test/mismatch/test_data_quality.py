@@ -16,7 +16,7 @@ from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.data_quality import hindrance, misfit
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -234,16 +234,18 @@ def test_two_sensors_of_one_kind_are_refused():
 
 
 def test_an_effect_that_needs_an_absent_signal_is_not_assessable():
-    found = answer([without("vehicle/wheel_torques")(driven(prototype(), "slalom"))], prototype(), assume=["aero_drag"])
-    assert found.found["verdict"] == "not_assessable"
-    assert "aero_drag: it needs wheel torques, which these recordings do not have" in found.found["sentence"]
+    found = explain_recordings(
+        [without("vehicle/wheel_torques")(driven(prototype(), "slalom"))], prototype(), assume=["aero_drag"]
+    )
+    assert found.answer.verdict == "not_assessable"
+    assert "aero_drag: it needs wheel torques, which these recordings do not have" in found.answer.sentence
 
 
 def test_what_is_refused_is_not_assessable_and_nothing_is_named(tmp_path):
-    result = answer([changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))], prototype())
-    assert result.found["verdict"] == "not_assessable"
-    assert result.found["effects"] == []
-    assert "the car spins" in result.found["sentence"]
+    result = explain_recordings([changed("imu/data", RATES, scaled(2, 10))(driven(prototype(), "slalom"))], prototype())
+    assert result.answer.verdict == "not_assessable"
+    assert result.answer.effects == ()
+    assert "the car spins" in result.answer.sentence
     result.write(tmp_path)
     assert not (tmp_path / "vehicle.extended.yaml").exists()
 
@@ -253,9 +255,9 @@ def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     van = prototype().with_parameters(
         {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}
     )
-    found = answer([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).found
-    assert found["verdict"] == "not_assessable"
-    assert "are they recordings of one car?" in found["sentence"]
+    found = explain_recordings([driven(prototype(), "brake"), NO_GNSS(driven(van, "brake"))], prototype()).answer
+    assert found.verdict == "not_assessable"
+    assert "are they recordings of one car?" in found.sentence
 
 
 def test_a_fit_that_is_still_changing_is_none_to_start_from():
@@ -270,9 +272,9 @@ def test_a_fit_that_is_still_changing_is_none_to_start_from():
 @pytest.mark.slow
 def test_a_file_of_another_car_that_leaves_the_road_with_the_recorded_inputs_is_asked_about():
     ice = prototype().with_parameters({"front.grip_scale": 0.05, "rear.grip_scale": 0.02})
-    found = answer([driven(prototype(), "slalom")], ice).found
-    assert found["verdict"] in ("not_assessable", "unknown")
-    assert not [effect for effect in found["effects"] if effect["accepted"]]
+    found = explain_recordings([driven(prototype(), "slalom")], ice).answer
+    assert found.verdict in ("not_assessable", "unknown")
+    assert not [effect for effect in found.effects if effect.accepted]
 
 
 def test_a_fit_of_no_parameters_is_none_of_another_car():

@@ -9,7 +9,6 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -18,14 +17,16 @@ from distributed import Client
 from rich.console import Console
 
 from hidden import driven, having, prototype, wrong
-from synthetic_findings import effect, finding
+from synthetic_findings import effect, finding, located, segment
 from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import fleet, fleet_report
-from vsense_ros.mismatch.explain import Answer
+from vsense_ros.mismatch.answer_schema import Answer
+from vsense_ros.mismatch.explain import Explanation
+from vsense_ros.mismatch.fleet import RecordingUse, Result
 from vsense_ros.model.vehicle import Vehicle
 
 Progress = Callable[[float], None]
@@ -49,9 +50,9 @@ def folder_of(root: Path, name: str, *recordings: str, vehicle: bool = True) -> 
     return folder
 
 
-def result_of(member: fleet.Member, found: dict[str, Any], **reasons: str) -> dict[str, Any]:
-    recordings = [{"name": n, "role": role, "reason": reasons.get(n, "")} for n, role, _ in member.recordings]
-    return {"key": "", "vehicle": member.name, "recordings": recordings, "found": found}
+def result_of(member: fleet.Member, found: Answer, key: str = "", **reasons: str) -> Result:
+    uses = [RecordingUse(name=n, role=role, reason=reasons.get(n, "")) for n, role, _ in member.recordings]
+    return Result(key=key, vehicle=member.name, recordings=uses, found=found)
 
 
 def test_each_folder_is_a_vehicle_with_its_recordings_and_those_it_is_proven_on(tmp_path):
@@ -121,17 +122,19 @@ def test_a_vehicle_whose_results_cannot_be_written_is_a_row_with_its_reason_and_
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "car").write_text("a file", encoding="utf-8")
     searched: list[int] = []
-    monkeypatch.setattr(fleet, "answer", lambda *_, **__: searched.append(1) or Answer(finding("no_mismatch")))
+    monkeypatch.setattr(
+        fleet, "explain_recordings", lambda *_, **__: searched.append(1) or Explanation(finding("no_mismatch"))
+    )
     (result,) = fleet.explain_fleet([car], tmp_path / "out", client)
-    assert result["found"]["verdict"] == "failed"
-    assert "out/car: expected a folder that results can be written to" in result["found"]["sentence"]
+    assert result.found.verdict == "failed"
+    assert "out/car: expected a folder that results can be written to" in result.found.sentence
     assert not searched
 
 
 def test_what_fails_and_cannot_be_written_down_is_done_once(tmp_path, client):
     folder_of(tmp_path, "car", "a.mcap")
 
-    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+    def work(member: fleet.Member, out: Path, progress: Progress) -> Result:
         with (tmp_path / "done").open("a", encoding="utf-8") as file:
             file.write("once\n")
         out.parent.mkdir(exist_ok=True)
@@ -139,8 +142,8 @@ def test_what_fails_and_cannot_be_written_down_is_done_once(tmp_path, client):
         raise OSError("no space left")
 
     (result,) = fleet.explain_fleet(fleet.members(tmp_path), tmp_path / "out", client, work)
-    assert result["found"]["verdict"] == "failed"
-    assert result["found"]["sentence"] == "OSError: no space left"
+    assert result.found.verdict == "failed"
+    assert result.found.sentence == "OSError: no space left"
     assert (tmp_path / "done").read_text(encoding="utf-8") == "once\n"
 
 
@@ -149,17 +152,17 @@ def test_what_happens_with_one_vehicle_does_not_stop_the_others_and_results_keep
         folder_of(tmp_path, name, "drive.mcap")
     members = fleet.members(tmp_path)
 
-    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+    def work(member: fleet.Member, out: Path, progress: Progress) -> Result:
         progress(0.5)
         if member.name == "b":
             raise ZeroDivisionError("by chance")
-        return {"key": "", "vehicle": member.name, "recordings": [], "found": {"verdict": "no_mismatch"}}
+        return result_of(member, finding("no_mismatch"))
 
     shares: list[float] = []
     results = fleet.explain_fleet(members, tmp_path / "out", client, work, shares.append)
-    assert [result["vehicle"] for result in results] == ["a", "b", "c"]
-    assert [result["found"]["verdict"] for result in results] == ["no_mismatch", "failed", "no_mismatch"]
-    assert "ZeroDivisionError: by chance" in results[1]["found"]["sentence"]
+    assert [result.vehicle for result in results] == ["a", "b", "c"]
+    assert [result.found.verdict for result in results] == ["no_mismatch", "failed", "no_mismatch"]
+    assert "ZeroDivisionError: by chance" in results[1].found.sentence
     assert "ZeroDivisionError" in (tmp_path / "out" / "b" / "fault.txt").read_text(encoding="utf-8")
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1.0)
@@ -171,17 +174,17 @@ def test_a_process_that_dies_costs_its_own_vehicle_alone(tmp_path):
         folder_of(tmp_path, name, "drive.mcap")
     members = fleet.members(tmp_path)
 
-    def work(member: fleet.Member, out: Path, progress: Progress) -> dict[str, Any]:
+    def work(member: fleet.Member, out: Path, progress: Progress) -> Result:
         if member.name == "a":
             os._exit(11)
         threads = os.environ["OMP_NUM_THREADS"]
-        return {"key": "", "vehicle": member.name, "recordings": [], "found": {"verdict": threads}}
+        return result_of(member, finding("no_mismatch", sentence=f"threads: {threads}"))
 
     with fleet.workers(None, 1) as client:
         dead, alive = fleet.explain_fleet(members, tmp_path / "out", client, work)
-    assert dead["found"]["verdict"] == "failed"
-    assert "died" in dead["found"]["sentence"]
-    assert alive["found"]["verdict"] == "1", "one thread each"
+    assert dead.found.verdict == "failed"
+    assert "died" in dead.found.sentence
+    assert alive.found.sentence == "threads: 1"
 
 
 def test_an_absent_scheduler_is_one_message():
@@ -194,16 +197,16 @@ def test_a_vehicle_without_a_file_and_one_with_a_bad_file_are_not_assessable(tmp
     (tmp_path / "bad" / "vehicle.yaml").write_text("name: [", encoding="utf-8")
     folder_of(tmp_path, "none", "a.mcap", vehicle=False)
     bad, none = (fleet.explain_member(member, tmp_path / "out" / member.name) for member in fleet.members(tmp_path))
-    assert bad["found"]["verdict"] == none["found"]["verdict"] == "not_assessable"
-    assert "not valid YAML" in bad["found"]["sentence"]
-    assert "no vehicle.yaml" in none["found"]["sentence"]
+    assert bad.found.verdict == none.found.verdict == "not_assessable"
+    assert "not valid YAML" in bad.found.sentence
+    assert "no vehicle.yaml" in none.found.sentence
 
 
 def test_an_unreadable_recording_is_a_row_with_its_reason(tmp_path):
     folder_of(tmp_path, "car", "broken.mcap")
     (member,) = fleet.members(tmp_path)
     result = fleet.explain_member(member, tmp_path / "out" / "car")
-    assert result["found"]["verdict"] == "not_assessable"
+    assert result.found.verdict == "not_assessable"
     vehicle, recording = fleet_report.rows([result])
     assert vehicle["recording"] is None
     assert recording["recording"] == "broken.mcap"
@@ -220,13 +223,13 @@ def test_what_was_done_of_the_same_files_is_taken_and_of_changed_ones_done_again
         raise AssertionError("done again")
 
     with monkeypatch.context() as patched:
-        patched.setattr(fleet, "answer", never)
+        patched.setattr(fleet, "explain_recordings", never)
         assert fleet.explain_member(member, out) == first
         (folder / "broken.mcap").write_bytes(b"another bad bag")
         with pytest.raises(AssertionError, match="done again"):
             fleet.explain_member(member, out)
     (out / "result.json").write_text("{", encoding="utf-8")
-    assert fleet.explain_member(member, out)["key"] != first["key"], "a damaged result is made anew"
+    assert fleet.explain_member(member, out).key != first.key, "a damaged result is made anew"
 
 
 def test_a_result_is_not_taken_together_with_the_report_of_other_recordings(tmp_path, monkeypatch):
@@ -236,7 +239,7 @@ def test_a_result_is_not_taken_together_with_the_report_of_other_recordings(tmp_
     out = tmp_path / "out"
     monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
     verdicts = iter(("no_mismatch", "ambiguous", "no_mismatch"))
-    monkeypatch.setattr(fleet, "answer", lambda *_, **__: Answer(finding(next(verdicts))))
+    monkeypatch.setattr(fleet, "explain_recordings", lambda *_, **__: Explanation(finding(next(verdicts))))
 
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
@@ -247,7 +250,7 @@ def test_a_result_is_not_taken_together_with_the_report_of_other_recordings(tmp_
     with pytest.raises(KeyboardInterrupt):
         fleet.explain_member(member, out)
     (folder / "lap").write_bytes(b"not a bag")
-    assert fleet.explain_member(member, out)["found"]["verdict"] == "no_mismatch"
+    assert fleet.explain_member(member, out).found.verdict == "no_mismatch"
     assert json.loads((out / "explain.json").read_text(encoding="utf-8"))["verdict"] == "no_mismatch"
 
 
@@ -255,10 +258,10 @@ def test_a_table_is_looked_at_again_when_it_is_said_anew_which_column_is_what(tm
     folder = folder_of(tmp_path, "car", "lap.csv")
     (folder / "lap.yaml").write_text("sign: 1", encoding="utf-8")
     (member,) = fleet.members(tmp_path)
-    first = fleet.explain_member(member, tmp_path / "out")["key"]
-    assert fleet.explain_member(member, tmp_path / "out")["key"] == first
+    first = fleet.explain_member(member, tmp_path / "out").key
+    assert fleet.explain_member(member, tmp_path / "out").key == first
     (folder / "lap.yaml").write_text("sign: -1", encoding="utf-8")
-    assert fleet.explain_member(member, tmp_path / "out")["key"] != first
+    assert fleet.explain_member(member, tmp_path / "out").key != first
 
 
 def test_a_remark_on_a_part_of_a_recording_does_not_make_it_unused(tmp_path, monkeypatch):
@@ -266,8 +269,9 @@ def test_a_remark_on_a_part_of_a_recording_does_not_make_it_unused(tmp_path, mon
     (member,) = fleet.members(tmp_path)
     remarks = ["lap: left out from 10 to 20 s: it spins", "lap_2: no steering angle; the recording is left out"]
     monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
-    monkeypatch.setattr(fleet, "answer", lambda *_, **__: Answer(finding("no_mismatch") | {"remarks": remarks}))
-    reasons = {r["name"]: r["reason"] for r in fleet.explain_member(member, tmp_path / "out")["recordings"]}
+    found = Explanation(finding("no_mismatch", remarks=remarks))
+    monkeypatch.setattr(fleet, "explain_recordings", lambda *_, **__: found)
+    reasons = {use.name: use.reason for use in fleet.explain_member(member, tmp_path / "out").recordings}
     assert reasons == {"lap": "", "lap_2": "no steering angle; the recording is left out"}
 
 
@@ -275,31 +279,32 @@ def test_a_recording_that_spoils_what_the_others_say_is_left_out_with_its_reason
     folder_of(tmp_path, "car", "lap", "lap_2", "held_out/lap")
     (member,) = fleet.members(tmp_path)
 
-    def answer(training: list[Recording], car: Vehicle, held_out: list[Recording], progress: Progress) -> Answer:
-        spun = any(recording.name == "lap_2" for recording in training)
-        said = {"sentence": "Nothing can be said: the car spins in lap_2.", "remarks": []}
-        return Answer(finding("not_assessable") | said if spun else finding("no_mismatch"))
+    def explain(training: list[Recording], car: Vehicle, held_out: list[Recording], progress: Progress) -> Explanation:
+        if any(recording.name == "lap_2" for recording in training):
+            spun = "Nothing can be said: the car spins in lap_2."
+            return Explanation(finding("not_assessable", sentence=spun, remarks=[]))
+        return Explanation(finding("no_mismatch"))
 
     monkeypatch.setattr(fleet, "import_recording", lambda path: Recording({}, path.name))
-    monkeypatch.setattr(fleet, "answer", answer)
+    monkeypatch.setattr(fleet, "explain_recordings", explain)
     result = fleet.explain_member(member, tmp_path / "out")
-    assert result["found"]["verdict"] == "no_mismatch"
-    reasons = {recording["name"]: recording["reason"] for recording in result["recordings"]}
+    assert result.found.verdict == "no_mismatch"
+    reasons = {use.name: use.reason for use in result.recordings}
     assert "spins" in reasons.pop("lap_2")
     assert set(reasons) == {"lap", "held_out/lap"}
     assert "spins" not in "".join(reasons.values())
 
 
-def fleet_of_findings(root: Path) -> list[dict[str, Any]]:
+def fleet_of_findings(root: Path) -> list[Result]:
     for name in ("a", "b", "c", "d"):
         folder_of(root, name, "one.mcap", "two.mcap", "held_out/three.mcap")
     a, b, c, d = fleet.members(root)
-    named = finding("named")
-    named["located"]["segments"] = [
-        {"recording": "one.mcap", "begin": 0.0, "end": 9.0, "share": 0.5},
-        {"recording": "one.mcap", "begin": 9.0, "end": 19.0, "share": 0.25},
-        {"recording": "two.mcap", "begin": 0.0, "end": 9.0, "share": 0.25},
+    segments = [
+        segment("one.mcap", 0.0, 9.0, 0.5),
+        segment("one.mcap", 9.0, 19.0, 0.25),
+        segment("two.mcap", 0.0, 9.0, 0.25),
     ]
+    named = finding("named", located=located("named").with_(segments=segments))
     return [
         result_of(a, named),
         result_of(b, finding("ambiguous"), **{"two.mcap": "no steering angle"}),
@@ -359,7 +364,7 @@ def test_a_vehicle_that_was_not_explained_is_not_linked_to_the_report_of_an_earl
         (out / member.name / "report.html").write_text("an earlier one", encoding="utf-8")
     results = [
         fleet._failed(failed, "the process that worked on it died"),
-        result_of(found, finding("no_mismatch")) | {"key": "of its files"},
+        result_of(found, finding("no_mismatch"), key="of its files"),
         fleet.explain_member(refused, out / "refused"),
     ]
     fleet_report.write(results, out)
@@ -373,7 +378,7 @@ def test_form_and_range_of_an_effect_are_told_of_a_fleet(tmp_path):
     (a,) = fleet.members(tmp_path)
     places = [{"stretch": 0.0, "distance": d, "value": v, "interval_90": [v, v]} for d, v in ((0, -0.08), (50, 0.06))]
     bank = effect("road_bank", 0.5, accepted=True, form="on a plane", profile=places)
-    results = [result_of(a, finding("named") | {"effects": [bank]})]
+    results = [result_of(a, finding("named", effects=[bank]))]
     fleet_report.write(results, tmp_path / "out")
     told = "road_bank on a plane (angle between −3.9° and +4.1° along the road)"
     assert told in (tmp_path / "out" / "fleet.html").read_text(encoding="utf-8")
@@ -399,12 +404,11 @@ def test_a_fleet_with_a_dragging_brake_and_a_bad_bag_is_explained_and_then_known
     members = fleet.members(tmp_path / "fleet")
     with fleet.workers(None, 2) as client:
         results = fleet.explain_fleet(members, tmp_path / "out", client)
-        first = [json.dumps(result, sort_keys=True) for result in results]
         again = fleet.explain_fleet(members, tmp_path / "out", client)
-    assert [json.dumps(result, sort_keys=True) for result in again] == first
-    found, sound = (result["found"] for result in results)
-    assert (found["verdict"], sound["verdict"]) == ("named", "no_mismatch")
-    (effect,) = fleet_report.in_answer(found)
-    assert (effect["id"], effect["wheel"]) == ("brake_drag", "fl")
-    assert {r["name"] for r in results[0]["recordings"] if r["reason"]} == {"broken"}
+    assert again == results
+    found, sound = (result.found for result in results)
+    assert (found.verdict, sound.verdict) == ("named", "no_mismatch")
+    (effect,) = found.in_answer
+    assert (effect.id, effect.wheel) == ("brake_drag", "fl")
+    assert {use.name for use in results[0].recordings if use.reason} == {"broken"}
     assert (tmp_path / "out" / "dragging" / "vehicle.extended.yaml").is_file()

@@ -19,7 +19,8 @@ from vsense_ros.mismatch.residuals import ASTRAY_BEFORE, FAR, Residuals, tempere
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
-from vsense_ros.mismatch.verdict import ASTRAY, Proof
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import SPIN, X
@@ -192,14 +193,14 @@ def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("hidden", "astray"), [({}, False), ({"gyro_scale": {"z": 0.4}}, True)])
-def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest(hidden, astray):
+@pytest.mark.parametrize(("hidden", "left_over"), [({}, False), ({"gyro_scale": {"z": 0.4}}, True)])
+def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest(hidden, left_over):
     car, vehicle = having(prototype(), **hidden), wrong(prototype())
     dataset = build_dataset([driven(car, "straight")], vehicle)  # says nothing of the cornering stiffness
     unseen = build_dataset([driven(car, "slalom", seed=1)], vehicle, dataset)
     residuals = Residuals(Predictor(vehicle, dataset))
     base = fit(residuals, residuals.predictor.start, base_parameters(vehicle))
-    proof = Proof(unseen, vehicle, residuals, base)
-    assert residuals.worst(base.residuals) < ASTRAY < proof.residuals.worst(proof.before)
-    assert proof.astray() == astray
-    assert proof.fits_together != astray
+    validation = Validation(unseen, vehicle, residuals, base)
+    assert residuals.worst(base.residuals) < THRESHOLDS.signal_off < validation.residuals.worst(validation.before)
+    assert validation.something_left_over() == left_over
+    assert validation.fits_together != left_over

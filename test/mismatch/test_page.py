@@ -17,11 +17,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from synthetic_findings import SIGNALS, effect, finding, traces
+from synthetic_findings import SIGNALS, effect, finding, located, segment, traces
 from vsense_ros.mismatch import page
 from vsense_ros.mismatch.answer import remarks, sentence
-from vsense_ros.mismatch.page import VERDICTS, in_words, percent, printed, shown_number, shown_value, write_report
+from vsense_ros.mismatch.answer_schema import Answer, parsed
+from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
+from vsense_ros.mismatch.tables import signal_rows
+from vsense_ros.mismatch.terminal import printed
+from vsense_ros.mismatch.words import BADGES, in_words, percent, shown_number, shown_value
 
 EMPTY = {"meta", "link", "br", "img"}
 
@@ -59,7 +63,13 @@ class Reader(HTMLParser):
             self.text += data
 
 
-def read(found, curves, folder) -> Reader:
+def point(distance: float, value: float, stretch: float = 0.0) -> dict:
+    """What an effect of the road is at one place."""
+    interval = [value - 0.002, value + 0.002]
+    return {"stretch": stretch, "distance": distance, "value": value, "interval_90": interval}
+
+
+def read(found: Answer, curves, folder) -> Reader:
     path = folder / "new" / "page.html"
     write_report(found, curves, path)
     page = path.read_text(encoding="utf-8")
@@ -75,44 +85,49 @@ def terminal(found) -> str:
     return re.sub(r"\s+", " ", kept.get())
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("verdict", BADGES)
 @pytest.mark.parametrize("held_out", [True, False], ids=["held out", "nothing held out"])
 def test_every_verdict_has_a_page_that_stands_alone_and_says_the_sentence(verdict, held_out, tmp_path):
     found = finding(verdict, held_out=held_out)
     reader = read(found, traces(verdict, held_out=held_out), tmp_path)
     assert reader.open == []
     assert reader.loads == []
-    assert found["sentence"] in reader.text
-    for remark in found["remarks"]:
+    assert found.sentence in reader.text
+    for remark in found.remarks:
         assert remark in reader.text
     for picture in reader.pictures:
         assert ElementTree.fromstring(picture).tag.endswith("svg")
     assert bool(reader.pictures) == (verdict != "not_assessable")
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("verdict", BADGES)
 def test_the_terminal_says_the_sentence_and_every_remark(verdict):
     found = finding(verdict)
     words = terminal(found)
-    assert found["sentence"] in words
-    assert found["remarks"][0] in words
+    assert found.sentence in words
+    assert found.remarks[0] in words
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("verdict", BADGES)
 def test_what_is_read_back_from_the_file_gives_the_same_page(verdict, tmp_path, monkeypatch):
     written = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # a page tells the minute
     monkeypatch.setattr(page, "datetime", SimpleNamespace(now=lambda zone: written))
     found = finding(verdict)
-    again = json.loads(json.dumps(found, allow_nan=False))
+    again = parsed(json.loads(found.written()), "explain.json")
     assert read(found, [], tmp_path).text == read(again, [], tmp_path).text
 
 
 def test_names_are_text_and_neither_tags_nor_formulas(tmp_path):
     evil = "<script>alert('$x^2$')</script> [bold]"
-    found = finding("named")
-    found |= {"vehicle": evil, "recordings": [evil], "remarks": [evil], "sentence": evil}
-    found["located"]["segments"] = [{"recording": evil, "begin": 0.0, "end": 9.0, "share": 1.0}]
-    found["effects"] = [effect("brake_drag", 0.4, sensor=evil, sentence=evil)]
+    found = finding(
+        "named",
+        vehicle=evil,
+        recordings=[evil],
+        remarks=[evil],
+        sentence=evil,
+        located=located("named").with_(segments=[segment(evil, 0.0, 9.0, 1.0)]),
+        effects=[effect("brake_drag", 0.4, sensor=evil, sentence=evil, accepted=True)],
+    )
     reader = read(found, [replace(trace, recording=evil) for trace in traces("named")], tmp_path)
     assert "script" not in reader.tags
     assert reader.text.count(evil) >= 6
@@ -148,26 +163,27 @@ def test_the_held_out_figures_are_those_of_the_fit(tmp_path):
 
 
 def test_what_was_assumed_is_not_told_as_found_and_an_error_that_grows_as_growing(tmp_path):
-    found = finding("named") | {"assumed": ["brake_drag"], "by_pieces": False}
-    gains = {"gain_training": 0.14, "gain_held_out": -0.2, "accepted": True}
-    found["effects"] = [entry | gains for entry in found["effects"]]
-    found["sentence"] = sentence(found, [])
-    assert found["sentence"].startswith("Assumed, not searched for: ")
-    assert "the squared error falls by 14 %, and grows by 20 % on recordings" in found["sentence"]
+    found = finding("named", assumed=["brake_drag"])
+    effects = [one.with_(gain_training=0.14, gain_held_out=-0.2, accepted=True) for one in found.effects]
+    found = found.with_(effects=effects)
+    found = found.with_(sentence=sentence(found))
+    assert found.sentence.startswith("Assumed, not searched for: ")
+    assert "the squared error falls by 14 %, and grows by 20 % on recordings" in found.sentence
     text = read(found, traces("named"), tmp_path).text
     assert "Assumed" in text
-    assert VERDICTS["named"].title not in text
+    assert BADGES["named"].title not in text
 
 
-def test_the_page_says_where_a_held_out_road_was_foretold_by_its_pieces(tmp_path):
-    text = read(finding("named") | {"by_pieces": True}, traces("named"), tmp_path).text
+def test_the_page_says_where_a_held_out_road_was_predicted_from_its_pieces(tmp_path):
+    text = read(finding("named", by_pieces=True), traces("named"), tmp_path).text
     assert "which no fit has seen" not in text
-    assert text.count("of another road, each piece as its neighbours foretell it") == 2  # headline and caption
+    assert text.count("of another road, each piece as its neighbours predict it") == 2  # headline and caption
 
 
 def test_the_page_says_how_far_from_a_good_model_the_extended_one_stays(tmp_path):
     found = finding("named")
-    found["fit"]["speed"]["held_out"]["after"] = 3 * SIGNALS["speed"][1]
+    off = found.fit["speed"].held_out.with_(after=3 * SIGNALS["speed"][1])
+    found = found.with_(fit=found.fit | {"speed": found.fit["speed"].with_(held_out=off)})
     text = read(found, [], tmp_path).text
     assert "3.0 × what a good model leaves: the largest error that remains, of the speed" in text
 
@@ -179,7 +195,7 @@ def test_without_held_out_recordings_the_page_says_what_the_proof_rests_on(tmp_p
 
 
 def test_what_was_held_out_and_could_not_be_used_is_not_said_to_have_been_fitted_or_never_held_out(tmp_path):
-    found = finding("named", held_out=False) | {"held_out_unused": ["lap 3"]}
+    found = finding("named", held_out=False, held_out_unused=["lap 3"])
     text = read(found, traces("named", held_out=False), tmp_path).text
     assert "No recording was held out" not in text
     assert "Nothing of what was held out could be used: the proof rests on parts of the same recordings" in text
@@ -188,13 +204,14 @@ def test_what_was_held_out_and_could_not_be_used_is_not_said_to_have_been_fitted
 
 def test_a_signal_that_no_held_out_recording_has_is_shown_as_fitted_and_has_no_bar(tmp_path):
     found, curves = finding("named"), traces("named")
-    bars = len(page._signal_rows(found)[0].bars)
-    del found["fit"]["lateral_acceleration"]["held_out"]
+    bars = len(signal_rows(found)[0].bars)
+    unheard = found.fit["lateral_acceleration"].with_(held_out=None)
+    found = found.with_(fit=found.fit | {"lateral_acceleration": unheard})
     seen = [trace for trace in curves if not (trace.held_out and trace.signal == "lateral_acceleration")]
     text = read(found, seen, tmp_path).text
     assert "error of the lateral acceleration, on the recordings it was fitted to: from 0.420 m/s² to" in text
     assert "lateral acceleration 0.0600 m/s² 0.420 m/s² 0.0750 m/s² −82 % – – –" in text
-    assert [len(row.bars) for row in page._signal_rows(found)[:2]] == [0, bars]
+    assert [len(row.bars) for row in signal_rows(found)[:2]] == [0, bars]
 
 
 def test_each_alternative_has_a_reason_why_it_is_not_the_answer(tmp_path):
@@ -211,23 +228,23 @@ def test_an_ambiguous_answer_names_all_that_remains_and_the_test_that_separates_
     assert "IMU roll misalignment" in open_answers
     assert "Accelerometer bias, y" in open_answers
     assert "Tyre underinflation" not in open_answers
-    assert "steady turn on a banked road; watch the lateral acceleration" in text
-    assert "steady turn on a banked road; watch the lateral acceleration" in terminal(found)
+    assert "steady turn on a banked road; watch the lateral acceleration (d′ 6.0 predicted)" in text
+    assert "steady turn on a banked road; watch the lateral acceleration (d′ 6.0 predicted)" in terminal(found)
 
 
 def test_an_ambiguous_answer_says_with_which_of_its_effects_the_model_is_shown(tmp_path):
     ids = ("road_bank", "tyre_conicity", "steering_offset")
     rivals = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
-    found = finding("ambiguous") | {"effects": [effect(id, 0.5) for id in ids], "answer_set": list(ids)}
+    found = finding("ambiguous", effects=[effect(id, 0.5) for id in ids], answer_set=ids)
     of = "On this page “after” and “with what was found” mean the model with the first of them:"
     assert f"{of} IMU roll misalignment." in read(finding("ambiguous"), [], tmp_path).text
-    assert f"{of} road bank and tyre conicity." in read(found | {"rivals": rivals}, [], tmp_path).text
+    assert f"{of} road bank and tyre conicity." in read(found.with_(rivals=rivals), [], tmp_path).text
     assert of not in read(finding("named"), [], tmp_path).text
 
 
 def test_several_effects_at_once_are_all_marked_as_the_answer(tmp_path):
-    found = finding("named")
-    found["effects"] = [effect("brake_drag", 0.5, wheel="fl", accepted=True), effect("road_bank", 0.5, accepted=True)]
+    pair = [effect("brake_drag", 0.5, wheel="fl", accepted=True), effect("road_bank", 0.5, accepted=True)]
+    found = finding("named", effects=pair)
     text = read(found, [], tmp_path).text
     assert text.count("the answer") == 2
     assert "Brake drag, front left: angle" in text
@@ -237,50 +254,50 @@ def test_several_effects_at_once_are_all_marked_as_the_answer(tmp_path):
 def test_gains_of_effects_that_were_found_together_are_said_to_be_those_of_both(tmp_path):
     pair = [effect("brake_drag", 0.5, wheel="fl", accepted=True), effect("road_bank", 0.5, accepted=True)]
     alone = effect("gyro_bias", 0.1)
-    found = finding("named") | {"effects": [*pair, alone], "rivals": [["brake_drag", "road_bank"]]}
+    found = finding("named", effects=[*pair, alone], rivals=[["brake_drag", "road_bank"]])
     text = read(found, [], tmp_path).text
     assert "squared error of all signals explained, held out, by both together" in text
     assert "gains of both together, with road bank" in text
     assert "gains of both together, with brake drag" in text
     assert text.count("gains of both together") == 2
     assert "belong to all of them and do not add up" in text
-    words = terminal(found | {"rivals": []})  # as earlier versions wrote it
-    assert words.count("gains of both together") == 2
+    assert terminal(found).count("gains of both together") == 2
     assert "together" not in read(finding("named"), [], tmp_path).text
 
 
 def test_the_gains_of_a_rival_belong_to_what_it_stands_together_with(tmp_path):
     ids = ("road_bank", "tyre_conicity", "steering_offset")
-    found = finding("ambiguous") | {"effects": [effect(id, 0.5) for id in ids], "answer_set": list(ids)}
-    found["rivals"] = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
+    rivals = [["road_bank", "tyre_conicity"], ["road_bank", "steering_offset"]]
+    found = finding("ambiguous", effects=[effect(id, 0.5) for id in ids], answer_set=ids, rivals=rivals)
     text = read(found, [], tmp_path).text
     assert text.count("gains of both together, with road bank") == 2
     assert text.count("gains of both together, with tyre conicity") == 1
 
 
 def test_a_form_is_part_of_where_an_effect_is(tmp_path):
-    found = finding("named") | {"effects": [effect("road_bank", 0.5, form="on a plane", accepted=True)]}
+    found = finding("named", effects=[effect("road_bank", 0.5, form="on a plane", accepted=True)])
     assert "Road bank, on a plane: angle" in read(found, [], tmp_path).text
     assert "Road bank, on a plane" in terminal(found)
-    assert in_words(found["effects"][0]) == "the physics of road bank, on a plane (angle 0.705°)"
+    assert in_words(found.effects[0]) == "the physics of road bank, on a plane (angle 0.705°)"
 
 
 def test_a_share_is_told_in_percent_with_its_sign_and_a_coefficient_as_it_is():
     def told(name: str, value: float) -> str:
         size = {"name": name, "unit": "-", "value": value, "interval_90": [0.9 * value, 1.1 * value]}
-        return in_words({"sentence": "it", "parameters": [size]})
+        return in_words(effect("it", 0.5, sentence="it", parameters=[size]))
 
     assert told("relative", 0.142) == "it (+14 %)"
     assert told("fl", -0.3) == "it (front left −30 %)"
     assert told("coefficient", 0.0051) == "it (coefficient 0.00510)"
     size = {"name": "relative", "unit": "-", "value": -0.05, "interval_90": [-0.06, -0.04]}
-    slippery = {"sentence": "it", "parameters": [size], "profile": [{"value": -0.03}, {"value": 0.11}]}
+    places = [point(0.0, -0.03), point(50.0, 0.11)]
+    slippery = effect("it", 0.5, sentence="it", parameters=[size], profile=places)
     assert in_words(slippery) == "it (between −8.0 % and +6.0 % along the road)"
 
 
 def test_an_interval_of_a_share_is_in_percent_too(tmp_path):
     size = {"name": "relative", "unit": "-", "value": 0.142, "interval_90": [0.109, 0.175]}
-    found = finding("named") | {"effects": [effect("steering_ratio", 0.5, accepted=True, parameters=[size])]}
+    found = finding("named", effects=[effect("steering_ratio", 0.5, accepted=True, parameters=[size])])
     text = read(found, [], tmp_path).text
     assert "+14 % Steering ratio, 90 % interval +11 to +18 %" in text
     assert "+14 % (+11 to +18 %)" in text
@@ -288,13 +305,10 @@ def test_an_interval_of_a_share_is_in_percent_too(tmp_path):
 
 
 def test_a_size_that_changes_along_the_road_is_told_by_its_range(tmp_path):
-    places = [
-        {"stretch": 0.0, "distance": 50.0 * i, "value": value, "interval_90": [value - 0.002, value + 0.002]}
-        for i, value in enumerate((-0.0803, 0.0, 0.0647))
-    ]
+    places = [point(50.0 * i, value) for i, value in enumerate((-0.0803, 0.0, 0.0647))]
     bank = effect("road_bank", 0.5, accepted=True, profile=places)
     assert in_words(bank) == "the physics of road bank (angle between −3.9° and +4.4° along the road)"
-    found = finding("named") | {"effects": [bank], "answer_set": ["road_bank"]}
+    found = finding("named", effects=[bank], answer_set=["road_bank"])
     text = read(found, [], tmp_path).text
     assert "−3.9° to +4.4° Road bank: angle, along the road, at 3 places" in text
     assert "angle between −3.9° and +4.4° along the road (at 3 places)" in text
@@ -302,13 +316,14 @@ def test_a_size_that_changes_along_the_road_is_told_by_its_range(tmp_path):
 
 
 def test_base_parameters_stand_in_words_without_and_with_what_was_found(tmp_path):
-    found = finding("named")
-    found["base"] = {
-        "mass": {"unit": "-", "value": -0.17, "explained": -0.012},
-        "yaw inertia": {"unit": "-", "value": -0.0004, "explained": None},
-        "effects.accelerometer_bias.z": {"unit": "m/s²", "value": 0.0882, "explained": 0.0},
-        "effects.rolling_resistance.coefficient": {"unit": "-", "value": 0.0003, "explained": 0.0002},
-    }
+    found = finding("named").with_(
+        base={
+            "mass": {"unit": "-", "value": -0.17, "explained": -0.012},
+            "yaw inertia": {"unit": "-", "value": -0.0004, "explained": None},
+            "effects.accelerometer_bias.z": {"unit": "m/s²", "value": 0.0882, "explained": 0.0},
+            "effects.rolling_resistance.coefficient": {"unit": "-", "value": 0.0003, "explained": 0.0002},
+        }
+    )
     text = read(found, [], tmp_path).text
     assert "change of without what was found with what was found" in text
     assert "mass −17 % −1.2 %" in text
@@ -319,26 +334,27 @@ def test_base_parameters_stand_in_words_without_and_with_what_was_found(tmp_path
     assert "bent to stand in for it" in text
 
 
-def test_base_parameters_of_an_earlier_version_have_one_column(tmp_path):
+def test_base_parameters_have_one_column_where_none_was_fitted_with_what_was_found(tmp_path):
     text = read(finding("named"), [], tmp_path).text
     assert "change of fitted mass +6.1 %" in text
     assert "with what was found" not in text.partition("What the fit changed")[2]
 
 
 def test_a_share_that_no_vehicle_file_has_is_told_itself_and_not_as_a_change(tmp_path):
-    found = finding("named")
-    found["base"] = {
-        "share of the front wheels in driving": {"unit": "-", "value": 0.23, "explained": 0.27},
-        "share of the front wheels in braking": {"unit": "-", "value": 0.0, "explained": None},
-    }
+    found = finding("named").with_(
+        base={
+            "share of the front wheels in driving": {"unit": "-", "value": 0.23, "explained": 0.27},
+            "share of the front wheels in braking": {"unit": "-", "value": 0.0, "explained": None},
+        }
+    )
     text = read(found, [], tmp_path).text
     assert "share of the front wheels in driving (itself, as no vehicle file has it) 73 % 77 %" in text
     assert "share of the front wheels in braking (itself, as no vehicle file has it) 65 % –" in text
 
 
 def test_nothing_is_said_to_be_impossible_and_nothing_is_minus_zero(tmp_path):
-    found = finding("named")
-    found["effects"] = [effect("brake_drag", 0.5, accepted=True), effect("gyro_bias", -2e-5, confidence=1e-8)]
+    none = effect("gyro_bias", -2e-5, confidence=1e-8)
+    found = finding("named", effects=[effect("brake_drag", 0.5, accepted=True), none])
     text = read(found, [], tmp_path).text
     assert "< 1 %" in text
     assert "0.0 %" not in text
@@ -355,46 +371,35 @@ def test_beside_the_confidence_stands_where_it_comes_from(tmp_path):
 
 def test_of_several_names_the_less_certain_one_gives_the_confidence(tmp_path):
     pair = [effect("brake_drag", 0.5, accepted=True), effect("road_bank", 0.5, accepted=True, confidence=0.71)]
-    text = read(finding("named") | {"effects": pair}, [], tmp_path).text
+    text = read(finding("named", effects=pair), [], tmp_path).text
     assert "71 % confidence in the less certain name" in text
 
 
 def test_the_page_says_on_what_each_effect_acts(tmp_path):
-    found = finding("named")
-    found["located"]["parts"] = [
+    parts = [
         {"effect": "brake_drag", "acts_on": "wheel", "wheel": "rl"},
         {"effect": "road_bank", "acts_on": "road"},
     ]
+    found = finding("named", located=located("named").with_(parts=parts))
     text = read(found, traces("named"), tmp_path).text
     assert "Brake drag acts on the wheel, rear left; road bank acts on the road." in text
 
 
 def test_a_road_that_is_another_at_every_place_is_drawn_along_the_way(tmp_path):
-    places = [
-        {
-            "stretch": stretch,
-            "distance": 50.0 * i,
-            "value": 0.01 * i,
-            "interval_90": [0.01 * i - 0.002, 0.01 * i + 0.002],
-        }
-        for stretch in (0.0, 1.0)
-        for i in range(4)
-    ]
-    found = finding("named") | {
-        "effects": [effect("road_bank", 0.5, accepted=True, profile=places)],
-        "answer_set": ["road_bank"],
-    }
+    places = [point(50.0 * i, 0.01 * i, stretch) for stretch in (0.0, 1.0) for i in range(4)]
+    bank = effect("road_bank", 0.5, accepted=True, profile=places)
+    found = finding("named", effects=[bank], answer_set=["road_bank"])
     drawn = read(found, [], tmp_path)
-    plain = read(found | {"answer_set": []}, [], tmp_path)
+    plain = read(found.with_(answer_set=[]), [], tmp_path)
     assert len(drawn.pictures) == len(plain.pictures) + 1
     assert "how much, along the way" in drawn.text
 
 
 @pytest.mark.parametrize(("verdict", "file"), [("named", "road.csv"), ("ambiguous", "explain.json")])
 def test_the_places_of_a_road_are_said_to_be_in_a_file_that_is_written(verdict, file, tmp_path):
-    places = [{"stretch": 0.0, "distance": 50.0 * i, "value": 0.01, "interval_90": [0.0, 0.02]} for i in range(3)]
+    places = [point(50.0 * i, 0.01) for i in range(3)]
     bank = effect("road_bank", 0.5, accepted=verdict == "named", profile=places)
-    text = read(finding(verdict) | {"effects": [bank], "answer_set": ["road_bank"]}, [], tmp_path).text
+    text = read(finding(verdict, effects=[bank], answer_set=["road_bank"]), [], tmp_path).text
     assert f"Places are in {file} by the distance driven." in text
     assert ("road.csv" in text) == (file == "road.csv")
 
@@ -403,36 +408,35 @@ def test_the_places_of_a_road_are_said_to_be_in_a_file_that_is_written(verdict, 
 def test_remarks_speak_of_an_extended_vehicle_only_where_one_is_written(verdict):
     road = SimpleNamespace(effects=("road_bank",), candidates=[SimpleNamespace(along_road=True)], fit=None)
     judged = SimpleNamespace(leader=road, verdict=verdict, besides=(), other_places=tuple)
-    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", surveyed=lambda fit: False)
+    proof = SimpleNamespace(lost=lambda fit: [], against=lambda leader: "", by_pieces=lambda fit: False)
     (said,) = remarks(judged, proof, None, {"imu", "gnss_velocity"}, {}, "")
     assert said.startswith("what it is along the road is told by the distance driven")
     assert ("extended vehicle" in said, "road.csv" in said) == (verdict == "named",) * 2
 
 
 def test_nothing_is_ever_said_to_be_certain(tmp_path):
-    found = finding("named")
-    found["effects"] = [effect("brake_drag", 0.5, accepted=True, confidence=0.99997)]
+    found = finding("named", effects=[effect("brake_drag", 0.5, accepted=True, confidence=0.99997)])
     text = read(found, [], tmp_path).text
     assert "> 99 %" in text
     assert "100 %" not in text
 
 
 def test_a_simulation_that_broke_down_on_held_out_data_is_no_proof(tmp_path):
-    found = finding("named")
-    found["effects"][1] = effect("gyro_bias", 0.6, gain_held_out=None)
+    first, _, *rest = finding("named").effects
+    found = finding("named", effects=[first, effect("gyro_bias", 0.6, gain_held_out=None), *rest])
     assert "excluded: explains where it was fitted, but nothing held out" in read(found, [], tmp_path).text
 
 
 def test_a_term_without_known_physics_is_not_said_to_explain_nothing_beside_what_it_explains(tmp_path):
-    found = finding("unknown") | {"effects": [effect("unmodelled", 0.42)]}
+    found = finding("unknown", effects=[effect("unmodelled", 0.42)])
     text = read(found, [], tmp_path).text
     assert "42 % left out in turn" in text
     assert "describes what is left over, and names no physics" in text
 
 
 def test_physics_that_explains_more_than_the_force_that_is_told_has_its_reason(tmp_path):
-    found = finding("unknown")
-    found["effects"].append(effect("road_bank", 0.6, objection="it leaves the speed about as far off as it was"))
+    bank = effect("road_bank", 0.6, objection="it leaves the speed about as far off as it was")
+    found = finding("unknown", effects=[*finding("unknown").effects, bank])
     assert "refused: it leaves the speed about as far off as it was" in read(found, [], tmp_path).text
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -17,12 +16,13 @@ from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import extension
+from vsense_ros.mismatch.answer_schema import read_answer
 from vsense_ros.mismatch.candidates import FOLLOWED, candidates
 from vsense_ros.mismatch.cross_validation import odd
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import SPACING, STRETCH, point, profile
-from vsense_ros.mismatch.road_prediction import survey
+from vsense_ros.mismatch.road_prediction import predict_road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor, effect_of, parameters_of, profiles_of, varying_sizes
 from vsense_ros.mismatch.windows import build_dataset
@@ -36,7 +36,7 @@ def waves(x: np.ndarray) -> np.ndarray:
 
 def told(effect: dict) -> list[tuple[float, float]]:
     """Way [m] and size of an entry of explain.json that has another at every place."""
-    return [(one["distance"], one["value"] + effect["parameters"][0]["value"]) for one in effect["profile"]]
+    return [(one.distance, one.value + effect.parameters[0].value) for one in effect.profile]
 
 
 @pytest.fixture(scope="module")
@@ -92,23 +92,23 @@ def test_a_plane_slopes_the_other_way_for_who_has_turned_round():
 def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     recordings = [driven(prototype(), m, bank=waves) for m in ("sweep", "slalom")]
     recordings.append(driven(prototype(), "brake", duration=10.0, bank=waves))  # not further than the others
-    result = answer(recordings[:2], wrong(prototype()), recordings[2:])
-    found = result.found
-    assert found["verdict"] == "named"
-    best = found["effects"][0]
-    assert best["id"] == "road_bank"
-    assert best["gain_held_out"] > 0.3
+    result = explain_recordings(recordings[:2], wrong(prototype()), recordings[2:])
+    found = result.answer
+    assert found.verdict == "named"
+    best = found.effects[0]
+    assert best.id == "road_bank"
+    assert best.gain_held_out > 0.3
     profile = told(best)
     within = [(s, value) for s, value in profile if 0 <= s < 220]
     assert [value for _, value in within] == pytest.approx([float(waves(np.array(s))) for s, _ in within], abs=0.012)
 
     result.write(tmp_path)
-    assert json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["effects"][0]["profile"]
+    assert read_answer(tmp_path).effects[0].profile
     with (tmp_path / "road.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["value"]) for row in rows] == pytest.approx([value for _, value in profile])
     extended = load_vehicle(tmp_path / "vehicle.extended.yaml")
-    assert answer(recordings[:2], extended).found["verdict"] == "no_mismatch"
+    assert explain_recordings(recordings[:2], extended).answer.verdict == "no_mismatch"
 
 
 @pytest.mark.slow
@@ -120,10 +120,10 @@ def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags()
     true = having(prototype(), brake_drag={"fl": 17.0})
     recordings = [driven(true, m, bank=bank) for m in ("sweep", "slalom")]
     recordings.append(driven(true, "brake", duration=10.0, bank=bank))
-    found = answer(recordings[:2], wrong(prototype()), recordings[2:]).found
-    assert (found["verdict"], set(found["answer_set"])) == ("named", {"brake_drag", "road_bank"})
-    brake, road = sorted((e for e in found["effects"] if e["accepted"]), key=lambda e: e["id"])
-    assert (brake["wheel"], brake["parameters"][0]["value"]) == ("fl", pytest.approx(17.0, rel=0.07))
+    found = explain_recordings(recordings[:2], wrong(prototype()), recordings[2:]).answer
+    assert (found.verdict, set(found.answer_set)) == ("named", {"brake_drag", "road_bank"})
+    brake, road = sorted((e for e in found.effects if e.accepted), key=lambda e: e.id)
+    assert (brake.wheel, brake.parameters[0].value) == ("fl", pytest.approx(17.0, rel=0.07))
     within = [(s, value) for s, value in told(road) if 0 <= s < 220]
     assert [value for _, value in within] == pytest.approx([float(bank(np.array(s))) for s, _ in within], abs=0.012)
 
@@ -133,11 +133,11 @@ def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags()
 def test_where_one_bank_is_enough_no_profile_is_told():
     true = having(prototype())
     recordings = [driven(true, m, bank=lambda x: 0.03 + 0 * x) for m in ("sweep", "slalom", "brake")]
-    best = answer(recordings[:2], wrong(prototype()), recordings[2:]).found["effects"][0]
-    assert best["id"] == "road_bank"
-    assert "profile" not in best
+    best = explain_recordings(recordings[:2], wrong(prototype()), recordings[2:]).answer.effects[0]
+    assert best.id == "road_bank"
+    assert best.profile is None
     # The file allows for a bias of the accelerometer of 0.1 m/s², which is as much as 0.01 rad.
-    assert best["parameters"][0]["value"] == pytest.approx(0.03, abs=0.01)
+    assert best.parameters[0].value == pytest.approx(0.03, abs=0.01)
 
 
 def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(slalom):
@@ -197,12 +197,12 @@ def hills(x: np.ndarray) -> np.ndarray:
 def test_a_road_that_one_recording_passes_once_is_known_if_it_is_long_enough(duration, known):
     """Nothing is held out, and no place is met twice: each second piece of the road follows from its neighbours."""
     recording = driven(prototype(), "brake", duration=duration, bank=hills)
-    found = answer([recording], wrong(prototype())).found
-    assert found["answer_set"] == (["road_bank"] if known else [])
-    assert any("profile" in effect for effect in found["effects"]) == known
+    found = explain_recordings([recording], wrong(prototype())).answer
+    assert found.answer_set == (("road_bank",) if known else ())
+    assert any(effect.profile for effect in found.effects) == known
     if known:
-        bank = found["effects"][0]
-        assert bank["gain_left_out"] > 0.8 * bank["gain_training"]
+        bank = found.effects[0]
+        assert bank.gain_left_out > 0.8 * bank.gain_training
         within = [(s, value) for s, value in told(bank) if 100 <= s < 800]
         off = np.array([value - float(hills(np.array(s))) for s, value in within])
         assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)
@@ -221,12 +221,12 @@ def without_place(vehicle: Vehicle, bank: Callable[[np.ndarray], np.ndarray]) ->
 @pytest.mark.timeout(900)
 def test_of_recordings_of_roads_of_their_own_each_road_is_known():
     recordings = [without_place(prototype(), bank) for bank in (hills, other_hills)]
-    found = answer(recordings, wrong(prototype())).found
-    assert (found["verdict"], found["answer_set"]) == ("named", ["road_bank"])
-    (effect,) = (e for e in found["effects"] if e["id"] == "road_bank")
+    found = explain_recordings(recordings, wrong(prototype())).answer
+    assert (found.verdict, found.answer_set) == ("named", ("road_bank",))
+    (effect,) = (e for e in found.effects if e.id == "road_bank")
     for stretch, bank in enumerate((hills, other_hills)):
-        places = [p for p in effect["profile"] if p["stretch"] == stretch and 100 <= p["distance"] < 700]
-        off = np.array([p["value"] - float(bank(np.array(p["distance"]))) for p in places])
+        places = [p for p in effect.profile if p.stretch == stretch and 100 <= p.distance < 700]
+        off = np.array([p.value - float(bank(np.array(p.distance))) for p in places])
         assert len(off) > 10
         assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)
 
@@ -235,11 +235,11 @@ def test_of_recordings_of_roads_of_their_own_each_road_is_known():
 @pytest.mark.timeout(900)
 def test_a_road_is_proven_on_one_that_no_fit_has_seen():
     known, unseen = (without_place(prototype(), bank) for bank in (hills, other_hills))
-    found = answer([known], wrong(prototype()), [unseen]).found
-    assert (found["verdict"], found["answer_set"]) == ("named", ["road_bank"])
-    assert found["effects"][0]["gain_held_out"] > 0.2
-    assert "on another road, where neighbouring pieces foretell each other" in found["sentence"]
-    assert any("each second piece of 50 m" in remark for remark in found["remarks"])
+    found = explain_recordings([known], wrong(prototype()), [unseen]).answer
+    assert (found.verdict, found.answer_set) == ("named", ("road_bank",))
+    assert found.effects[0].gain_held_out > 0.2
+    assert "on another road, where neighbouring pieces predict each other" in found.sentence
+    assert any("each piece of 50 m" in remark for remark in found.remarks)
 
 
 @pytest.mark.slow
@@ -249,13 +249,13 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
         {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}
     )
     recordings = [without_place(vehicle, np.zeros_like) for vehicle in (prototype(), van)]
-    found = answer(recordings, prototype()).found
-    assert found["verdict"] in ("unknown", "not_assessable")
-    assert not any("profile" in effect for effect in found["effects"])
+    found = explain_recordings(recordings, prototype()).answer
+    assert found.verdict in ("unknown", "not_assessable")
+    assert not any(effect.profile for effect in found.effects)
 
 
 @pytest.mark.slow
-def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_foretold_of_it():
+def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_predicted_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
     vehicle = prototype()
     dataset = build_dataset([without_place(vehicle, hills)], vehicle)
@@ -268,8 +268,8 @@ def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_fo
     size = "effects.road_bank.bank"
     of = {}
     for residuals in (told, spoilt):
-        there = survey(residuals, residuals(residuals.predictor.start), elsewhere)
-        of[residuals] = [np.array([*profiles_of(s)[size].values()]) for s in (there.by_odd, there.by_even)]
+        there = predict_road(residuals, residuals(residuals.predictor.start), elsewhere)
+        of[residuals] = [np.array([*profiles_of(s)[size].values()]) for s in (there.from_odd, there.from_even)]
     assert np.abs(of[spoilt][0] - of[told][0]).mean() < 0.004
     assert np.abs(of[spoilt][1] - of[told][1]).mean() > 0.05
 

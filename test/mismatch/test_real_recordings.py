@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,8 @@ from vsense_ros.bag.importers import build, import_recording
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.explain import answer
+from vsense_ros.mismatch.answer_schema import Answer, read_answer
+from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.effects.base import SPACING
 from vsense_ros.model.vehicle import Vehicle
@@ -44,11 +44,11 @@ def rav4_recording() -> Recording:
 
 @pytest.mark.slow
 def test_from_can_and_the_imu_of_a_phone_the_road_under_the_rav4_is_named_and_nothing_else():
-    found = answer([rav4_recording()], load_vehicle(RAV4)).found
-    assert found["verdict"] == "named"
-    assert found["answer_set"] == ["road_grade"]
-    assert {entry["id"] for entry in found["out_of_reach"]} >= {"aero_drag", "gnss_lever_arm"}
-    told = json.loads((EXAMPLES / "rav4/explain.json").read_text(encoding="utf-8"))
+    found = explain_recordings([rav4_recording()], load_vehicle(RAV4)).answer
+    assert found.verdict == "named"
+    assert found.answer_set == ("road_grade",)
+    assert {entry.id for entry in found.out_of_reach} >= {"aero_drag", "gnss_lever_arm"}
+    told = read_answer(EXAMPLES / "rav4")
     assert grade_along(found)[1] == pytest.approx(grade_along(told)[1], abs=0.002)
 
 
@@ -67,20 +67,20 @@ def between(recording: Recording, begin: float, end: float) -> Recording:
 @pytest.mark.parametrize(("begin", "verdict"), [(33, "named"), (45, "unknown")])
 def test_a_road_is_proven_on_another_one_by_its_pieces_if_that_is_long_enough(begin, verdict):
     whole = rav4_recording()
-    found = answer([between(whole, 0, 33)], load_vehicle(RAV4), [between(whole, begin, 60)]).found
-    (grade,) = (effect for effect in found["effects"] if effect["id"] == "road_grade")
-    assert found["verdict"] == verdict
-    assert grade["gain_left_out"] > 0.8 * grade["gain_training"] > 0.1
-    assert (grade["gain_held_out"] > 0.1) == (verdict == "named")
-    assert ("another road" in grade["objection"]) == (verdict == "unknown")
+    found = explain_recordings([between(whole, 0, 33)], load_vehicle(RAV4), [between(whole, begin, 60)]).answer
+    (grade,) = (effect for effect in found.effects if effect.id == "road_grade")
+    assert found.verdict == verdict
+    assert grade.gain_left_out > 0.8 * grade.gain_training > 0.1
+    assert (grade.gain_held_out > 0.1) == (verdict == "named")
+    assert ("another road" in grade.objection) == (verdict == "unknown")
 
 
 @pytest.mark.slow
 def test_two_stretches_of_the_road_of_the_rav4_are_named_together_each_as_it_climbs_and_falls():
     whole = rav4_recording()
     parts = [between(whole, 0, 33), between(whole, 33, 60)]
-    found = answer(parts, load_vehicle(RAV4)).found
-    assert (found["verdict"], found["answer_set"]) == ("named", ["road_grade"])
+    found = explain_recordings(parts, load_vehicle(RAV4)).answer
+    assert (found.verdict, found.answer_set) == ("named", ("road_grade",))
     told, true = [], []
     for stretch, part in enumerate(parts):
         grade, from_height = against_height(*grade_along(found, stretch), part)
@@ -90,14 +90,14 @@ def test_two_stretches_of_the_road_of_the_rav4_are_named_together_each_as_it_cli
     assert np.corrcoef(np.concatenate(told), np.concatenate(true))[0, 1] > 0.95
 
 
-def grade_along(found: dict, stretch: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def grade_along(found: Answer, stretch: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Distance [m] and grade [rad] that an answer tells of a stretch of road."""
-    (entry,) = (effect for effect in found["effects"] if effect["id"] == "road_grade")
-    everywhere = entry["parameters"][0]["value"]
-    places = [place for place in entry["profile"] if place["stretch"] == stretch]
+    (entry,) = (effect for effect in found.effects if effect.id == "road_grade")
+    everywhere = entry.parameters[0].value
+    places = [place for place in entry.profile if place.stretch == stretch]
     return (
-        np.array([place["distance"] for place in places]),
-        np.array([everywhere + place["value"] for place in places]),
+        np.array([place.distance for place in places]),
+        np.array([everywhere + place.value for place in places]),
     )
 
 
@@ -116,37 +116,37 @@ def against_height(distance: np.ndarray, grade: np.ndarray, recording: Recording
 def test_the_rav4_climbs_and_falls_as_the_answer_says():
     """Its height, which the answer was not given, over the distance. A sensor with an offset, or one that sits
     otherwise than the file says, feels the same as a slope that is everywhere: that is known within the interval."""
-    found = json.loads((EXAMPLES / "rav4/explain.json").read_text(encoding="utf-8"))
+    found = read_answer(EXAMPLES / "rav4")
     grade, from_height = against_height(*grade_along(found), rav4_recording())
     assert len(grade) >= 15
     assert np.ptp(from_height) > 0.08  # there is something to find
     assert np.corrcoef(grade, from_height)[0, 1] > 0.95
     assert np.polyfit(from_height, grade, 1)[0] == pytest.approx(1.0, abs=0.2)
-    everywhere = found["effects"][0]["parameters"][0]
-    low, high = everywhere["interval_90"]
+    everywhere = found.effects[0].parameters[0]
+    low, high = everywhere.interval_90
     off = float(np.mean(from_height - grade))
-    assert low < everywhere["value"] + off < high
+    assert low < everywhere.value + off < high
 
 
 LAPS = ("cpg_slow_lap", "cpg_fast_lap", "med_lap_center_8_21")
-GENESIS = EXAMPLES / "genesis/explain.json"
+GENESIS = EXAMPLES / "genesis"
 SPAN = 51  # samples of a quadratic that smooths: half a second
 
 
 def genesis_claims() -> dict:
-    found = json.loads(GENESIS.read_text(encoding="utf-8"))
-    assert found["recordings"] == list(LAPS[:2])
-    assert found["held_out"] == list(LAPS[2:])
-    return {effect["id"]: effect for effect in found["effects"] if effect["id"] in found["answer_set"]}
+    found = read_answer(GENESIS)
+    assert found.recordings == LAPS[:2]
+    assert found.held_out == LAPS[2:]
+    return {effect.id: effect for effect in found.effects if effect.id in found.answer_set}
 
 
 def test_on_the_lap_of_the_genesis_that_was_held_out_named_physics_halves_the_largest_mismatch():
-    found = json.loads(GENESIS.read_text(encoding="utf-8"))
-    assert found["verdict"] == "named"
-    assert set(found["answer_set"]) <= BY_ID.keys()
-    largest, *_ = found["located"]["signals"]
-    held_out = found["fit"][largest["name"]]["held_out"]
-    assert held_out["after"] < 0.5 * held_out["before"]
+    found = read_answer(GENESIS)
+    assert found.verdict == "named"
+    assert set(found.answer_set) <= BY_ID.keys()
+    largest, *_ = found.located.signals
+    held_out = found.fit[largest.name].held_out
+    assert held_out.after < 0.5 * held_out.before
 
 
 def genesis_lap(name: str) -> dict[str, np.ndarray]:
@@ -181,18 +181,18 @@ def test_the_road_of_the_genesis_slopes_across_where_the_answer_says_so(name):
     """Gravity across the car is what its accelerometer feels beyond what acts on it by side slip and heading. Body roll
     and the sensor's offset are in it too: they go with the acceleration and are taken out of both."""
     lap, claim = genesis_lap(name), genesis_claims()["road_bank"]
-    places = claim["profile"]
+    places = claim.profile
     origin = (lap["latitude"][0], lap["longitude"][0], 0.0)
     flat = np.zeros_like(lap["latitude"])
     at = build.enu_from_geodetic(lap["latitude"], lap["longitude"], flat, origin)[:, :2]
     known = build.enu_from_geodetic(
-        np.array([p["latitude"] for p in places]), np.array([p["longitude"] for p in places]), np.zeros(len(places)),
+        np.array([p.latitude for p in places]), np.array([p.longitude for p in places]), np.zeros(len(places)),
         origin,
     )[:, :2]  # fmt: skip
     far = np.linalg.norm(at[:, None] - known, axis=2)
     nearest = far.argmin(axis=1)
-    along = np.cos(np.array([p["direction"] for p in places])[nearest] - lap["heading"])
-    slope = (claim["parameters"][0]["value"] + np.array([p["value"] for p in places])[nearest]) * np.sign(along)
+    along = np.cos(np.array([p.direction for p in places])[nearest] - lap["heading"])
+    slope = (claim.parameters[0].value + np.array([p.value for p in places])[nearest]) * np.sign(along)
     used = (far.min(axis=1) < 30.0) & (lap["speed"] > 6.0)
     assert used.mean() > 0.9
     rolls = np.column_stack([np.ones(used.sum()), lap["centripetal"][used]])
@@ -232,11 +232,11 @@ def turning_of_the_wheels(*names: str) -> float:
 
 @pytest.mark.parametrize("name", LAPS)
 def test_the_wheels_of_the_genesis_turn_as_much_more_than_measured_as_the_answer_says(name):
-    (ratio,) = genesis_claims()["steering_ratio"]["parameters"]
-    assert turning_of_the_wheels(name) == pytest.approx(ratio["value"], abs=0.03)
+    (ratio,) = genesis_claims()["steering_ratio"].parameters
+    assert turning_of_the_wheels(name) == pytest.approx(ratio.value, abs=0.03)
 
 
 def test_on_all_laps_together_the_wheels_of_the_genesis_turn_within_the_interval_that_is_told():
-    (ratio,) = genesis_claims()["steering_ratio"]["parameters"]
-    low, high = ratio["interval_90"]
+    (ratio,) = genesis_claims()["steering_ratio"].parameters
+    low, high = ratio.interval_90
     assert low < turning_of_the_wheels(*LAPS) < high

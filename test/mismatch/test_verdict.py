@@ -15,22 +15,13 @@ from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate
+from vsense_ros.mismatch.confidence import confidence, interval
+from vsense_ros.mismatch.objections import OUTDONE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.verdict import (
-    ASTRAY,
-    OUTDONE,
-    REFUSED,
-    SHORT,
-    THRESHOLD,
-    TRUSTED,
-    Judged,
-    Proof,
-    confidence,
-    interval,
-    judge,
-    least_gain,
-)
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged, Ranked, judge
 
 GAINS = st.floats(-1.0, 1.0)
 
@@ -43,15 +34,17 @@ def test_more_gain_makes_surer_and_a_better_rival_less_sure(gain, other, more):
 
 
 def test_what_gains_no_more_than_chance_is_not_believed_and_a_clear_lead_is():
-    assert confidence(THRESHOLD, 0.0) < 0.5
-    assert confidence(10 * THRESHOLD, THRESHOLD) == pytest.approx(TRUSTED, rel=0.01)
-    assert confidence(10 * THRESHOLD, THRESHOLD) > 0.8
+    least = THRESHOLDS.least_gain
+    assert confidence(least, 0.0) < 0.5
+    assert confidence(10 * least, least) == pytest.approx(THRESHOLDS.trusted, rel=0.01)
+    assert confidence(10 * least, least) > 0.8
 
 
 @given(st.floats(0.1, 2000.0), st.floats(1.0, 10.0))
 def test_chance_explains_more_of_less_driving_but_never_less_than_of_much(driven, times):
-    assert least_gain(driven) >= least_gain(times * driven) >= THRESHOLD
-    assert least_gain(SHORT / times) == pytest.approx(times * THRESHOLD)
+    asked = THRESHOLDS.least_gain_on
+    assert asked(driven) >= asked(times * driven) >= THRESHOLDS.least_gain
+    assert asked(THRESHOLDS.short_driving / times) == pytest.approx(times * THRESHOLDS.least_gain)
 
 
 @dataclass
@@ -68,13 +61,13 @@ class Made:
     def gain(self, hypothesis: Hypothesis) -> float:
         return -0.1 if hypothesis.name.strip() in GROWN else hypothesis.cv_gain
 
-    def gain_of_most(self, hypothesis: Hypothesis) -> float:
-        return hypothesis.cv_gain
+    def proven(self, hypothesis: Hypothesis) -> float:
+        return min(hypothesis.gain, hypothesis.cv_gain)
 
     def unmended(self, hypothesis: Hypothesis) -> str:
         return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
 
-    def at_odds(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
+    def disagreement(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
         return 1.5 if hypothesis.name.strip() in ODD else 0.1
 
     def level(self, residuals: object) -> float:
@@ -83,7 +76,7 @@ class Made:
     def worst(self, residuals: object = None) -> float:
         return 1.0
 
-    def astray(self) -> bool:
+    def something_left_over(self) -> bool:
         return False
 
 
@@ -115,7 +108,8 @@ def test_of_many_sizes_along_a_road_those_that_do_not_last_in_training_suit_what
         def gain(self, hypothesis: Hypothesis) -> float:
             return 0.5
 
-        gain_of_most = gain
+        def proven(self, hypothesis: Hypothesis) -> float:
+            return min(hypothesis.gain, 0.5)
 
     everywhere = explaining("slope", 0.5, 0.1)
     place = FreeParameter("slope@0", "rad", 0.1, -1.0, 1.0, lambda values, offset: {}, place=("slope", 0.0))
@@ -154,9 +148,10 @@ def test_what_spoils_in_some_drives_a_good_part_of_what_it_gains_in_others_is_no
     ],
 )
 def test_what_is_refused_is_told_why(hypothesis, words):
-    (reason,) = judge([hypothesis], (), Made()).refused.values()
-    assert words in reason
-    assert bool(words) == bool(reason)
+    (one,) = judge([hypothesis], (), Made()).ranked
+    assert one.hypothesis is hypothesis
+    assert words in one.objection
+    assert bool(words) == bool(one.objection)
 
 
 def test_what_explains_as_much_is_said_besides_even_if_it_is_itself_unproven():
@@ -191,6 +186,14 @@ def test_an_effect_in_whose_size_recordings_disagree_is_not_it_but_something_is_
     assert said(explaining("drag", 0.3, 0.3), explaining(ODD[1], 0.5, 0.5)) == ("named", ("drag",))
 
 
+def validated(base: Fit, layout: list[list[str]]) -> Validation:
+    """On a fit to windows with these signals, with nothing held out."""
+    validation = Validation.__new__(Validation)
+    validation.base, validation.fitted, validation.residuals = base, SimpleNamespace(layout=layout), None
+    validation.thresholds = THRESHOLDS
+    return validation
+
+
 def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like_it():
     """Half of what one window lacks, put into both where the other lacks nothing, gains 1 - 0.25 - 0.25 of its square;
     another size in each would gain as much again."""
@@ -200,8 +203,8 @@ def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like
     def at_odds(*hidden: float) -> float:
         before = replace(FITTED, residuals=[-size * change for size in hidden])
         after = replace(FITTED, residuals=[(0.5 - size) * change for size in hidden])
-        proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=layout), residuals=None)
-        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+        validation = validated(before, layout)
+        return validation.disagreement(replace(explaining("drag", 0.5, 0.5), fit=after))
 
     assert at_odds(0.5, 0.5) == 0.0
     assert at_odds(1.0, 0.0) == pytest.approx(1.0)
@@ -216,9 +219,8 @@ def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():
     before = replace(turned, residuals=[-change, 0 * change])
     after = replace(turned, offsets=np.zeros(1), residuals=[-0.5 * change, 0.5 * change])
     hypothesis = replace(explaining("drag", 0.5, 0.5), fit=after)
-    proof = SimpleNamespace(base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * 2), residuals=None)
     gained = 0.5 * float(change @ change)
-    assert Proof.at_odds(proof, hypothesis) == pytest.approx(gained / (gained + 90))
+    assert validated(before, [["yaw_rate"]] * 2).disagreement(hypothesis) == pytest.approx(gained / (gained + 90))
 
 
 def test_of_many_windows_one_may_disagree():
@@ -228,10 +230,8 @@ def test_of_many_windows_one_may_disagree():
     def odds(*multiples: float) -> float:
         before = replace(FITTED, residuals=[-multiple * change for multiple in multiples])
         after = replace(FITTED, residuals=[(1 - multiple) * change for multiple in multiples])
-        proof = SimpleNamespace(
-            base=before, fitted=SimpleNamespace(layout=[["yaw_rate"]] * len(multiples)), residuals=None
-        )
-        return Proof.at_odds(proof, replace(explaining("drag", 0.5, 0.5), fit=after))
+        validation = validated(before, [["yaw_rate"]] * len(multiples))
+        return validation.disagreement(replace(explaining("drag", 0.5, 0.5), fit=after))
 
     assert odds(1.0, 1.0, 1.0, -1.0) == pytest.approx(0.0, abs=1e-9)
     assert odds(1.0, 1.0, -1.0, -1.0) > 1.0
@@ -245,19 +245,20 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
             furthest=lambda off: max(off.items(), key=itemgetter(1)),
             deviations=lambda off: off,
         )
-        proof = SimpleNamespace(
+        validation = SimpleNamespace(
+            thresholds=THRESHOLDS,
             worst=2.5,
             fitted=told,
             residuals=told,
-            compared=lambda fit: (unseen, then),
-            trained=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
+            held_out=lambda fit: (unseen, then),
+            training=lambda fit: ({"wheels": 2.5, "yaw rate": 1.0}, fit.residuals),
         )
-        return not Proof.unmended(proof, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
+        return not Validation.unmended(validation, SimpleNamespace(fit=SimpleNamespace(residuals={"wheels": 1.2})))
 
     assert mends({"roll rate": 0.9}, {"roll rate": 0.95})
     assert not mends({"roll rate": 2.6}, {"roll rate": 2.7})
     assert not mends({"roll rate": 2.6}, {"roll rate": 2.5})
-    assert mends({"roll rate": 2.6}, {"roll rate": ASTRAY - 0.01})
+    assert mends({"roll rate": 2.6}, {"roll rate": THRESHOLDS.signal_off - 0.01})
     assert mends({"roll rate": 12.0}, {"roll rate": 7.0})
 
 
@@ -271,14 +272,13 @@ def test_the_worst_signal_is_to_be_mended_where_it_is_worst():
 )
 def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_count(left, whole, gain, told):
     windows = [SimpleNamespace(name=f"drive {i}", begin=0.0, end=9.0) for i in range(len(left))]
-    proof = Proof.__new__(Proof)
-    proof.base = FITTED
-    proof.residuals = SimpleNamespace(predictor=SimpleNamespace(dataset=SimpleNamespace(windows=windows)))
-    proof.compared = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
+    validation = validated(FITTED, [])
+    validation.residuals = SimpleNamespace(predictor=SimpleNamespace(dataset=SimpleNamespace(windows=windows)))
+    validation.held_out = lambda fit: ([np.full(100, 2.0) for _ in left], [np.full(100, off) for off in left])
     found = explaining("wind", 0.5, 0.5)
-    assert proof.gain(found) == pytest.approx(whole)
-    assert proof.gain_of_most(found) == pytest.approx(gain)
-    assert proof.against(found).startswith("drive 3: from 0 to 9 s") == told
+    assert validation.gain(found) == pytest.approx(whole)
+    assert validation.gains(found).of_most == pytest.approx(gain)
+    assert validation.against(found).startswith("drive 3: from 0 to 9 s") == told
 
 
 def unfinished(left: float) -> Made:
@@ -353,11 +353,11 @@ def test_an_effect_mends_the_worst_signal_beyond_what_a_road_shakes():
     residuals = Residuals.__new__(Residuals)
     residuals.deviations = lambda rows: off[int(rows[0][0])]
     base, fitted = (replace(FITTED, residuals=[np.array([float(i)])]) for i in range(2))
-    proof = Proof.__new__(Proof)
-    proof.residuals, proof.fitted, proof.base = None, residuals, base
-    proof.trained = lambda fit: (base.residuals, fit.residuals)
+    validation = validated(base, [])
+    validation.fitted = residuals
+    validation.training = lambda fit: (base.residuals, fit.residuals)
     assert residuals.furthest(base.residuals)[0] == "yaw_rate"
-    assert not proof.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
+    assert not validation.unmended(replace(explaining("wind", 0.5, 0.5), fit=fitted))
 
 
 def test_where_a_signal_is_still_off_a_second_effect_is_named_that_explains_much_of_it():
@@ -374,7 +374,7 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     assert (judged.verdict, judged.rivals) == ("named", (found,))
     assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
-    assert judged.confidence(other, "gyro") <= REFUSED
+    assert judged.confidence(other, "gyro") <= THRESHOLDS.refused
     near = explaining("bank + gyro", 0.87, 0.87)
     assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
 
@@ -399,12 +399,22 @@ def test_effects_in_doubt_are_told_beside_a_term_that_explains_as_much_and_not_b
     assert judge(alike, [explaining("force", 0.12, 0.12)], Made()).verdict == "unknown"
 
 
+def test_what_is_asked_for_is_what_the_thresholds_say():
+    drag = explaining("drag", 0.2, 0.2)
+    assert judge([drag], (), Made()).verdict == "named"
+    strict = replace(THRESHOLDS, least_gain=0.25)
+    assert judge([drag], (), Made(), thresholds=strict).verdict == "no_mismatch"
+    assert judge([drag], (), Made(), least_gain=0.25).verdict == "no_mismatch"
+    certain = replace(THRESHOLDS, trusted=0.5)
+    assert judge([drag], (), Made(), thresholds=certain).confidence(drag, "drag") == pytest.approx(0.5, abs=1e-3)
+
+
 def test_an_effect_that_a_term_explains_clearly_better_is_refused_with_that_reason():
     drag = explaining("drag", 0.7, 0.7)
     outdone = judge([drag], [explaining("force", 0.78, 0.78)], Made())
-    assert (outdone.verdict, outdone.refused[id(drag)]) == ("unknown", OUTDONE)
+    assert (outdone.verdict, outdone.objection_to(drag)) == ("unknown", OUTDONE)
     enough = judge([drag], [explaining("force", 0.76, 0.76)], Made())
-    assert (enough.verdict, enough.refused[id(drag)]) == ("named", "")
+    assert (enough.verdict, enough.objection_to(drag)) == ("named", "")
 
 
 def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
@@ -418,12 +428,12 @@ def test_a_place_that_explains_as_much_as_the_best_one_is_told_beside_it():
             (0.2, "rl", (drag["rl"],)),
         )
     ]  # fmt: skip
-    judged = Judged("named", found[0], (found[0],), (found[0],), tuple(found), {id(e): e.gain for e in found}, {})
+    judged = Judged("named", found[0], (found[0],), (Ranked(found[0], ""),), tuple(found), {e: e.gain for e in found})
     assert judged.other_places() == ("fr",)
 
 
 def test_where_the_fitted_car_gets_lost_on_its_own_recordings_something_is_left_over():
-    lost = type("Lost", (Made,), {"astray": lambda self: True})()
+    lost = type("Lost", (Made,), {"something_left_over": lambda self: True})()
     found = explaining("wind", 0.01, 0.01)
     assert judge((found,), (), lost).verdict == "unknown"
     assert judge((found,), (), Made()).verdict == "no_mismatch"
@@ -449,7 +459,8 @@ def test_an_effect_of_next_to_no_size_or_one_that_might_be_zero_is_not_told(torq
 def test_a_signal_further_off_than_any_of_a_car_with_nothing_hidden_says_that_something_is_left_over(worst, left_over):
     dataset = SimpleNamespace(dropped=())
     fitted = SimpleNamespace(predictor=SimpleNamespace(dataset=dataset))
-    assert Proof.astray(SimpleNamespace(worst=worst, fitted=fitted)) == left_over
+    validation = SimpleNamespace(worst=worst, fitted=fitted, thresholds=THRESHOLDS)
+    assert Validation.something_left_over(validation) == left_over
 
 
 @pytest.mark.parametrize(("mended", "verdict"), [(True, "named"), (False, "no_mismatch")])

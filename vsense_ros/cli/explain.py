@@ -91,8 +91,8 @@ def _explain(
 ) -> str:
     """The verdict."""
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.mismatch.explain import STAGES, answer
-    from vsense_ros.mismatch.page import printed
+    from vsense_ros.mismatch.explain import STAGES, explain_recordings
+    from vsense_ros.mismatch.terminal import printed
 
     car = load_car(vehicle)
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
@@ -100,19 +100,22 @@ def _explain(
     train, proof = (import_named(paths, names) for paths in (recordings, held_out))
     with progress("searching") as done:
         steps = iter(range(STAGES))
-        found = answer(train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)))
+        found = explain_recordings(
+            train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+        )
     found.write(report)
-    printed(found.found, console())
+    printed(found.answer, console())
     say(f"Results in {report}.")
-    return str(found.found["verdict"])
+    return found.answer.verdict
 
 
 def _design(vehicle: str, report: Path) -> None:
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.mismatch import design
+    from vsense_ros.mismatch.answer_schema import read_answer
 
     car = load_car(vehicle)
-    design.left_open(design.answered(report), car)  # says what is wrong before a bar begins
+    design.left_open(read_answer(report), car)  # says what is wrong before a bar begins
     with progress("driving manoeuvres that may tell it apart") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())

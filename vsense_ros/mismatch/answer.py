@@ -1,24 +1,43 @@
-"""What was found, in the entries of explain.json and in words."""
+"""What was found, as the objects of explain.json and in words."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import Fit, cost
+from vsense_ros.mismatch.answer_schema import (
+    ActingPart,
+    Answer,
+    BaseParameter,
+    EffectEntry,
+    Errors,
+    Force,
+    Located,
+    ProfilePoint,
+    Region,
+    Segment,
+    SignalErrors,
+    SignalMisfit,
+    Size,
+    Span,
+    TermSize,
+)
 from vsense_ros.mismatch.candidates import Candidate
-from vsense_ros.mismatch.page import PLACES, in_words
+from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import LOST
-from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged
 from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.mismatch.words import in_words
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES
@@ -29,8 +48,8 @@ Array = NDArray[np.float64]
 NO_PLACE = "what it is along the road is told by the distance driven, as no sensor knows the place"
 IN_FILES = "the extended vehicle has of it what it is everywhere, and road.csv all"  # written where one is named
 OWN_ROAD = (
-    "what was held out is of another road, which nothing that was fitted can know: each second piece of 50 m of it is "
-    "held against what follows from its neighbours, with the car as it was fitted"
+    "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
+    "follows from its neighbours, with the car as it was fitted"
 )
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
@@ -39,32 +58,30 @@ ALONE = (
 NO_COURSE = (
     "nothing tells where the car heads on the map: directions are counted as if each recording set out to the east"
 )
-# Of a profile: a number for what hangs together, metres along it, degrees, radians counter-clockwise from east.
-PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
 
 
 def remarks(
-    judged: Judged, proof: Proof, shown: Fit, kinds: Collection[str], beyond: Mapping[str, str], varying: str
+    judged: Judged, validation: Validation, shown: Fit, kinds: Collection[str], beyond: Mapping[str, str], varying: str
 ) -> list[str]:
-    """What a reader has to know of an answer. `shown` is the fit that is told, `kinds` those of the sensors that were
-    heard, `beyond` effects that lack a sensor, with the reason; `varying` is the signal that tells of an effect of the
-    road that is another at every place, where one size is told all the same."""
-    leader, said = judged.leader, proof.lost(shown)
+    """What a reader has to know of an answer. `shown` is the fit that it shows, `kinds` are those of the sensors that
+    gave measurements, `beyond` the effects that lack a sensor, with the reason. `varying` is the signal that stays off
+    with one size for all of the road, where that is told all the same."""
+    leader, said = judged.leader, validation.lost(shown)
     if varying:
         said.append(
             f"with one size for all of the road the {varying.replace('_', ' ')} stays off, with another at every place "
             "it does not; too few places were passed twice to say what it is where"
         )
-    if leader is not None and (against := proof.against(leader)):
+    if leader is not None and (against := validation.against(leader)):
         said.append(against)
-    if judged.verdict == "no_mismatch" and proof.fits_together:
+    if judged.verdict == "no_mismatch" and validation.fits_together:
         said.append(
             "what was held out is far off for the base parameters that fit the rest best, but not for ones that fit "
             "all of it: that tells of no missing physics"
         )
     if leader is not None and judged.verdict != "unknown":
-        # Where wheel torques are unknown the car follows its wheels, whatever resists them: what an accelerometer tells
-        # of the car is something else.
+        # Where wheel torques are unknown the simulated car follows its wheel speeds, whatever resists them: what an
+        # accelerometer tells of is then no effect that needs wheel torques.
         unlike = {"wheel_torques"} if "imu" in kinds else set()
         said += [
             f"{BY_ID[id].sentence} may look the same and is not excluded: {reason}"
@@ -75,7 +92,7 @@ def remarks(
         said.append(NO_COURSE)
     if leader is not None and any(c.along_road for c in leader.candidates) and "gnss_position" not in kinds:
         said.append(NO_PLACE if judged.verdict == "ambiguous" else f"{NO_PLACE}: {IN_FILES}")
-    if leader is not None and proof.surveyed(leader.fit):
+    if leader is not None and validation.by_pieces(leader.fit):
         said.append(OWN_ROAD)
     if leader is not None and (elsewhere := judged.other_places()):
         place = leader.candidates[0].where
@@ -89,7 +106,7 @@ def remarks(
 
 
 def _in_words(hypothesis: Hypothesis, candidate: Candidate) -> str:
-    """The physics of a candidate; of a force with a moment that follows the same, where it acts."""
+    """The physics of a candidate; of a force with a moment that is proportional to the same, also where it acts."""
     arm = _lever_arm(hypothesis)
     if arm is None:
         return candidate.sentence
@@ -106,123 +123,168 @@ def _lever_arm(hypothesis: Hypothesis) -> float | None:
     return None
 
 
-def effect_entries(judged: Judged, dataset: Dataset, proof: Proof) -> list[dict[str, Any]]:
-    """Entries of all effects that were fitted, those of the leader first."""
-    entries: list[dict[str, Any]] = []
-    told: set[str] = set()
-    for hypothesis in (*filter(None, [judged.leader]), *judged.rivals, *judged.ranked):
+def answer_set(judged: Judged) -> list[str]:
+    """Ids of the effects in the answer."""
+    return list(dict.fromkeys(id for hypothesis in judged.rivals for id in hypothesis.effects))
+
+
+def effect_entries(judged: Judged, dataset: Dataset, validation: Validation) -> list[EffectEntry]:
+    """All effects that were fitted, those of the leader first."""
+    entries: dict[str, EffectEntry] = {}
+    for hypothesis in (*filter(None, [judged.leader]), *judged.rivals, *(one.hypothesis for one in judged.ranked)):
         for candidate in hypothesis.candidates:
-            if candidate.effect not in told:
-                told.add(candidate.effect)
-                accepted = hypothesis is judged.leader and judged.verdict == "named"
-                entry = _entry(judged, hypothesis, candidate, dataset, proof)
-                entries.append(entry | {"accepted": accepted})
-    return entries
-
-
-def parts(effects: Sequence[Mapping[str, Any]], answer_set: Sequence[str]) -> list[dict[str, str]]:
-    """What of the car, its road or its sensors the effects of the answer act on, where on it and in which form."""
-    return [
-        {"effect": e["id"], "acts_on": EVERY[e["id"]].acts_on(), **{key: e[key] for key in PLACES if key in e}}
-        for e in effects
-        if e["id"] in answer_set
-    ]
+            if candidate.effect not in entries:
+                entries[candidate.effect] = _entry(judged, hypothesis, candidate, dataset, validation)
+    return list(entries.values())
 
 
 def _entry(
-    judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, proof: Proof
-) -> dict[str, Any]:
-    parameters, along = [], []
-    for parameter in candidate.free_parameters:
-        value = hypothesis.sizes[parameter.name]
-        size = {"value": value, "interval_90": list(interval(value, hypothesis.deviations[parameter.name]))}
-        if parameter.place:
-            along.append(_place(dataset, parameter.place[1]) | size)
-        else:
-            parameters.append({"name": parameter.name.rsplit(".", 1)[-1], "unit": parameter.unit} | size)
-    entry: dict[str, Any] = {"id": candidate.effect, "sentence": _in_words(hypothesis, candidate)}
-    place = candidate.where
-    kinds = {**dict.fromkeys(WHEELS, "wheel"), **dict.fromkeys(AXLES, "axle")}
-    if place in kinds:
-        entry[kinds[place]] = place
-    elif candidate.free_parameters[0].form:
-        entry["form"] = candidate.free_parameters[0].form
-    elif place in EVERY[candidate.effect].model_fields:
-        entry[EVERY[candidate.effect].each] = place
-    if along:
-        entry["profile"] = along
-    return entry | {
-        "parameters": parameters, "gain_training": hypothesis.gain, "gain_left_out": hypothesis.cv_share,
-        "gain_held_out": proof.gain(hypothesis), "adds_to_best": judged.adds(hypothesis),
-        "keep": hypothesis.independent_share,
-        "confidence": judged.confidence(hypothesis, candidate.effect),
-        "objection": judged.refused.get(id(hypothesis), ""),
-    }  # fmt: skip
+    judged: Judged, hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset, validation: Validation
+) -> EffectEntry:
+    ids = answer_set(judged)
+    return EffectEntry(
+        id=candidate.effect,
+        sentence=_in_words(hypothesis, candidate),
+        **_place_of(candidate),
+        profile=_profile(hypothesis, candidate, dataset) or None,
+        parameters=tuple(
+            Size(
+                name=parameter.name.rsplit(".", 1)[-1],
+                unit=parameter.unit,
+                value=hypothesis.sizes[parameter.name],
+                interval_90=_interval(hypothesis, parameter),
+            )
+            for parameter in candidate.free_parameters
+            if not parameter.place
+        ),
+        gain_training=hypothesis.gain,
+        gain_left_out=hypothesis.cv_share,
+        gain_held_out=validation.gain(hypothesis),
+        adds_to_best=judged.adds(hypothesis),
+        keep=hypothesis.independent_share,
+        confidence=judged.confidence(hypothesis, candidate.effect),
+        objection=judged.objection_to(hypothesis),
+        accepted=hypothesis is judged.leader and judged.verdict == "named",
+        answer_set=tuple(ids) if candidate.effect in ids else (),
+        would_separate=None,
+    )
 
 
-def _place(dataset: Dataset, abscissa: float) -> dict[str, Any]:
-    """Distance along a stretch of road [m], and where that is, if it is known."""
-    where = [abscissa // STRETCH, abscissa % STRETCH - STRETCH / 2]
+def _place_of(candidate: Candidate) -> dict[str, str]:
+    """The key of explain.json that says where a candidate is, or in which form, with its value."""
+    place, effect = candidate.where, EVERY[candidate.effect]
+    if place in WHEELS:
+        return {"wheel": place}
+    if place in AXLES:
+        return {"axle": place}
+    if form := candidate.free_parameters[0].form:
+        return {"form": form}
+    return {effect.each: place} if place in effect.model_fields else {}
+
+
+def _profile(hypothesis: Hypothesis, candidate: Candidate, dataset: Dataset) -> tuple[ProfilePoint, ...]:
+    """What a size that is another at every place is where."""
+    return tuple(
+        ProfilePoint(
+            **_point(dataset, parameter.place[1]),
+            value=hypothesis.sizes[parameter.name],
+            interval_90=_interval(hypothesis, parameter),
+        )
+        for parameter in candidate.free_parameters
+        if parameter.place
+    )
+
+
+def _interval(hypothesis: Hypothesis, parameter: FreeParameter) -> tuple[float, float]:
+    return interval(hypothesis.sizes[parameter.name], hypothesis.deviations[parameter.name])
+
+
+def _point(dataset: Dataset, abscissa: float) -> dict[str, float]:
+    """Where a place of the road is [m] along its stretch, and on the map, if that is known."""
+    found = {"stretch": abscissa // STRETCH, "distance": abscissa % STRETCH - STRETCH / 2}
     if (at := dataset.road.place(abscissa)) is not None:
-        where += [*dataset.on_map.latitude_longitude(*at[:2]), at[2]]
-    return dict(zip(PLACE, where, strict=False))
+        latitude, longitude = dataset.on_map.latitude_longitude(*at[:2])
+        found |= {"latitude": latitude, "longitude": longitude, "direction": at[2]}
+    return found
 
 
-def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
-    """Where the base fit is off: signals with their errors, and what a good model leaves, in their units, the worst
-    first, on what was held out if only that is off; windows [s] with their shares of the squared error, those in which
-    the car got lost, and the region."""
-    by_signal = residuals.by_signal(base.residuals)
-    units = {name: signal.unit for name, signal in compared_signals().items()}
-    good = {name: off * residuals.deviation[name] for name, off in residuals.good(base.residuals).items()}
-    there, off, _ = where = _most_off(residuals, base, proof)
-    ranking = there.by_signal(off)
-    worst = sorted(by_signal, key=lambda name: ranking.get(name, 0.0) / good[name], reverse=True)
-    whole = max(cost(base.residuals), 1e-12)
+def _acting_parts(effects: Sequence[EffectEntry]) -> tuple[ActingPart, ...]:
+    """On what of the car, its road or its sensors the effects of the answer act, where on it and in which form."""
+    return tuple(
+        ActingPart(
+            effect=effect.id,
+            acts_on=EVERY[effect.id].acts_on(),
+            wheel=effect.wheel,
+            axle=effect.axle,
+            sensor=effect.sensor,
+            axis=effect.axis,
+            form=effect.form,
+        )
+        for effect in effects
+        if effect.answer_set
+    )
+
+
+def located(
+    residuals: Residuals, base: Fit, judged: Judged, validation: Validation, effects: Sequence[EffectEntry]
+) -> Located:
+    """Where the base fit is off."""
     windows = residuals.predictor.dataset.windows
+    whole = max(cost(base.residuals), 1e-12)
     segments = [
-        {"recording": w.name, "begin": w.begin, "end": w.end, "share": float(r @ r) / whole}
+        Segment(recording=w.name, begin=w.begin, end=w.end, share=float(r @ r) / whole)
         for w, r in zip(windows, base.residuals, strict=True)
     ]
-    return {
-        "signals": [{"name": n, "unit": units[n], "before": by_signal[n], "null": good[n]} for n in worst],
-        "segments": sorted(segments, key=lambda s: s["share"], reverse=True),
-        "lost": [{"recording": w.name, "begin": w.begin, "end": w.end} for w in residuals.predictor.dataset.dropped],
-        "region": _region(*where),
-    }
+    lost = residuals.predictor.dataset.dropped
+    where = _most_off(residuals, base, validation)
+    return Located(
+        signals=_signals_off(residuals, base, *where[:2]),
+        segments=tuple(sorted(segments, key=lambda segment: segment.share, reverse=True)),
+        lost=tuple(Span(recording=w.name, begin=w.begin, end=w.end) for w in lost),
+        region=_region(*where),
+        force=_force(judged, validation),
+        parts=_acting_parts(effects),
+    )
 
 
-def force(judged: Judged, proof: Proof) -> dict[str, Any] | None:
+def _signals_off(residuals: Residuals, base: Fit, there: Residuals, off: list[Array]) -> tuple[SignalMisfit, ...]:
+    """Errors of the base fit by signal, and what a good model leaves; the worst first by what is `off` there."""
+    by_signal, ranking = residuals.by_signal(base.residuals), there.by_signal(off)
+    units = {name: signal.unit for name, signal in compared_signals().items()}
+    good = {name: times * residuals.deviation[name] for name, times in residuals.good(base.residuals).items()}
+    worst_first = sorted(by_signal, key=lambda name: ranking.get(name, 0.0) / good[name], reverse=True)
+    return tuple(
+        SignalMisfit(name=name, unit=units[name], before=by_signal[name], null=good[name]) for name in worst_first
+    )
+
+
+def _force(judged: Judged, validation: Validation) -> Force | None:
     """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
     (term,) = judged.leader.candidates
-    sizes = [
-        {
-            "name": parameter.name.rsplit(".", 1)[-1],
-            "unit": parameter.unit,
-            "value": judged.leader.sizes[parameter.name],
-        }
+    sizes = tuple(
+        TermSize(name=parameter.name.rsplit(".", 1)[-1], unit=parameter.unit, value=judged.leader.sizes[parameter.name])
         for parameter in term.free_parameters
-    ]
-    return {
-        "description": _in_words(judged.leader, term), "sizes": sizes, "lever_arm": _lever_arm(judged.leader),
-        "gain_training": judged.leader.gain, "gain_left_out": judged.leader.cv_share,
-        "gain_held_out": proof.gain(judged.leader),
-    }  # fmt: skip
+    )
+    return Force(
+        description=_in_words(judged.leader, term), sizes=sizes, lever_arm=_lever_arm(judged.leader),
+        gain_training=judged.leader.gain, gain_left_out=judged.leader.cv_share,
+        gain_held_out=validation.gain(judged.leader),
+    )  # fmt: skip
 
 
-def _most_off(residuals: Residuals, base: Fit, proof: Proof) -> tuple[Residuals, list[Array], str]:
-    """The residuals of the base fit, and the words for what they are of if they are not of what it was fitted to: of
-    what was held out, where they are far from those of a good model there alone."""
-    unseen = proof.residuals
-    if unseen is not None and residuals.worst(base.residuals) < ASTRAY < unseen.worst(proof.before):
-        return unseen, proof.before, " on what was held out"
+def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
+    """The residuals of the base fit in training; or held out, with words that say so, where only those are far from
+    those of a good model."""
+    unseen, off_from = validation.residuals, validation.thresholds.signal_off
+    if unseen is not None and residuals.worst(base.residuals) < off_from < unseen.worst(validation.before):
+        return unseen, validation.before, " on what was held out"
     return residuals, base.residuals, ""
 
 
-def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] | None:
-    """Where the residual of the worst signal is large: what it goes along with, of what is measured itself."""
+def _region(residuals: Residuals, off: list[Array], of: str) -> Region | None:
+    """With which measured signal the residual of the worst signal grows or falls most."""
     signal, _ = residuals.furthest(off)
     size: list[Array] = []
     features: dict[str, list[Array]] = {"speed": [], "lateral_acceleration": [], "longitudinal_acceleration": []}
@@ -247,79 +309,88 @@ def _region(residuals: Residuals, off: list[Array], of: str) -> dict[str, Any] |
     text = f"the error of the {signal.replace('_', ' ')}{of} {way} with the {word}"
     if abs(found[strongest]) < 0.3:
         text = f"the error of the {signal.replace('_', ' ')}{of} is about the same everywhere"
-    return {"description": text, "correlation": found}
+    return Region(description=text, correlation=found)
 
 
-def base_parameters(base: Fit, explained: Fit | None) -> dict[str, Any]:
-    """Amounts of the base parameters, in the fit without what was found and in that with it."""
+def base_parameters(base: Fit, explained: Fit | None) -> dict[str, BaseParameter]:
+    """Offsets of the base parameters by name, in the fit without what was found and in that with it."""
     pairs = zip(explained.free_parameters, explained.offsets, strict=True) if explained is not None else ()
     after = {parameter.name: float(offset) for parameter, offset in pairs}
     return {
-        parameter.name: {"unit": parameter.unit, "value": float(offset), "explained": after.get(parameter.name)}
+        parameter.name: BaseParameter(unit=parameter.unit, value=float(offset), explained=after.get(parameter.name))
         for parameter, offset in zip(base.free_parameters, base.offsets, strict=True)
     }
 
 
-def errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:
-    """Root mean square errors of each signal in its unit with the base fit and with what is told, in training and on
-    what was held out."""
+def errors(residuals: Residuals, base: Fit, shown: Fit, validation: Validation) -> dict[str, SignalErrors]:
+    """Root mean square errors of each signal in its unit with the base fit and with the one that is `shown`, in
+    training and on what was held out."""
     units = {name: signal.unit for name, signal in compared_signals().items()}
-    before, after = residuals.by_signal(base.residuals), residuals.by_signal(shown.residuals)
-    result: dict[str, Any] = {
-        name: {"unit": units[name], "training": {"before": before[name], "after": after[name]}} for name in before
+    training = _before_and_after(residuals, base.residuals, shown.residuals)
+    held_out: dict[str, Errors] = {}
+    if validation.residuals is not None:
+        held_out = _before_and_after(validation.residuals, *validation.held_out(shown))
+    return {
+        name: SignalErrors(unit=units[name], training=found, held_out=held_out.get(name))
+        for name, found in training.items()
     }
-    if proof.residuals is not None:
-        before, after = (proof.residuals.by_signal(r) for r in proof.compared(shown))
-        for name in before:
-            if name in result:
-                result[name]["held_out"] = {"before": before[name], "after": after[name]}
-    return result
 
 
-def sentence(found: Mapping[str, Any], rivals: Sequence[Sequence[str]]) -> str:
-    """The answer in words; `rivals` are the ids of what cannot be told apart."""
-    if found["verdict"] == "no_mismatch":
+def _before_and_after(residuals: Residuals, before: list[Array], after: list[Array]) -> dict[str, Errors]:
+    """By signal."""
+    first, then = residuals.by_signal(before), residuals.by_signal(after)
+    return {name: Errors(before=first[name], after=then[name]) for name in first}
+
+
+def sentence(answer: Answer) -> str:
+    """The answer in words."""
+    if answer.verdict == "no_mismatch":
         return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
-    if found["verdict"] == "unknown":
-        where = found["located"]["region"]
-        if force := found["located"]["force"]:
-            described = f". It is described by {force['description']}, with which {_falls(force, found)}"
-        elif lost := found["located"]["lost"]:
-            names = dict.fromkeys(window["recording"] for window in lost)
-            described = f": in {' and '.join(names)} {LOST}"
-        else:
-            described = f": {where['description']}" if where else ""
-        return f"Something is left over that no effect of the library explains{described}."
-    if found["verdict"] == "ambiguous":
-        shared = [id for id in found["answer_set"] if all(id in effects for effects in rivals)]
-        others = [[id for id in effects if id not in shared] for effects in rivals]
-        choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
-        doubt = f"these recordings cannot tell which it is: {', or '.join(dict.fromkeys(choices))}."
-        if not shared:
-            return doubt[0].upper() + doubt[1:]
-        return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
-    accepted = [effect for effect in found["effects"] if effect["accepted"]]
+    if answer.verdict == "unknown":
+        return f"Something is left over that no effect of the library explains{_left_over(answer)}."
+    if answer.verdict == "ambiguous":
+        return _in_doubt(answer)
+    accepted = answer.accepted
     named = " and ".join(map(in_words, accepted))
-    if found.get("assumed"):
-        return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], found)}."
-    return f"The model leaves out {named}; with it {_falls(accepted[0], found)}."
+    if answer.assumed:
+        return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
+    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}."
 
 
-def _falls(gains: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+def _left_over(answer: Answer) -> str:
+    """What is known of unknown physics, as the end of a sentence."""
+    if force := answer.located.force:
+        return f". It is described by {force.description}, with which {_falls(force, answer)}"
+    if lost := answer.located.lost:
+        return f": in {' and '.join(dict.fromkeys(window.recording for window in lost))} {LOST}"
+    return f": {answer.located.region.description}" if answer.located.region else ""
+
+
+def _in_doubt(answer: Answer) -> str:
+    """Which effects the recordings cannot tell apart, and which are sure besides."""
+    shared = [id for id in answer.answer_set if all(id in effects for effects in answer.rivals)]
+    others = [[id for id in effects if id not in shared] for effects in answer.rivals]
+    choices = [" with ".join(BY_ID[id].sentence for id in effects) for effects in others if effects]
+    doubt = f"these recordings cannot tell which it is: {', or '.join(dict.fromkeys(choices))}."
+    if not shared:
+        return doubt[0].upper() + doubt[1:]
+    return f"The model leaves out {' and '.join(BY_ID[id].sentence for id in shared)}; what besides, {doubt}"
+
+
+def _falls(found: EffectEntry | Force, answer: Answer) -> str:
     """By how much the error falls with what was found, and where that is proven."""
-    proven, on = gains["gain_held_out"], "on recordings it was not fitted to"
-    if found["by_pieces"]:
-        on = "on another road, where neighbouring pieces foretell each other"
+    trained, proven, on = found.gain_training, found.gain_held_out, "on recordings it was not fitted to"
+    if answer.by_pieces:
+        on = "on another road, where neighbouring pieces predict each other"
     if proven is None:
-        proven, on = gains["gain_left_out"], "where it was left out of the fit"
-    trained = gains["gain_training"]
+        proven, on = found.gain_left_out, "where it was left out of the fit"
     ways = ["grows" if gain < 0 else "falls" for gain in (trained, proven)]
     again = "" if ways[0] == ways[1] else f"{ways[1]} "
     return f"the squared error {ways[0]} by {100 * abs(trained):.0f} %, and {again}by {100 * abs(proven):.0f} % {on}"
 
 
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
-    """Each signal in each window as it was measured, as simulated with the base fit, and with what is told."""
+    """Each signal in each window as it was measured, as simulated with the base fit, and as `simulated`."""
     predictor = residuals.predictor
     units = {name: signal.unit for name, signal in compared_signals().items()}
     pairs = zip(

@@ -1,8 +1,8 @@
 """Recordings of which nothing can be said, with the reason, before anything is fitted to them.
 
-A spin, a sensor that is frozen or at its end, a wrong unit or another car spoil every figure that follows, and some
-effect would still seem to explain what they leave behind. One such recording is enough to say nothing: what the others
-say is heard when the user leaves it out.
+A spin, a sensor that is frozen or at the end of its range, a wrong unit or another car spoil every figure that follows,
+and some effect would still seem to explain them. One such recording is enough for no answer; without it the user gets
+one about the others.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques, during
 GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
 SMOOTH = 0.5  # [s] of the means between which relations are judged
 RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
-STRANGE = 2.0  # standard deviations left over from which on several cars are thought of
-LASTING = ("mass", "tyre radius")  # what neither road nor driver changes …
-LASTING_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
+STRANGE = 2.0  # standard deviations left over, from which on the recordings may be of several cars
+CONSTANT = ("mass", "tyre radius")  # what neither road nor driver changes …
+CONSTANT_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
 TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
 
 
 def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> str:
-    """Why nothing can be said of the data set; empty where something can. `recordings` are all, `unseen` the data set
-    of those that are held out of the fit."""
+    """Why nothing can be said of the recordings; empty where something can. `recordings` are all of them, `fitted` the
+    windows to fit to, `unseen` those of the recordings that are held out."""
     return next(_hindrances(recordings, fitted, unseen, vehicle), "")
 
 
@@ -70,7 +70,7 @@ def _hindrances(recordings: Sequence[Recording], fitted: Dataset, unseen: Datase
 
 
 def misfit(base: Fit, residuals: Residuals) -> str:
-    """Why a fit of the base parameters is none to start from; empty where it is one."""
+    """Why a fit of the base parameters cannot be built on; empty where it can."""
     return next(_misfits(base, residuals), "")
 
 
@@ -81,24 +81,24 @@ def _misfits(base: Fit, residuals: Residuals) -> Iterator[str]:
     offsets = dict(zip((parameter.name for parameter in base.free_parameters), base.offsets, strict=True))
     outside = [k for k in BASE if k.name in offsets and not k.low < offsets[k.name] < k.high]
     # One stiffness may stand in for the physics that is missing.
-    if len(outside) > 1 or any(parameter.name in LASTING for parameter in outside):
+    if len(outside) > 1 or any(parameter.name in CONSTANT for parameter in outside):
         names = "; ".join(f"no {k.name} between {k.low:+g} and {k.high:+g} ({k.unit})" for k in outside)
         yield f"{names} of the vehicle file's fits; is it the file of this car?"
-    if level > STRANGE and offsets.keys() >= set(LASTING):
+    if level > STRANGE and offsets.keys() >= set(CONSTANT):
         yield from _of_several_fits(base, residuals)
 
 
 def _of_several_fits(base: Fit, residuals: Residuals) -> Iterator[str]:
-    """Recordings that each want another mass or other wheels, linearly."""
+    """Recordings that each fit best with another mass or another tyre radius, to first order."""
     drives = residuals.predictor.dataset.by_recording()
     own = []
     for rows in residuals.predictor.dataset.places_by_recording():
         left, slopes = [base.residuals[i] for i in rows], [base.slopes[i] for i in rows]
         own.append(base.scaled_offsets + solve(slopes, left, base.scaled_offsets, prior_weight(left)))
-    for name in LASTING:
+    for name in CONSTANT:
         at = [parameter.name for parameter in base.free_parameters].index(name)
         found = [change[at] for change in own]
-        if np.std(found) > LASTING_APART:
+        if np.std(found) > CONSTANT_APART:
             low, high = int(np.argmin(found)), int(np.argmax(found))
             apart = 100 * (found[high] - found[low]) * base.free_parameters[at].deviation
             yield (
@@ -204,7 +204,7 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
 def _input_still(
     window: Window, driven: Readings, expected: Response, sensors: Mapping[str, SensorBase]
 ) -> Iterator[str]:
-    """A driver may well hold wheel and pedals, but then the car does not begin to move otherwise."""
+    """A driver may well hold wheel and pedals still, but then the motion of the car does not change."""
     imu = _telling(window, sensors, "rates and forces")
     present = np.isfinite(driven.value).all(axis=1)
     value, t = driven.value[present], driven.t[present]
@@ -345,8 +345,8 @@ class _Drive:
 
 
 def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
-    """Signals that physics binds to one another, and that are too far apart for any effect: a unit, a sign, an axis or
-    a clock is wrong."""
+    """Signals that follow from one another by physics, and differ by more than any effect could make: a unit, a sign,
+    an axis or a clock is wrong."""
     gentle = np.where(np.abs(drive.turning) < GRIPPING, 1.0, np.nan)
     bend = drive.wheelbase * drive.yaw_rate / drive.speed * gentle
     for what, found, other, expected, least, low, high in (

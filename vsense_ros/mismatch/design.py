@@ -1,11 +1,12 @@
-"""The next test: which manoeuvre would tell effects apart that the recordings at hand leave open.
+"""The next test: which manoeuvre would tell apart the effects that the recordings leave open.
 
-Each manoeuvre is driven with the car as it was fitted, recorded with those sensors of the vehicle that its recordings
-had, and simulated with each effect at its fitted size. What the signals of two effects differ by counts as far as the
-base parameters, and the other effect's size within its interval, cannot make up for it (the projection of `search`), in
-units of what sensors and a good model leave. That is the distance between two hypotheses about a Gaussian residual, d′
-(Green & Swets 1966); half its square is the information, the expected log-likelihood ratio (Kullback & Leibler 1951).
-Residuals of neighbouring instants err together, which makes both too large, of all tests alike.
+Each manoeuvre is driven with the car as it was fitted, recorded with those sensors of the vehicle that gave
+measurements, and simulated with each effect at its fitted size. The signals of two effects differ; what counts is the
+part of the difference that neither base parameters nor the other effect's size within its interval can make up for
+(the projection of `search`), in units of what sensors and a good model leave. That is the distance d′ between two
+hypotheses about a Gaussian residual (Green & Swets 1966); half its square is the information, the expected
+log-likelihood ratio (Kullback & Leibler 1951). Residuals of neighbouring instants are correlated, which makes both too
+large, for all tests alike.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +31,14 @@ from vsense_ros.identify.least_squares import DivergedError, Fit, cost, prior_we
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.manoeuvre import TESTS, Manoeuvre, drive
 from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, NextTest, read_answer
 from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.page import PAGE, place_of, write_next_test
-from vsense_ros.mismatch.picture import label
+from vsense_ros.mismatch.confidence import NORMAL_90
+from vsense_ros.mismatch.page import PAGE, write_next_test
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.simulation import Predictor, parameters_of
-from vsense_ros.mismatch.verdict import NORMAL_90
 from vsense_ros.mismatch.windows import RUN_IN, Dataset, build_dataset
+from vsense_ros.mismatch.words import label
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.effects import BY_ID, Effect
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -45,9 +46,9 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-ANSWER, NEXT = "explain.json", "next.json"
+NEXT = "next.json"
 TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
-SEED = 1  # of the sensors' noise, which weighs the signals and otherwise cancels
+SEED = 1  # of the sensors' noise, by which signals are weighted, and which cancels otherwise
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Option:
-    """A manoeuvre to choose from; `opposite`: on the same road as the recordings, the other way."""
+    """A manoeuvre to choose from; `opposite`: on the road of the recordings, in the other direction."""
 
     manoeuvre: Manoeuvre
     opposite: bool = False
@@ -74,7 +75,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a test would tell of the two rivals that it tells apart worst."""
+    """How well a test tells apart the two rivals that it tells apart worst."""
 
     test: Option
     distance: float  # d′ [-]
@@ -86,16 +87,18 @@ class Separation:
         """Expected log-likelihood ratio [nat]."""
         return 0.5 * self.distance**2
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "manoeuvre": self.test.title,
-            "id": self.test.manoeuvre.name,
-            "opposite": self.test.opposite,
-            "signal": self.signal,
-            "d_prime": self.distance,
-            "information": self.information,
-            "pair": list(self.pair),
-        }
+    @property
+    def next_test(self) -> NextTest:
+        """As an answer has it."""
+        return NextTest(
+            manoeuvre=self.test.title,
+            id=self.test.manoeuvre.name,
+            opposite=self.test.opposite,
+            signal=self.signal,
+            d_prime=self.distance,
+            information=self.information,
+            pair=self.pair,
+        )
 
 
 CHOICE = (
@@ -104,57 +107,36 @@ CHOICE = (
 )
 
 
-def answered(report: Path) -> dict[str, Any]:
-    """The explain.json in a folder. Raises `InputError` where there is none."""
-    path = report / ANSWER
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no answer there yet; run vsense explain with --report {report} first") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not what vsense explain writes: {error}") from None
-    if not isinstance(found, dict) or "verdict" not in found:
-        raise InputError(f"{path}: not what vsense explain writes: it has no verdict")
-    if "rivals" not in found:
-        raise InputError(f"{path}: of an earlier version, which did not tell rivals; run vsense explain again")
-    return found
-
-
-def left_open(found: Mapping[str, Any], vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
-    """The rivals of explain.json with their sizes, and what was fitted besides, by name of the base parameter: the car
-    as it was fitted with the best of them, where explain.json tells that.
+def left_open(answer: Answer, vehicle: Vehicle) -> tuple[list[Rival], dict[str, float]]:
+    """The rivals of an answer with their sizes, and the offsets of the base parameters by name: the car as it was
+    fitted with the best of the rivals.
 
     Raises `InputError` where there is nothing to tell apart.
     """
-    if found.get("verdict") != "ambiguous":
-        raise InputError(
-            f"the verdict is {found.get('verdict')}: only an ambiguous answer leaves effects to tell apart"
-        )
-    if found["vehicle"] != vehicle.name:
-        raise InputError(
-            f"the answer is about the vehicle {found['vehicle']!r}, the vehicle file about {vehicle.name!r}"
-        )
-    entries = {entry["id"]: entry for entry in reversed(found["effects"])}
-    rivals = [_of_entries([entries[id] for id in ids]) for ids in found["rivals"]]
+    if answer.verdict != "ambiguous":
+        raise InputError(f"the verdict is {answer.verdict}: only an ambiguous answer leaves effects to tell apart")
+    if answer.vehicle != vehicle.name:
+        raise InputError(f"the answer is about the vehicle {answer.vehicle!r}, the vehicle file about {vehicle.name!r}")
+    entries = {effect.id: effect for effect in reversed(answer.effects)}
+    rivals = [_rival_of([entries[id] for id in ids]) for ids in answer.rivals]
     if len(rivals) < 2:
         raise InputError(f"the answer leaves {len(rivals)} explanations, two are needed to be told apart")
-    return rivals, {name: _fitted(entry) for name, entry in found["base"].items()}
+    return rivals, {name: _fitted(parameter) for name, parameter in answer.base.items()}
 
 
-def _fitted(entry: Mapping[str, Any]) -> float:
-    explained = entry.get("explained")
-    return float(entry["value"] if explained is None else explained)
+def _fitted(parameter: BaseParameter) -> float:
+    return parameter.value if parameter.explained is None else parameter.explained
 
 
-def _of_entries(entries: Sequence[Mapping[str, Any]]) -> Rival:
+def _rival_of(effects: Sequence[EffectEntry]) -> Rival:
     names, sizes, deviations, forms = [], {}, {}, {}
-    for entry in entries:
-        names.append(f"{entry['id']} {place_of(entry)}".strip())
-        for parameter in entry["parameters"]:
-            dotted, (low, high) = f"effects.{entry['id']}.{parameter['name']}", parameter["interval_90"]
-            sizes[dotted] = float(parameter["value"])
+    for effect in effects:
+        names.append(f"{effect.id} {effect.place}".strip())
+        for size in effect.parameters:
+            dotted, (low, high) = f"effects.{effect.id}.{size.name}", size.interval_90
+            sizes[dotted] = size.value
             deviations[dotted] = (high - low) / (2 * NORMAL_90)
-            forms[dotted] = entry.get("form", "")
+            forms[dotted] = effect.form or ""
     return Rival(" + ".join(names), sizes, deviations, forms)
 
 
@@ -165,10 +147,10 @@ def separations(
     choice: Sequence[Option] = CHOICE,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Separation]:
-    """What each test would tell, the most telling first; those that the car cannot drive are left out.
+    """How well each test that the car can drive tells the rivals apart, the best first.
 
-    `base` are the fitted offsets of the base parameters by name; their names tell as well what the recordings had.
-    Raises `InputError` for a size that no effect has.
+    `base` are the fitted offsets of the base parameters by name; from the names it also follows which sensors the
+    recordings had. Raises `InputError` for a size that no effect has.
     """
     vehicle, fitted = _as_recorded(vehicle, base)
     library = candidates((), parameters_of(vehicle).values)
@@ -189,8 +171,8 @@ def separations(
 
 
 def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, tuple[FreeParameter, ...]]:
-    """The car without sensors that its recordings lacked, as far as the names of the fitted `base` parameters tell, and
-    these parameters; all that a fit would have, where there are none."""
+    """The car without the sensors that its recordings lacked, as far as that follows from the names of the fitted
+    `base` parameters, and these parameters; without any, all that a fit would have."""
     kinds = {sensor.kind for sensor in vehicle.sensors.values()}
     by_torque = tuple(f"effects.{id}." for id, effect in BY_ID.items() if "wheel_torques" in effect.needs)
     if base and not any(name.startswith(by_torque) for name in base):
@@ -207,36 +189,39 @@ def _as_recorded(vehicle: Vehicle, base: Mapping[str, float]) -> tuple[Vehicle, 
 def designed(
     report: Path, vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> list[Separation]:
-    """What each test would tell of what the ambiguous answer in a folder leaves open, the most telling first; the
-    folder is told, too. Raises `InputError` where there is no such answer."""
-    rivals, base = left_open(answered(report), vehicle)
+    """How well each test tells apart what the ambiguous answer in a folder leaves open, the best first; it is written
+    into the folder, too. Raises `InputError` where there is no such answer."""
+    rivals, base = left_open(read_answer(report), vehicle)
     found = separations(vehicle, rivals, base, progress=progress)
     written(found, rivals, report)
     return found
 
 
-def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> None:
-    """next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and onto its
-    page."""
+def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) -> Answer:
+    """Write next.json into the folder of an answer, and the best test as `would_separate` into its explain.json and
+    onto its page; the answer with it."""
     content = {
         "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
         "telling": TELLING,
-        "tests": [one.as_json() for one in found],
+        "tests": [one.next_test.as_json() for one in found],
     }
     with atomic_write(report / NEXT) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    best = found[0].as_json() if found and found[0].distance >= TELLING else None
-    answer = json.loads((report / ANSWER).read_text(encoding="utf-8")) | {"would_separate": best}
-    for effect in answer["effects"]:
-        if effect.get("answer_set"):
-            effect["would_separate"] = best
-    with atomic_write(report / ANSWER) as file:
-        file.write(json.dumps(answer, indent=1, allow_nan=False) + "\n")
+    answer = _with_next_test(read_answer(report), found)
+    answer.write(report)
     write_next_test(answer, report / PAGE)
+    return answer
+
+
+def _with_next_test(answer: Answer, found: Sequence[Separation]) -> Answer:
+    """The answer with the best test, if it tells the rivals apart."""
+    best = found[0].next_test if found and found[0].distance >= TELLING else None
+    effects = tuple(effect.with_(would_separate=best) if effect.answer_set else effect for effect in answer.effects)
+    return answer.with_(would_separate=best, effects=effects)
 
 
 def printed(found: Sequence[Separation], console: Console) -> None:
-    """Print what each test would tell, and which to drive."""
+    """Print how well each test tells the rivals apart, and which to drive."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 1))
     several = len({name for one in found for name in one.pair}) > 2
     for name in ("next test", "signal that tells", "d′", "information", *(["least apart"] if several else [])):
@@ -306,7 +291,7 @@ def _rival(
     free_parameters: Mapping[tuple[str, str], FreeParameter],
     test: Option,
 ) -> Fit:
-    """The car with a rival, and what its sizes do."""
+    """The car with a rival, and the slopes of the residuals by its sizes."""
     turning = tuple(free_parameters[name, rival.forms.get(name, "")] for name in rival.sizes)
     sizes = np.array([_seen(name, size, test) for name, size in rival.sizes.items()])
     parameter_set = with_offsets(fitted, turning, sizes)
@@ -316,14 +301,14 @@ def _rival(
 
 
 def _seen(name: str, size: float, test: Option) -> float:
-    """A size as a test meets it: a road slopes the other way for who drives the other way."""
+    """A size as the test meets it: driven in the other direction, a road slopes the other way."""
     _, effect, _ = name.split(".")
     road = BY_ID[effect].slope is not Effect.slope
     return -size if test.opposite and road else size
 
 
 def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
-    """Without the noise of the steering angle, to which models would respond that the car did not hear of."""
+    """The same without the noise of the steering angle, to which the models would respond although the car did not."""
     steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
     windows = []
     for window in dataset.windows:
@@ -337,7 +322,7 @@ def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
 
 
 def _with_run_up(car: Vehicle, test: Option) -> Trajectory:
-    """The drive, after a straight run that is as long as what a comparison passes over."""
+    """The drive after a straight run that is as long as the beginning of a window that is not compared."""
     motion = drive(test.manoeuvre.name, car)
     count = round((RUN_IN + 0.5) * 1e3)
     q, u = rolling_straight(car, test.manoeuvre.speed)

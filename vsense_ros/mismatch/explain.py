@@ -1,19 +1,20 @@
-"""From recordings and a vehicle file to what the model leaves out: gate, refit, locate, screen, name, prove.
+"""From recordings and a vehicle file to what the model leaves out.
 
-The answer is one of: `named`, one effect explains what was left over, on recordings it was not fitted to as well;
-`ambiguous`, several do about equally; `unknown`, something is left over and nothing in the library explains it;
-`no_mismatch`; `not_assessable`, with the reason.
+The recordings are checked, the base parameters fitted, and the effects of the library fitted besides: alone, then
+several at once. The verdict rests on what was left out of the fit.
+
+The answer is one of: `named`, an effect, or several at once, explain what was left over, on recordings they were not
+fitted to as well; `ambiguous`, several explain it about equally well; `unknown`, something is left over and nothing in
+the library explains it; `no_mismatch`; `not_assessable`, with the reason.
 """
 
 from __future__ import annotations
 
 import csv
-import json
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -25,9 +26,10 @@ from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import hindrance, misfit
-from vsense_ros.mismatch.design import ANSWER, NEXT
+from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
@@ -35,28 +37,33 @@ from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import Hypothesis, Search
 from vsense_ros.mismatch.selection import most_telling
 from vsense_ros.mismatch.simulation import LOST, Predictor
-from vsense_ros.mismatch.verdict import THRESHOLD, Judged, Proof, judge, least_gain
+from vsense_ros.mismatch.thresholds import THRESHOLDS
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.mismatch.verdict import Judged, judge
 from vsense_ros.mismatch.windows import Dataset, build_dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
 ABLATIONS = ("no_refit", "no_projection", "chi2_thresholds")
-# Of driving that is fitted, and of as much that it is proven on: more of the same takes hours and says little more.
-LOOKED_AT = 900.0  # [s]
+# [s] of driving that is fitted at most, and as much that it is proven on: more of it takes hours and tells little more.
+LONGEST_FITTED = 900.0
 STAGES = len(BASE) * 3 + 70  # steps of the progress, about
 EXTENDED, ROAD = "vehicle.extended.yaml", "road.csv"
 NOTHING_TO_COMPARE = (
-    "where the car drives and its inputs are known, nothing is measured that the model foretells; expected readings of "
+    "where the car drives and its inputs are known, nothing is measured that the model predicts; expected readings of "
     "an inertial sensor, wheel speeds or GNSS velocities throughout"
 )
 TRACELESS = "nothing that was recorded depends on it"
+# Of a place on the road: number of its stretch, metres along it, degrees, radians counter-clockwise from east.
+PLACE = ("stretch", "distance", "latitude", "longitude", "direction")
+NOWHERE = Located(signals=(), segments=(), lost=(), region=None, force=None, parts=())
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The content of explain.json, and what else a report shows."""
+class Explanation:
+    """An answer, and what else a report shows."""
 
-    found: dict[str, Any]
+    answer: Answer
     traces: list[Trace] = field(default_factory=list)
     extended: Vehicle | None = None
 
@@ -66,9 +73,8 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for earlier in (EXTENDED, ROAD, NEXT):
             (folder / earlier).unlink(missing_ok=True)
-        with atomic_write(folder / ANSWER) as file:
-            file.write(json.dumps(self.found, indent=1, allow_nan=False) + "\n")
-        write_report(self.found, self.traces, folder / PAGE)
+        self.answer.write(folder)
+        write_report(self.answer, self.traces, folder / PAGE)
         if self.extended is not None:
             save_vehicle(folder / EXTENDED, self.extended)
             self._write_road(folder / ROAD)
@@ -76,32 +82,36 @@ class Answer:
     def _write_road(self, path: Path) -> None:
         """A row for each place and effect of the road that was named."""
         rows = [
-            [effect["id"], effect["parameters"][0]["unit"], *(place.get(key, "") for key in entries.PLACE),
-             effect["parameters"][0]["value"] + place["value"]]
-            for effect in self.found["effects"] if effect["accepted"]
-            for place in effect.get("profile", ())
-        ]  # fmt: skip
+            (effect.id, size.unit, *(_or_empty(getattr(point, key)) for key in PLACE), size.value + point.value)
+            for effect in self.answer.accepted
+            for size in effect.parameters[:1]
+            for point in effect.profile or ()
+        ]
         if rows:
             with atomic_write(path) as file:
-                csv.writer(file).writerows([["effect", "unit", *entries.PLACE, "value"], *rows])
+                csv.writer(file).writerows([("effect", "unit", *PLACE, "value"), *rows])
+
+
+def _or_empty(value: float | None) -> float | str:
+    return "" if value is None else value
 
 
 class NotAssessableError(Exception):
     """Nothing can be said of the recordings; the message tells why."""
 
 
-def answer(
+def explain_recordings(
     recordings: Sequence[Recording],
     vehicle: Vehicle,
     held_out: Sequence[Recording] = (),
     assume: Sequence[str] = (),
     ablation: str = "",
     progress: Callable[[], None] = lambda: None,
-) -> Answer:
+) -> Explanation:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    left out, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
+    switched off, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
     `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
@@ -111,170 +121,216 @@ def answer(
     begun = time.process_time()
     dataset = build_dataset(recordings, vehicle)
     unseen = build_dataset(held_out, vehicle, dataset)
-    found: dict[str, Any] = {
-        "verdict": "not_assessable", "sentence": "", "vehicle": vehicle.name,
-        "recordings": _names(recordings), "held_out": _names(held_out), "held_out_unused": [], "by_pieces": False,
-        "remarks": list(dataset.remarks),
-        "located": {"signals": [], "segments": [], "lost": [], "region": None, "force": None, "parts": []},
-        "effects": [], "out_of_reach": [], "answer_set": [], "rivals": [], "would_separate": None, "fit": {},
-        "base": {}, "threshold": THRESHOLD, "driven_s": dataset.driven + unseen.driven,
-        "assumed": list(assume), "ablation": ablation,
-    }  # fmt: skip
+    explainer = _Explainer(
+        Answer(
+            version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
+            recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
+            remarks=dataset.remarks, located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
+            would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
+            driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
+        ),
+        vehicle,
+        progress,
+    )  # fmt: skip
     try:
         if reason := hindrance([*recordings, *held_out], dataset, unseen, vehicle):
             raise NotAssessableError(reason)
-        dataset, unseen = most_telling(dataset, LOOKED_AT), most_telling(unseen, LOOKED_AT)
-        answered = _explained(found, vehicle, dataset, unseen, tuple(dict.fromkeys(assume)), ablation, progress)
+        found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
-        found["sentence"] = f"Nothing can be said: {error}."
-        answered = Answer(found)
-    found["cpu_s"] = time.process_time() - begun
-    return answered
+        found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
+    return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
 
 
-def _names(recordings: Sequence[Recording]) -> list[str]:
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """What remarks call them."""
-    return [recording.name or f"recording {i}" for i, recording in enumerate(recordings, start=1)]
+    return tuple(recording.name or f"recording {i}" for i, recording in enumerate(recordings, start=1))
 
 
-def _explained(
-    found: dict[str, Any], vehicle: Vehicle, dataset: Dataset, unseen: Dataset, assume: Sequence[str], ablation: str,
-    progress: Callable[[], None],
-) -> Answer:  # fmt: skip
-    """The answer about data set that can be assessed, if it can; what is known of it by then is written to `found`."""
-    kinds = {dataset.sensors[name].kind for w in dataset.windows for name in w.readings}
-    beyond = out_of_reach(kinds)
-    if lacking := [f"{id}: {beyond[id]}" for id in assume if id in beyond]:
-        raise NotAssessableError("; ".join(lacking))
-    search, hypotheses = _searched(vehicle, dataset, assume, ablation, beyond, kinds, progress)
-    residuals, base = search.residuals, search.base
-    strange = misfit(base, residuals)  # unless what the model leaves out is the reason
-    traceless = {c.effect for c in search.offered} - search.visible
-    found["out_of_reach"] = [
-        {"id": id, "reason": reason}
-        for id, reason in {**beyond, **dict.fromkeys(sorted(traceless), TRACELESS)}.items()
-    ]  # fmt: skip
-    if not search.visible:
-        raise NotAssessableError("no effect of the library would leave a trace in these recordings")
-    proof = Proof(unseen, vehicle, residuals, base, progress)
-    found["remarks"] = [*residuals.predictor.dataset.remarks, *proof.remarks]
-    if proof.residuals is None and len(residuals.layout) == 1:
-        found["remarks"].append(entries.ALONE)
-    found["held_out_unused"] = [name for name in found["held_out"] if name not in proof.recordings]
-    found["held_out"] = proof.recordings
-    proving = proof.residuals.predictor.dataset.driven if proof.residuals is not None else 0.0
-    threshold = least_gain(residuals.predictor.dataset.driven + proving)
-    if ablation == "chi2_thresholds":
-        threshold = float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
-    found["threshold"] = threshold
-    if assume:
-        judged = judge(hypotheses, (), proof, search.with_profile, threshold)
-        if hypotheses:
-            judged = replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
-    else:
-        judged = _judged(search, hypotheses, proof, threshold)
-    judged, varying = _with_final_sizes(search, judged, proof)
-    leader, verdict = judged.leader, judged.verdict
-    if strange and (leader is None or misfit(leader.fit, residuals)):
-        raise NotAssessableError(strange)
-    shown = leader.fit if leader is not None else base
-    found["remarks"] += entries.remarks(judged, proof, shown, kinds, beyond, varying)
-    dataset = residuals.predictor.dataset
-    effects = entries.effect_entries(judged, dataset, proof)
-    answer_set = list(dict.fromkeys(id for e in judged.rivals for id in e.effects))
-    for effect in effects:
-        effect |= {"answer_set": answer_set if effect["id"] in answer_set else [], "would_separate": None}
-    found |= {
-        "verdict": verdict,
-        "by_pieces": leader is not None and proof.surveyed(leader.fit),
-        "located": entries.located(residuals, base, proof)
-        | {"force": entries.force(judged, proof), "parts": entries.parts(effects, answer_set)},
-        "effects": effects,
-        "answer_set": answer_set,
-        "rivals": [list(effects) for effects in dict.fromkeys(e.effects for e in judged.rivals)],
-        "fit": entries.errors(residuals, base, shown, proof),
-        "base": entries.base_parameters(base, leader.fit if leader is not None else None),
-        "misfit": residuals.level(base.residuals),
-    }
-    found["sentence"] = entries.sentence(found, [e.effects for e in judged.rivals])
-    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
-    if proof.residuals is not None:
-        traces += entries.traces(proof.residuals, base, proof.simulated(shown), True)
-    sure = leader is not None and verdict != "ambiguous"
-    return Answer(found, traces, extended(vehicle, dataset, shown.parameter_set) if sure else None)
+class _Explainer:
+    """The way to an answer. `answer` holds what is known so far, and stands if it turns out on the way that nothing
+    can be said."""
 
+    def __init__(self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None]) -> None:
+        self.answer, self.vehicle, self.progress = unanswered, vehicle, progress
 
-def _searched(
-    vehicle: Vehicle, dataset: Dataset, assume: Sequence[str], ablation: str, beyond: Collection[str],
-    kinds: Collection[str], progress: Callable[[], None],
-) -> tuple[Search, list[Hypothesis]]:  # fmt: skip
-    """The base parameters fitted, and single effects, or those to `assume` together, fitted besides; once more from
-    other base parameters if an effect has shown that their fit had stopped short."""
-    try:
-        free_parameters = () if ablation == "no_refit" else base_parameters(vehicle, beyond, kinds)
-        dataset, residuals, base = _refitted(vehicle, dataset, free_parameters, progress)
-    except DivergedError:
-        raise NotAssessableError(
-            "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the file "
-            "of this car?"
-        ) from None
-    start = residuals.predictor.start
-    library = candidates(dataset.points, start.values)
-    offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
-    if ablation == "no_projection":
-        base = replace(
-            base, free_parameters=(), offsets=np.zeros(0), slopes=[np.zeros((len(r), 0)) for r in base.residuals]
+    def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
+        """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
+        kinds = {dataset.sensors[name].kind for w in dataset.windows for name in w.readings}
+        beyond = self._out_of_reach(kinds)
+        search, hypotheses = self._searched(dataset, beyond, kinds)
+        self._note_traceless(search, beyond)
+        strange = misfit(search.base, search.residuals)  # unless what the model leaves out is the reason
+        validation = Validation(unseen, self.vehicle, search.residuals, search.base, self.progress)
+        self._note_validation(search.residuals, validation)
+        judged, varying = _with_final_sizes(search, self._judged(search, hypotheses, validation), validation)
+        leader = judged.leader
+        if strange and (leader is None or misfit(leader.fit, search.residuals)):
+            raise NotAssessableError(strange)
+        shown = leader.fit if leader is not None else search.base
+        remarks = entries.remarks(judged, validation, shown, kinds, beyond, varying)
+        self.answer = self.answer.with_(remarks=(*self.answer.remarks, *remarks))
+        self._answered(search, judged, validation, shown)
+        return Explanation(self.answer, _traces(search, shown, validation), self._extended(search, judged, shown))
+
+    def _out_of_reach(self, kinds: Collection[str]) -> dict[str, str]:
+        """Effects that these kinds of sensors tell nothing of, with the reason."""
+        beyond = out_of_reach(kinds)
+        if lacking := [f"{id}: {beyond[id]}" for id in self._assume if id in beyond]:
+            raise NotAssessableError("; ".join(lacking))
+        return beyond
+
+    @property
+    def _assume(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(self.answer.assumed))
+
+    def _note_traceless(self, search: Search, beyond: Mapping[str, str]) -> None:
+        """Write down which effects cannot be assessed, for want of a sensor or because nothing depends on them."""
+        traceless = {c.effect for c in search.offered} - search.visible
+        reasons = {**beyond, **dict.fromkeys(sorted(traceless), TRACELESS)}
+        self.answer = self.answer.with_(
+            out_of_reach=tuple(OutOfReach(id=id, reason=reason) for id, reason in reasons.items())
         )
-        start = base.parameter_set
+        if not search.visible:
+            raise NotAssessableError("no effect of the library would leave a trace in these recordings")
 
-    def fitted(search: Search) -> list[Hypothesis]:
-        if assume:
-            return [search.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
-        return search.single()
+    def _note_validation(self, residuals: Residuals, validation: Validation) -> None:
+        """Write down on which recordings the answer is proven."""
+        remarks = [*residuals.predictor.dataset.remarks, *validation.remarks]
+        if validation.residuals is None and len(residuals.layout) == 1:
+            remarks.append(entries.ALONE)
+        self.answer = self.answer.with_(
+            remarks=remarks,
+            held_out_unused=tuple(name for name in self.answer.held_out if name not in validation.recordings),
+            held_out=validation.recordings,
+        )
 
-    search = Search(residuals, start, base, offered, progress)
-    hypotheses = fitted(search)
-    if (better := search.better_base(hypotheses)) is not None:
-        search = Search(residuals, start, better, offered, progress)
+    def _threshold(self, search: Search, validation: Validation) -> float:
+        """The least gain of an effect on as much driving as there is."""
+        if self.answer.ablation == "chi2_thresholds":
+            return float(chi2.isf(0.05 / len(search.offered), 1)) / search.whole  # Bonferroni
+        proving = validation.residuals.predictor.dataset.driven if validation.residuals is not None else 0.0
+        return THRESHOLDS.least_gain_on(search.residuals.predictor.dataset.driven + proving)
+
+    def _judged(self, search: Search, hypotheses: list[Hypothesis], validation: Validation) -> Judged:
+        """The verdict; where effects are assumed, that they are there."""
+        threshold = self._threshold(search, validation)
+        self.answer = self.answer.with_(threshold=threshold)
+        if not self._assume:
+            return _judged_with_further(search, hypotheses, validation, threshold)
+        judged = judge(hypotheses, (), validation, search.with_profile, threshold)
+        if not hypotheses:
+            return judged
+        return replace(judged, verdict="named", leader=hypotheses[0], rivals=(hypotheses[0],))
+
+    def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
+        residuals, base, leader = search.residuals, search.base, judged.leader
+        effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
+        answer = self.answer.with_(
+            verdict=judged.verdict,
+            by_pieces=leader is not None and validation.by_pieces(leader.fit),
+            located=entries.located(residuals, base, judged, validation, effects),
+            effects=effects,
+            answer_set=entries.answer_set(judged),
+            rivals=tuple(dict.fromkeys(hypothesis.effects for hypothesis in judged.rivals)),
+            fit=entries.errors(residuals, base, shown, validation),
+            base=entries.base_parameters(base, leader.fit if leader is not None else None),
+            misfit=residuals.level(base.residuals),
+        )
+        self.answer = answer.with_(sentence=entries.sentence(answer))
+
+    def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
+        """The vehicle file with what was found, where that is sure."""
+        if judged.leader is None or judged.verdict == "ambiguous":
+            return None
+        return extended(self.vehicle, search.residuals.predictor.dataset, shown.parameter_set)
+
+    def _searched(
+        self, dataset: Dataset, beyond: Collection[str], kinds: Collection[str]
+    ) -> tuple[Search, list[Hypothesis]]:
+        """The base parameters fitted, and single effects, or those to assume together, fitted besides; once more from
+        other base parameters if an effect has shown that their fit had stopped short."""
+        free_parameters = () if self.answer.ablation == "no_refit" else base_parameters(self.vehicle, beyond, kinds)
+        try:
+            dataset, residuals, base = _refitted(self.vehicle, dataset, free_parameters, self.progress)
+        except DivergedError:
+            raise NotAssessableError(
+                "the car of the vehicle file leaves the road when it is driven with the recorded inputs; is it the "
+                "file of this car?"
+            ) from None
+        start = residuals.predictor.start
+        library = candidates(dataset.points, start.values)
+        assume = self._assume
+        offered = tuple(c for c in library if c.effect not in beyond and (not assume or c.effect in assume))
+        if self.answer.ablation == "no_projection":
+            base, start = _without_parameters(base), base.parameter_set
+
+        def fitted(search: Search) -> list[Hypothesis]:
+            if assume:
+                return [search.refined(e) for e in search.together([_all_of(id, library) for id in assume])]
+            return search.single()
+
+        search = Search(residuals, start, base, offered, self.progress)
         hypotheses = fitted(search)
-    return search, hypotheses
+        if (better := search.better_base(hypotheses)) is not None:
+            search = Search(residuals, start, better, offered, self.progress)
+            hypotheses = fitted(search)
+        return search, hypotheses
 
 
-def _judged(search: Search, hypotheses: list[Hypothesis], proof: Proof, threshold: float) -> Judged:
-    """Single effects, and what explains more with further ones, judged beside terms without known physics."""
+def _without_parameters(base: Fit) -> Fit:
+    """The fit with no parameter free any longer."""
+    slopes = [np.zeros((len(rows), 0)) for rows in base.residuals]
+    return replace(base, free_parameters=(), offsets=np.zeros(0), slopes=slopes)
+
+
+def _traces(search: Search, shown: Fit, validation: Validation) -> list[Trace]:
+    """The curves of all windows, held out or not."""
+    residuals, base = search.residuals, search.base
+    traces = entries.traces(residuals, base, residuals.predictor.simulated(shown.parameter_set), False)
+    if validation.residuals is not None:
+        traces += entries.traces(validation.residuals, base, validation.simulated(shown), True)
+    return traces
+
+
+def _judged_with_further(
+    search: Search, hypotheses: list[Hypothesis], validation: Validation, threshold: float
+) -> Judged:
+    """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
+    least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     found_last = hypotheses
-    while found_last := search.further(found_last, max(threshold, THRESHOLD), proof.proven, bool(proof.recordings)):
+    while found_last := search.further(found_last, least, validation.proven, unseen):
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
-    judged = judge(hypotheses, described, proof, search.with_profile, threshold)
+    judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
-        united = search.joint(judged.in_doubt)
-        judged = judge([*hypotheses, *united], described, proof, search.with_profile, threshold)
+        joint = search.joint(judged.in_doubt)
+        judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 
 
-def _with_final_sizes(search: Search, judged: Judged, proof: Proof) -> tuple[Judged, str]:
-    """The same with the sizes of the leader hardly drawn to zero any longer, if it is then still proven, or another at
-    every place of the road, if that lasts better; if it does not, but mends a signal, the name of that."""
+def _with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
+    """The same verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then
+    still proven; or with another size at every place of the road, if that lasts better. If it does not last better, but
+    brings the worst signal near a good model, also the name of that signal."""
     if judged.leader is None:
         return judged, ""
-    off = proof.unmended(judged.leader)
-    freed = search.with_profile(judged.leader) if off else None
-    settled = search.unshrunk(judged.leader)
-    if proof.lasting(settled) > 0:
-        judged = judged.led_by(settled, proof)
-    if freed is None or judged.leader is None:
+    off = validation.unmended(judged.leader)
+    varied = search.with_profile(judged.leader) if off else None
+    unshrunk = search.unshrunk(judged.leader)
+    if validation.lasting(unshrunk) > 0:
+        judged = judged.led_by(unshrunk, validation)
+    if varied is None or judged.leader is None:
         return judged, ""
-    if proof.lasting(freed) > proof.lasting(judged.leader):
-        return judged.led_by(freed, proof), ""
+    if validation.lasting(varied) > validation.lasting(judged.leader):
+        return judged.led_by(varied, validation), ""
     return judged, off
 
 
 def _refitted(
     vehicle: Vehicle, dataset: Dataset, free_parameters: Sequence[FreeParameter], progress: Callable[[], None]
 ) -> tuple[Dataset, Residuals, Fit]:
-    """The base parameters fitted to the data set; to the rest of it where the simulated car is lost in some windows
-    even when it is fitted to the others. Where it is lost in most of them, to all."""
+    """The base parameters fitted to all windows; without those in which the simulated car gets lost even when it is
+    fitted to the others, unless they are most of them. Returned with the windows that were fitted."""
     residuals = Residuals(Predictor(vehicle, dataset))
     if not any(residuals.layout):
         raise NotAssessableError(NOTHING_TO_COMPARE)
@@ -293,7 +349,7 @@ def _refitted(
 
 
 def _all_of(id: str, library: Sequence[Candidate]) -> Candidate:
-    """An effect with all its sizes free."""
+    """An effect with all its sizes free, wherever on the car they are."""
     single = (c for c in library if c.effect == id and not c.along_road)
     free_parameters = {
         parameter.name: parameter for c in single for parameter in c.free_parameters if not parameter.form

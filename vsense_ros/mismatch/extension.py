@@ -40,7 +40,7 @@ def extended(vehicle: Vehicle, dataset: Dataset, parameter_set: ParameterSet) ->
 
 
 def _profile(vehicle: Vehicle, dataset: Dataset, parameter_set: ParameterSet, id: str) -> tuple[tuple[float, ...], ...]:
-    """Rows of `RoadEffect.profile`: what the file has, and what was fitted beyond it."""
+    """Rows of `RoadEffect.profile`: those of the file with what was fitted added, and places that it did not have."""
     fitted = {}
     for name, value in parameter_set.values.items():
         size, abscissa = place_of(name) or ("", 0.0)
@@ -50,12 +50,12 @@ def _profile(vehicle: Vehicle, dataset: Dataset, parameter_set: ParameterSet, id
     if not fitted:
         return rows
     known = list(zip(rows, abscissae(rows, dataset), strict=True))
-    surveyed = {at: row[-1] for row, at in known if at is not None}
+    in_file = {at: row[-1] for row, at in known if at is not None}
     found = [(*row[:3], row[3] + (_at(fitted, at) if at is not None else 0.0)) for row, at in known]
     for abscissa, value in fitted.items():
         if (at := dataset.road.place(abscissa)) is not None:
             place = *dataset.on_map.latitude_longitude(*at[:2]), at[2]
-            found.append((*place, value + _at(surveyed, abscissa)))
+            found.append((*place, value + _at(in_file, abscissa)))
     return tuple(found)
 
 

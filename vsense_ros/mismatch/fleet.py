@@ -1,4 +1,4 @@
-"""Many cars at once: each vehicle of a fleet explained in a process of its own, and what was done kept.
+"""Many cars at once: each vehicle of a fleet is explained in a process of its own, and its result is kept.
 
 A fleet is a folder with one folder for each vehicle. The recordings of a vehicle are explained together, because what
 is named must hold on recordings that were left out of the fit.
@@ -18,18 +18,20 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, Literal
 
 import dask
 from distributed import Client, LocalCluster, as_completed, get_worker
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.design import answered, designed
-from vsense_ros.mismatch.explain import STAGES, answer
+from vsense_ros.mismatch.answer_schema import Answer, EffectEntry, read_answer
+from vsense_ros.mismatch.design import designed
+from vsense_ros.mismatch.explain import STAGES, Explanation, explain_recordings
 from vsense_ros.mismatch.windows import LEFT_OUT, build_dataset
 from vsense_ros.model.vehicle import Vehicle
 
@@ -38,12 +40,15 @@ HELD_OUT = "held_out"
 RESULT = "result.json"
 TABLE = "fleet.parquet"  # of all vehicles, by which the results of a fleet are known
 FAULT = "fault.txt"
-FAILED = "failed"  # the verdict where the search itself broke down
+FAILED: Literal["failed"] = "failed"  # the verdict where the search itself broke down
 _PROGRESS = "vsense_fleet_progress"
 _LAYOUT = (
     f"expected one folder for each vehicle, with its recordings, {VEHICLE_FILE} (or one beside the folders, for all "
     f"that have none), and those to prove it on in {HELD_OUT}/"
 )
+
+
+Role = Literal["training", "held_out"]
 
 
 @dataclass(frozen=True)
@@ -56,14 +61,58 @@ class Member:
     held_out: Mapping[str, Path]
 
     @property
-    def recordings(self) -> list[tuple[str, str, Path]]:
+    def recordings(self) -> list[tuple[str, Role, Path]]:
         """Name, role and path of all of them."""
+        roles: tuple[tuple[Role, Mapping[str, Path]], ...]
         roles = (("training", self.training), ("held_out", self.held_out))
         return [(name, role, path) for role, paths in roles for name, path in paths.items()]
 
 
+class RecordingUse(BaseModel):
+    """A recording of a vehicle, and the reason why it was not used, empty where it was."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    role: Role
+    reason: str
+
+
+class NoAnswer(BaseModel):
+    """Why there is no answer about a vehicle."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    verdict: Literal["failed", "not_assessable"]
+    sentence: str
+
+
+class Result(BaseModel):
+    """What came of one vehicle; `key` changes with whatever the answer depends on, and is empty where there is none."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    key: str
+    vehicle: str
+    recordings: tuple[RecordingUse, ...]
+    found: Answer | NoAnswer
+
+    @property
+    def answer(self) -> Answer | None:
+        return self.found if isinstance(self.found, Answer) else None
+
+    @property
+    def in_answer(self) -> tuple[EffectEntry, ...]:
+        """The effects that are named, or that cannot be told apart."""
+        return self.found.in_answer if isinstance(self.found, Answer) else ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of result.json."""
+        return self.model_dump(exclude_defaults=True)
+
+
 # Of a vehicle and the folder for its results; the progress takes a share, 0 to 1.
-Work = Callable[[Member, Path, Callable[[float], None]], dict[str, Any]]
+Work = Callable[[Member, Path, Callable[[float], None]], Result]
 
 
 def members(folder: Path) -> list[Member]:
@@ -125,7 +174,7 @@ def _unwritable(folder: Path) -> str:
 @contextmanager
 def workers(scheduler: str | None, count: int | None = None) -> Iterator[Client]:
     """A Dask cluster: the one at an address, or processes of this machine, as many as it has cores, one thread each."""
-    # A recording that brings a process down does so again, and must not take one with it that waits for its turn there.
+    # A recording that crashes a process does so again, and must not take other vehicles with it that wait there.
     settings = {
         "distributed.scheduler.allowed-failures": 1,
         "distributed.scheduler.worker-saturation": 1.0,
@@ -159,9 +208,9 @@ def explain_fleet(
     client: Client,
     work: Work | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> list[dict[str, Any]]:
-    """Result of each vehicle, in the order of the fleet, from processes that see the same files; `out/<vehicle>` keeps
-    it. Nothing that happens with one vehicle stops the others."""
+) -> list[Result]:
+    """Result of each vehicle, in the order of the fleet, from processes that see the same files. It is kept in
+    `out/<vehicle>`. An error with one vehicle does not stop the others."""
     shares = dict.fromkeys((member.name for member in fleet), 0.0)
 
     def at(event: tuple[float, Any]) -> None:
@@ -184,7 +233,7 @@ def explain_fleet(
         except Exception:
             lost.append(member)
         at((0.0, (member.name, 1.0)))
-    for member in lost:  # once more and alone: another vehicle may have brought its process down
+    for member in lost:  # once more and alone: another vehicle may have crashed its process
         try:
             results[member.name] = submitted(member).result()
         except Exception as error:
@@ -194,7 +243,7 @@ def explain_fleet(
     return [results[member.name] for member in fleet]
 
 
-def _task(work: Work, member: Member, out: Path) -> dict[str, Any]:
+def _task(work: Work, member: Member, out: Path) -> Result:
     worker = get_worker()
     try:
         return work(member, out, lambda share: worker.log_event(_PROGRESS, (member.name, share)))
@@ -203,23 +252,30 @@ def _task(work: Work, member: Member, out: Path) -> dict[str, Any]:
         try:
             out.mkdir(parents=True, exist_ok=True)
             (out / FAULT).write_text(traceback.format_exc(), encoding="utf-8")
-        except OSError:  # raised on, it would look like the death of this process, and all be done again
+        except OSError:  # raised further, it would look like a crash of this process, and all would be done again
             return _failed(member, reason)
         return _failed(member, f"{reason}; see {FAULT}")
 
 
-def _failed(member: Member, reason: str) -> dict[str, Any]:
-    found = {"verdict": FAILED, "sentence": reason, "effects": [], "answer_set": []}
-    recordings = [{"name": name, "role": role, "reason": ""} for name, role, _ in member.recordings]
-    return {"key": "", "vehicle": member.name, "recordings": recordings, "found": found}
+def _failed(member: Member, reason: str) -> Result:
+    return _without_answer(member, NoAnswer(verdict=FAILED, sentence=reason))
 
 
-def explain_member(member: Member, out: Path, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
-    """Explain one vehicle, or take what an earlier run left in `out` of the same recordings, vehicle and program.
+def _refused(member: Member, reason: str) -> Result:
+    return _without_answer(member, NoAnswer(verdict="not_assessable", sentence=reason))
 
-    The result has `key`, `vehicle`, `recordings` (name, role, and the reason why one was not used), and `found`, the
-    content of explain.json.
-    """
+
+def _without_answer(member: Member, found: NoAnswer) -> Result:
+    return Result(key="", vehicle=member.name, recordings=_uses(member, lambda name: ""), found=found)
+
+
+def _uses(member: Member, reason: Callable[[str], str]) -> tuple[RecordingUse, ...]:
+    """All recordings, with the reason by name why one was not used."""
+    return tuple(RecordingUse(name=name, role=role, reason=reason(name)) for name, role, _ in member.recordings)
+
+
+def explain_member(member: Member, out: Path, progress: Callable[[float], None] = lambda share: None) -> Result:
+    """Explain one vehicle, or take what an earlier run left in `out` of the same recordings, vehicle and program."""
     if member.vehicle is None:
         return _refused(member, f"no {VEHICLE_FILE} in its folder, nor in that of the fleet")
     try:
@@ -229,24 +285,36 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
     key = _key(car, member)
     if (earlier := _kept(out, key)) is not None:
         return earlier
-    if reason := _unwritable(out):  # before it is worked out
+    if reason := _unwritable(out):  # before any computing
         return _failed(member, reason)
-    read: dict[str, Recording] = {}
-    reasons: dict[str, str] = {}
-    for name, _, path in member.recordings:
-        try:
-            read[name] = replace(import_recording(path), name=name)
-        except Exception as error:
-            reasons[name] = _in_words(error)
+    found, reasons = _explained(member, car, progress)
+    (out / RESULT).unlink(missing_ok=True)  # an earlier one, to which the files that come now do not belong
+    found.write(out)
+    answer = _with_next_test(found.answer, car, out)
+
+    def unused(name: str) -> str:
+        return reasons.get(name) or _unused(name, answer.remarks)
+
+    result = Result(key=key, vehicle=member.name, recordings=_uses(member, unused), found=answer)
+    with atomic_write(out / RESULT) as file:
+        file.write(json.dumps(result.as_json(), indent=1, allow_nan=False) + "\n")
+    (out / FAULT).unlink(missing_ok=True)
+    return result
+
+
+def _explained(member: Member, car: Vehicle, progress: Callable[[float], None]) -> tuple[Explanation, dict[str, str]]:
+    """The answer about the recordings that can be used, and by name why others cannot."""
+    read, reasons = _read(member)
     steps = iter(range(STAGES))
 
     def step() -> None:
         progress(min(1.0, (next(steps, STAGES) + 1) / STAGES))
 
-    def explained() -> Any:
-        parts = ([read[name] for name in names if name in read] for names in (member.training, member.held_out))
-        training, held_out = parts
-        return answer(training, car, held_out, progress=step)
+    def explained() -> Explanation:
+        training, held_out = (
+            [read[name] for name in names if name in read] for names in (member.training, member.held_out)
+        )
+        return explain_recordings(training, car, held_out, progress=step)
 
     try:
         found = explained()
@@ -257,37 +325,37 @@ def explain_member(member: Member, out: Path, progress: Callable[[float], None] 
         reasons |= unusable
         read = {name: recording for name, recording in read.items() if name not in unusable}
         found = explained()
-    while (blamed := _blamed(found.found, read)) and any(name in read for name in member.training if name != blamed):
-        reasons[blamed] = found.found["sentence"]
+    while (blamed := _blamed(found.answer, read)) and any(name in read for name in member.training if name != blamed):
+        reasons[blamed] = found.answer.sentence
         del read[blamed]
         found = explained()
-    (out / RESULT).unlink(missing_ok=True)  # an earlier one, to which the files that come now do not belong
-    found.write(out)
-    if found.found["verdict"] == "ambiguous":
+    return found, reasons
+
+
+def _read(member: Member) -> tuple[dict[str, Recording], dict[str, str]]:
+    """The recordings by name, and by name why others cannot be read."""
+    read, reasons = {}, {}
+    for name, _, path in member.recordings:
         try:
-            designed(out, car)
-        except Exception as error:  # the answer is there without the next test
-            found.found["remarks"].append(f"no next test could be designed: {_in_words(error)}")
-        else:
-            found = replace(found, found=answered(out))
-    recordings = [
-        {"name": name, "role": role, "reason": reasons.get(name) or _unused(name, found.found["remarks"])}
-        for name, role, _ in member.recordings
-    ]
-    result = {"key": key, "vehicle": member.name, "recordings": recordings, "found": found.found}
-    with atomic_write(out / RESULT) as file:
-        file.write(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    (out / FAULT).unlink(missing_ok=True)
-    return result
+            read[name] = replace(import_recording(path), name=name)
+        except Exception as error:
+            reasons[name] = _in_words(error)
+    return read, reasons
 
 
-def _refused(member: Member, reason: str) -> dict[str, Any]:
-    failed = _failed(member, reason)
-    return failed | {"found": failed["found"] | {"verdict": "not_assessable"}}
+def _with_next_test(answer: Answer, car: Vehicle, out: Path) -> Answer:
+    """An answer that was written into a folder, there and here with the test that tells apart what it leaves open."""
+    if answer.verdict != "ambiguous":
+        return answer
+    try:
+        designed(out, car)
+    except Exception as error:  # the answer is there without the next test
+        return answer.with_(remarks=(*answer.remarks, f"no next test could be designed: {_in_words(error)}"))
+    return read_answer(out)
 
 
 def _unusable(read: Mapping[str, Recording], car: Vehicle) -> dict[str, str]:
-    """Recordings that cannot be looked at even alone, with the reason."""
+    """Recordings that cannot be divided into windows even alone, with the reason."""
     reasons = {}
     for name, recording in read.items():
         try:
@@ -301,11 +369,11 @@ def _in_words(error: Exception) -> str:
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
-def _blamed(found: Mapping[str, Any], names: Iterable[str]) -> str:
+def _blamed(answer: Answer, names: Iterable[str]) -> str:
     """The recording for which nothing could be said, where it is one; empty otherwise."""
-    if found["verdict"] != "not_assessable":
+    if answer.verdict != "not_assessable":
         return ""
-    said = [name for name in names if re.search(rf"(?<![\w/]){re.escape(name)}(?![\w/])", found["sentence"])]
+    said = [name for name in names if re.search(rf"(?<![\w/]){re.escape(name)}(?![\w/])", answer.sentence)]
     return said[0] if len(said) == 1 else ""
 
 
@@ -315,12 +383,12 @@ def _unused(name: str, remarks: Sequence[str]) -> str:
     return "; ".join(said)
 
 
-def _kept(out: Path, key: str) -> dict[str, Any] | None:
+def _kept(out: Path, key: str) -> Result | None:
     try:
-        result = json.loads((out / RESULT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        result = Result.model_validate_json((out / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValidationError):
         return None
-    return result if isinstance(result, dict) and result.get("key") == key else None
+    return result if result.key == key else None
 
 
 def _key(car: Vehicle, member: Member) -> str:
@@ -339,9 +407,9 @@ def _key(car: Vehicle, member: Member) -> str:
 
 @cache
 def _program() -> str:
-    """Hash of the sources of this package: another version may answer otherwise."""
+    """Hash of the sources and thresholds of this package: another version may answer otherwise."""
     root = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
-    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".c")):
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".c", ".yaml")):
         digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

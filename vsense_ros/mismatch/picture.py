@@ -1,15 +1,14 @@
-"""Pictures of a mismatch: recording, model and model with what was left out, and when the error arises.
+"""Pictures of a mismatch: signals as recorded, of the model and of the extended model, and when the error arises.
 
 They are SVG, so that a page can carry them and a printer loses nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from math import ceil, pi
-from typing import Any
+from math import ceil
 
 import matplotlib
 import numpy as np
@@ -21,23 +20,15 @@ from scipy.signal import detrend
 
 from vsense_ros.evaluate.picture import ESTIMATE, STYLE, TRUTH
 from vsense_ros.evaluate.signals import thin
-from vsense_ros.messages.topics import WHEELS
+from vsense_ros.mismatch.answer_schema import EffectEntry, ProfilePoint, Segment
 from vsense_ros.mismatch.signals import difference
+from vsense_ros.mismatch.words import SIGNAL_UNITS, heading, size_unit
 from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
 BEFORE = "#D55E00"
 AFTER = ESTIMATE
-UNITS: Mapping[str, tuple[str, float]] = {
-    "rad": ("°", 180 / pi),
-    "rad/s": ("°/s", 180 / pi),
-    "rad/N": ("°/kN", 180e3 / pi),
-    "-": ("", 1.0),
-}  # what people read a parameter in, and the factor to it
-SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
-NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
-SHORT = (*WHEELS, "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
 COLUMNS = 3
 APART = 100.0  # [m] between stretches of road that do not hang together
@@ -83,27 +74,6 @@ class Trace:
 
 def rms(value: Array) -> float:
     return float(np.sqrt(np.mean(value**2)))
-
-
-def label(name: str) -> str:
-    """A name of the files in words."""
-    return " ".join(word.upper() if word in SHORT else word for word in name.split("_"))
-
-
-def heading(name: str) -> str:
-    """A name of the files in words, with a capital."""
-    words = label(name)
-    return words[:1].upper() + words[1:]
-
-
-def is_share(name: str, unit: str) -> bool:
-    """Whether people read a size of an effect in percent."""
-    return unit == "-" and not name.endswith(NO_SHARES)
-
-
-def size_unit(size: Mapping[str, Any]) -> tuple[str, float]:
-    """What people read a size of an effect in, and the factor to it."""
-    return ("%", 100.0) if is_share(size["name"], size["unit"]) else UNITS.get(size["unit"], (size["unit"], 1.0))
 
 
 def most_affected(traces: Sequence[Trace], signals: Sequence[str]) -> Trace | None:
@@ -168,17 +138,16 @@ def other_signals(traces: Sequence[Trace], shown: Trace, signals: Sequence[str])
         return _svg(figure)
 
 
-def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> bytes | None:
+def when(segments: Sequence[Segment], traces: Sequence[Trace]) -> bytes | None:
     """Which stretches of the recordings carry the error; None where nothing is known of it.
 
     The height of a bar is the error's share per time, so that a long stretch does not look worse than a short one.
     """
     if not segments:
         return None
-    names = list(dict.fromkeys(str(segment["recording"]) for segment in segments))
-    largest = sorted(segments, key=lambda segment: segment["share"], reverse=True)[:LABELLED]
-    density = {id(s): s["share"] / max(s["end"] - s["begin"], 1e-9) for s in segments}
-    highest = max(*density.values(), 1e-12)
+    names = list(dict.fromkeys(segment.recording for segment in segments))
+    largest = sorted(segments, key=lambda segment: segment.share, reverse=True)[:LABELLED]
+    highest = max(*(segment.density for segment in segments), 1e-12)
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 0.62 * len(names) + 0.62), facecolor="white", layout="constrained")
         axes = figure.add_subplot()
@@ -187,14 +156,14 @@ def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> byte
             for begin, end in spans:
                 axes.plot((begin, end), (-row, -row), color="#c9c9c5", lw=2.4, solid_capstyle="butt", zorder=1)
             for segment in segments:
-                if segment["recording"] != name:
+                if segment.recording != name:
                     continue
-                begin, length = segment["begin"], segment["end"] - segment["begin"]
-                height = 0.62 * density[id(segment)] / highest
+                begin, length = segment.begin, segment.end - segment.begin
+                height = 0.62 * segment.density / highest
                 axes.bar(begin, height, length, -row, align="edge", color=BEFORE, edgecolor="white", lw=1.0, zorder=2)
                 if any(segment is one for one in largest):
                     axes.text(
-                        begin + length / 2, -row + height + 0.03, f"{100 * segment['share']:.0f} %",
+                        begin + length / 2, -row + height + 0.03, f"{100 * segment.share:.0f} %",
                         ha="center", va="bottom", fontsize=8.0, color=TRUTH,
                     )  # fmt: skip
         axes.set_yticks([-row for row in range(len(names))], [_plain(name) for name in names])
@@ -207,28 +176,28 @@ def when(segments: Sequence[Mapping[str, Any]], traces: Sequence[Trace]) -> byte
         return _svg(figure)
 
 
-def road_profile(effect: Mapping[str, Any]) -> bytes:
+def road_profile(effect: EffectEntry) -> bytes:
     """An effect that is another at every place: its size along the way, with the 90 % interval."""
-    size = effect["parameters"][0]
+    size = effect.parameters[0]
     unit, factor = size_unit(size)
-    stretches: dict[float, list[Mapping[str, Any]]] = {}
-    for place in effect["profile"]:
-        stretches.setdefault(place["stretch"], []).append(place)
+    stretches: dict[float, list[ProfilePoint]] = {}
+    for point in effect.profile or ():
+        stretches.setdefault(point.stretch, []).append(point)
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 2.6), facecolor="white", layout="constrained")
         axes = figure.add_subplot()
         begin = 0.0
-        for places in stretches.values():
-            at = np.array([place["distance"] for place in places])
+        for points in stretches.values():
+            at = np.array([point.distance for point in points])
             at = begin + at - at[0]
-            values = np.array([[place["value"], *place["interval_90"]] for place in places]) + size["value"]
+            values = np.array([[point.value, *point.interval_90] for point in points]) + size.value
             value, low, high = values.T * factor
             axes.fill_between(at, low, high, color=AFTER, alpha=0.18, lw=0)
             axes.plot(at, value, color=AFTER, lw=1.3, marker="o", ms=2.5)
             begin = at[-1] + APART
         axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
         axes.set_xlabel("way along the road [m]")
-        name = effect["id"] if size["name"] == "relative" else size["name"]
+        name = effect.id if size.name == "relative" else size.name
         axes.set_ylabel(f"{heading(name)}{f' [{unit}]' if unit else ''}")
         axes.margins(x=0.005)
         return _svg(figure)

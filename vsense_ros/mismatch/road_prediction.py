@@ -1,7 +1,7 @@
-"""A road that no fit has seen: found with the car of a fit, each second piece of it as it follows from the others.
+"""A road that no fit has seen, predicted from every second piece of it.
 
-Nothing that was fitted elsewhere knows this road. What proves that it is one is that its pieces tell of their
-neighbours, with a car that has learnt nothing there.
+No fit to other recordings knows this road. That it is a road is proven if each of its pieces follows from its
+neighbours, with the car as it was fitted elsewhere.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Survey:
-    """A car on recordings that no fit has seen, with their road as the even pieces tell it, and as the odd do."""
+class RoadPrediction:
+    """A car on recordings that no fit has seen, with their road fitted to its even pieces, and to its odd ones."""
 
     residuals: Residuals
-    by_even: ParameterSet
-    by_odd: ParameterSet
+    from_even: ParameterSet
+    from_odd: ParameterSet
 
-    def foretold(self, instead: Sequence[Array]) -> list[Array]:
-        """Residuals by window, of each piece with the road that follows from its neighbours; `instead` are those where
-        the car is lost."""
+    def predicted(self, instead: Sequence[Array]) -> list[Array]:
+        """Residuals by window, of each piece with the road fitted to its neighbours; those of `instead` where the car
+        gets lost."""
         found = []
-        both = (self.residuals(parameter_set, instead) for parameter_set in (self.by_even, self.by_odd))
+        both = (self.residuals(parameter_set, instead) for parameter_set in (self.from_even, self.from_odd))
         for on_odd, on_even, names, window in zip(*both, self.residuals.layout, self._windows, strict=True):
             found.append(np.where(np.tile(odd(window), len(names)), on_odd, on_even))
         return found
 
     def simulated(self) -> list[dict[str, Array]]:
-        """Signals by window, of each piece as in `foretold`; none where the car left all bounds."""
+        """Signals by window, of each piece as in `predicted`; none where the car left all bounds."""
         predictor = self.residuals.predictor
-        both = (predictor.simulated(parameter_set) for parameter_set in (self.by_even, self.by_odd))
+        both = (predictor.simulated(parameter_set) for parameter_set in (self.from_even, self.from_odd))
         return [
             {name: np.where(odd(window), on_odd[name], on_even[name]) for name in on_odd if name in on_even}
             for on_odd, on_even, window in zip(*both, self._windows, strict=True)
@@ -55,9 +55,9 @@ class Survey:
         return self.residuals.predictor.dataset.windows
 
 
-def survey(residuals: Residuals, before: Sequence[Array], found: Fit) -> Survey:
-    """The road under recordings that no fit has seen, for the car of a fit that has found another; `before` are their
-    residuals without one, which stay where that car gets lost."""
+def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> RoadPrediction:
+    """The road of recordings that no fit has seen, for the car of a fit that has `found` another road. `before` are the
+    residuals without a road, which stay where that car gets lost."""
     known = {parameter.place for parameter in found.free_parameters if parameter.place is not None}
     sizes = [parameter for parameter in found.free_parameters if parameter.name in {size for size, _ in known}]
     columns, free_parameters = [], []
@@ -88,7 +88,9 @@ def survey(residuals: Residuals, before: Sequence[Array], found: Fit) -> Survey:
     equations, windows = in_pieces(residuals)(whole).equations, len(before)
     deviations = np.array([parameter.deviation for parameter in free_parameters])
 
-    def told_by(parts: range) -> ParameterSet:
+    def fitted_to(parts: range) -> ParameterSet:
         return with_offsets(found.parameter_set, free_parameters, whole.offsets + deviations * equations.change(parts))
 
-    return Survey(residuals, by_even=told_by(range(windows, 2 * windows)), by_odd=told_by(range(windows)))
+    return RoadPrediction(
+        residuals, from_even=fitted_to(range(windows, 2 * windows)), from_odd=fitted_to(range(windows))
+    )

@@ -71,9 +71,9 @@ class Signature:
         return min(self.gain, self.cv_gain)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Candidates fitted together with the base parameters."""
+    """Candidates fitted together with the base parameters; equal to itself alone, so that results can be told by it."""
 
     candidates: tuple[Candidate, ...]
     fit: Fit

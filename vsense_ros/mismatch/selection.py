@@ -1,4 +1,4 @@
-"""Of more driving than can be looked at, the part that tells most."""
+"""The most informative part of more driving than can be fitted."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from vsense_ros.mismatch.windows import RUN_IN, Dataset, Readings, Window
 
 Array = NDArray[np.float64]
 
-MANY = 4  # recordings that are counted rather than named
-COARSE = 0.1  # [s] from one look at speed and steering to the next
+MANY = 4  # recordings, from which on a remark counts them instead of naming them
+COARSE = 0.1  # [s] between samples of speed and steering
 
 
 def most_telling(dataset: Dataset, duration: float) -> Dataset:
-    """The data set, or if more than a `duration` [s] of it is compared as many windows as that holds, chosen one
-    after the other: so that each recording and each sensor is in it, as far as that goes, and speed, steering, what
-    follows from them, and the time vary most over all of them, as D-optimal designs of experiments have it (Wald
-    1943), greedily.
+    """All windows, or if they last longer than `duration` [s] as many of them as that holds.
+
+    They are chosen one after the other: those first that bring in a recording or a sensor that is still missing, then
+    those over which time, speed, steering and what follows from these vary most together (a D-optimal design of
+    experiments, Wald 1943, greedily).
     """
     lengths = [w.end - w.begin - RUN_IN for w in dataset.windows]
     if sum(lengths) <= duration:
         return dataset
     steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.tells}
     told = _standardised(
-        [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in dataset.windows]
+        [_description(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in dataset.windows]
     )
     parts: list[set[int | str]] = [{w.recording, *w.readings} for w in dataset.windows]
     known, left = np.eye(told[0].shape[1]), duration
@@ -55,9 +56,9 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     return replace(dataset, windows=windows, remarks=(*dataset.remarks, remark))
 
 
-def _happening(window: Window, steering: Readings) -> Array:
+def _description(window: Window, steering: Readings) -> Array:
     """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
-    speed, its square and its change, steering, its change, and what lateral acceleration goes with."""
+    speed, its square and its rate, steering angle, its rate, and angle times squared speed (lateral acceleration)."""
     t = np.arange(window.begin + RUN_IN, window.end, COARSE)
     known = np.isfinite(steering.value[:, 0])
     speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
@@ -68,7 +69,7 @@ def _happening(window: Window, steering: Readings) -> Array:
 
 
 def _standardised(told: Sequence[Array]) -> list[Array]:
-    """The same over the deviations of all, as off from their means."""
+    """The same with mean 0 and standard deviation 1 over all windows."""
     every = np.concatenate(told)
     mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9)
     return [(one - mean) / deviation for one in told]

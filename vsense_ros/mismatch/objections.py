@@ -1,0 +1,111 @@
+"""What speaks against an explanation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from vsense_ros.identify.free_parameter import FreeParameter
+from vsense_ros.mismatch.candidates import Candidate
+from vsense_ros.mismatch.search import Hypothesis
+from vsense_ros.mismatch.thresholds import Thresholds
+from vsense_ros.mismatch.validation import Validation
+from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.base import RoadEffect
+
+MIGHT_BE_ZERO = "its size might as well be zero"
+OUTDONE = "a term without known physics explains clearly more"
+ANOTHER_ROAD = (
+    "what was held out is of another road, and too short or too level to tell of this one; it may join what is fitted"
+)
+DISAGREED = "signals and recordings disagree in its size"
+
+
+class Objections:
+    """What speaks against explanations, found once for each."""
+
+    def __init__(
+        self,
+        validation: Validation,
+        best: Mapping[frozenset[str], Hypothesis],
+        with_profile: Callable[[Hypothesis], Hypothesis | None],
+        least_gain: float,
+        thresholds: Thresholds,
+    ) -> None:
+        """`best` are explanations by the ids of their effects; the other arguments are those of `verdict.judge`."""
+        self.validation, self.best, self.with_profile = validation, best, with_profile
+        self.least_gain, self.thresholds = least_gain, thresholds
+        self._found: dict[Hypothesis, str] = {}
+
+    def holds(self, e: Hypothesis) -> bool:
+        return not self.to(e)
+
+    def to(self, e: Hypothesis) -> str:
+        """What speaks against an explanation, in words; empty where nothing does."""
+        if e not in self._found:
+            self._found[e] = self._of_gain(e) or self._of_size(e)
+        return self._found[e]
+
+    def agreed(self, e: Hypothesis) -> bool:
+        """Whether signals and recordings agree in each of its effects."""
+        most = self.thresholds.disagreement
+        if len(e.effects) == 1:
+            return self.validation.disagreement(e) < most
+        known = (self.best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
+        return all(self.validation.disagreement(e, one) < most for one in known if one is not None)
+
+    def mends_unseen(self, e: Hypothesis) -> bool:
+        """Whether held-out recordings as a whole, if there are any, are better with an explanation."""
+        unseen = self.validation.gain(e)
+        return unseen is None or unseen > 0
+
+    def _of_gain(self, e: Hypothesis) -> str:
+        """Whether it explains too little, or too little where it was not fitted."""
+        limits, proven = self.thresholds, self.validation.proven(e)
+        asked = float(np.clip(limits.small_independent_share / max(e.independent_share, 1e-3), 1.0, limits.most_asked))
+        least = self.least_gain * asked
+        along_road = any(candidate.along_road for candidate in e.candidates)
+        if (
+            along_road
+            and self.validation.on_another_road
+            and proven <= max(least, limits.lasting_share * e.gain) < e.score
+        ):
+            return ANOTHER_ROAD
+        if proven <= least:
+            return "it explains no more than chance"
+        # Of many sizes some may suit what was held out by chance.
+        lasts = min(proven, e.cv_gain) if along_road else proven
+        if lasts <= limits.lasting_share * e.gain or not self.mends_unseen(e):
+            return "little of what it explains lasts where it was not fitted"
+        if e.spoilt >= limits.spoilt_share:
+            return "it spoils in some drives a good part of what it mends in others"
+        return ""
+
+    def _of_size(self, e: Hypothesis) -> str:
+        """Whether its size may be zero, or it leaves too much over."""
+        if any(not issubclass(EVERY[c.effect], RoadEffect) for c in self._negligible(e)):
+            return MIGHT_BE_ZERO
+        # That the road is not level or even, one size tells; what it is where may be another at every place.
+        if self._negligible(e) or self.validation.unmended(e):
+            e = self.with_profile(e) or e
+        if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.left_over:
+            return "it leaves too much over to be what lacks"
+        if self._negligible(e):
+            return MIGHT_BE_ZERO
+        if signal := self.validation.unmended(e):
+            return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
+        return ""
+
+    def _negligible(self, e: Hypothesis) -> list[Candidate]:
+        """Those of its effects that have next to no size, or one that might as well be zero."""
+        sizes, deviations, limits = e.sizes, e.deviations, self.thresholds
+
+        def least(parameter: FreeParameter) -> float:
+            return max(limits.negligible_size * parameter.likely, limits.certain_size * deviations[parameter.name])
+
+        return [
+            c
+            for c in e.candidates
+            if c.free_parameters and all(abs(sizes[k.name]) < least(k) for k in c.free_parameters)
+        ]

@@ -1,0 +1,297 @@
+"""How fits compare on recordings that no fit has seen, and whether signals and recordings agree in what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit
+from vsense_ros.mismatch.cross_validation import passed, tells_its_pieces
+from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.road_prediction import RoadPrediction, predict_road
+from vsense_ros.mismatch.search import Hypothesis
+from vsense_ros.mismatch.simulation import LOST, Predictor
+from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
+from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.model.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+JOINT_ITERATIONS = 3  # of a fit to all recordings, which begins where the base fit is
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Residuals of the base fit and of another one by window, over the same time."""
+
+    residuals: Residuals
+    fit: Fit
+    before: list[Array]
+    after: list[Array]
+
+
+@dataclass(frozen=True)
+class ValidationGains:
+    """Relative fall of the cost on held-out recordings."""
+
+    whole: float  # of all windows
+    without_each: Array  # (windows,) of all windows but each; empty where they are few
+
+    @property
+    def of_most(self) -> float:
+        """Without the one window of many that speaks most against the explanation: at its limit a car goes another way
+        for a small difference."""
+        return max(self.whole, float(np.max(self.without_each, initial=-np.inf)))
+
+
+class Validation:
+    """Held-out recordings, which no fit has seen, and how explanations fare there."""
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        vehicle: Vehicle,
+        residuals: Residuals,
+        base: Fit,
+        progress: Callable[[], None] = lambda: None,
+        thresholds: Thresholds = THRESHOLDS,
+    ) -> None:
+        """`dataset` is what was held out; `residuals` and `base` are those of the fit."""
+        self.residuals: Residuals | None = None
+        self.thresholds, self._progress = thresholds, progress
+        self.base, self.fitted = base, residuals
+        self._comparisons: list[Comparison] = []
+        self._roads: list[tuple[Fit, RoadPrediction]] = []
+        if dataset.windows:
+            dataset = dataset.without(Predictor(vehicle, dataset).lost(base.parameter_set), LOST)
+        self.remarks = dataset.remarks
+        self.recordings = [windows[0].name for windows in dataset.by_recording()]  # of which something can be compared
+        if dataset.windows:
+            self.residuals = Residuals(Predictor(vehicle, dataset))
+            self.residuals.deviation |= residuals.deviation
+            self.before = self.residuals(base.parameter_set)
+
+    def held_out(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """Residuals of the base fit and of another one on held-out recordings, simulated once: in each window until the
+        car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of the base
+        fit from there on. A road that no fit has seen is compared as its other pieces predict it."""
+        assert self.residuals is not None
+        if (there := self._road(fitted)) is not None:
+            return self.before, there.predicted(self.before)
+        return self._until_lost(self.residuals, self.before, fitted)
+
+    def training(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """The same on what was fitted."""
+        return self._until_lost(self.fitted, self.base.residuals, fitted)
+
+    def simulated(self, fitted: Fit) -> list[dict[str, Array]]:
+        """Signals of each held-out window, as they are compared."""
+        assert self.residuals is not None
+        there = self._road(fitted)
+        return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.parameter_set)
+
+    def by_pieces(self, fitted: Fit) -> bool:
+        """Whether a fit has found a road, and the held-out road is another, which is predicted by its own pieces."""
+        return self._road(fitted) is not None
+
+    def _road(self, fitted: Fit) -> RoadPrediction | None:
+        if (
+            self.residuals is None
+            or not self.on_another_road
+            or not any(parameter.place for parameter in fitted.free_parameters)
+            or not tells_its_pieces(self.residuals.predictor.dataset)
+        ):
+            return None
+        known = next((there for of, there in self._roads if of is fitted), None)
+        if known is None:
+            known = predict_road(self.residuals, self.before, fitted)
+            self._roads.append((fitted, known))
+        return known
+
+    def _until_lost(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> tuple[list[Array], list[Array]]:
+        """Residuals of the base fit and of another one until the car gets lost; `whole` are those of the base fit until
+        the end."""
+        known = next((one for one in self._comparisons if one.residuals is residuals and one.fit is fitted), None)
+        if known is None:
+            known = self._compared(residuals, whole, fitted)
+            self._comparisons.append(known)
+        return known.before, known.after
+
+    def _compared(self, residuals: Residuals, whole: list[Array], fitted: Fit) -> Comparison:
+        until = residuals.predictor.lost_from(fitted.parameter_set)
+        before = whole if np.isinf(until).all() else residuals.compared(self.base.parameter_set, until)
+        after = residuals.compared(fitted.parameter_set, until)
+        if sum(map(len, before)) < self.thresholds.least_compared * sum(map(len, whole)):
+            before, after = whole, residuals(fitted.parameter_set, whole)
+        return Comparison(residuals, fitted, before, after)
+
+    def lost(self, fitted: Fit) -> list[str]:
+        """Remarks on windows in which the car of a fit gets lost: they tell nothing of it from there on."""
+        return [
+            f"{w.name}: from {lost:.0f} to {w.end:.0f} s what was found is not judged: {LOST}"
+            for predictor in (r.predictor for r in (self.fitted, self.residuals) if r is not None)
+            for w, lost in zip(predictor.dataset.windows, predictor.lost_from(fitted.parameter_set), strict=True)
+            if np.isfinite(lost)
+        ]
+
+    def gains(self, hypothesis: Hypothesis) -> ValidationGains | None:
+        """What an explanation gains on held-out recordings. None without any."""
+        if self.residuals is None:
+            return None
+        before, after = self.held_out(hypothesis.fit)
+        rows = np.array([len(r) for r in after])
+        share = rows / sum(len(r) for r in self.base.residuals)  # of what was fitted
+        value = np.array([cost([r]) for r in before]) + share * self.base.prior_cost
+        left = np.array([cost([r]) for r in after]) + share * hypothesis.fit.prior_cost
+        windows = np.array([value, left, rows])
+        sums = np.sum(windows, axis=1, keepdims=True)
+        if np.sum(rows > 0) >= self.thresholds.many_windows:
+            sums = np.hstack([sums, sums - windows])
+        whole, *rest = (sums[0] - sums[1]) / np.maximum(np.maximum(sums[0], sums[2]), 1.0)
+        return ValidationGains(float(whole), np.array(rest))
+
+    def gain(self, hypothesis: Hypothesis) -> float | None:
+        """What an explanation gains on all held-out windows. None without any."""
+        gains = self.gains(hypothesis)
+        return None if gains is None else gains.whole
+
+    def lasting(self, hypothesis: Hypothesis) -> float:
+        """What an explanation gains where it was not fitted: on all held-out windows, or without any on what is left
+        out of the fit in turn."""
+        unseen = self.gain(hypothesis)
+        return hypothesis.cv_gain if unseen is None else unseen
+
+    def proven(self, hypothesis: Hypothesis) -> float:
+        """The smaller of what an explanation gains where it was fitted and where it was not."""
+        gains = self.gains(hypothesis)
+        return min(hypothesis.gain, hypothesis.cv_gain if gains is None else gains.of_most)
+
+    def against(self, hypothesis: Hypothesis) -> str:
+        """A remark on the window without which the gain is clearly higher, if there is one."""
+        gains = self.gains(hypothesis)
+        if self.residuals is None or gains is None or gains.of_most < gains.whole + self.thresholds.remarkable_gain:
+            return ""
+        window = self.residuals.predictor.dataset.windows[int(np.argmax(gains.without_each))]
+        return (
+            f"{window.name}: from {window.begin:.0f} to {window.end:.0f} s speaks most against what was found (a car "
+            f"at its limit goes other ways for a small difference); without that stretch {100 * gains.of_most:.0f} % "
+            "of what was held out would be explained"
+        )
+
+    def disagreement(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
+        """How little windows and signals agree in what an explanation changes in the base fit, or in that of a `known`
+        one: what would be gained besides if each signal of each window had its own multiple of the change, over what is
+        gained. What a car has is the same everywhere; what looks like it is not.
+
+        Of many windows the one that agrees least does not count: at its limit a car goes another way for a small
+        difference. That free parameters cost less, because they need no longer stand in for what is missing, counts as
+        gained.
+        """
+        at = self.base if known is None else known.fit
+        found = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout)
+        compared = 1.0  # residuals that are compared, over those that were fitted
+        if self.residuals is not None:
+            before, after = self.held_out(hypothesis.fit)
+            before = before if known is None else self.held_out(known.fit)[1]
+            found += self._resized(before, after, self.residuals.layout)
+            compared += sum(map(len, after)) / sum(map(len, hypothesis.fit.residuals))
+        windows = np.array(found).reshape(-1, 2)
+        whole = windows.sum(axis=0) + np.array([0.0, compared * (at.prior_cost - hypothesis.fit.prior_cost)])
+        dropped = windows if len(windows) >= self.thresholds.many_windows else np.zeros((1, 2))
+        besides, gained = (whole - dropped).T
+        return float(np.min(besides / np.maximum(gained, 1e-12)))
+
+    def _resized(
+        self, before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]]
+    ) -> list[tuple[float, float]]:
+        """Of each window what the best multiple of a change in each of its signals would gain besides, and what the
+        change gains; squared deviations. Windows that are not compared over the same time do not count."""
+        found = []
+        for old, new, names in zip(before, after, layout, strict=True):
+            if len(old) != len(new) or not len(new):
+                continue
+            was, rest = (rows.reshape(len(names), -1) for rows in (old, new))
+            change = rest - was
+            size = np.sum(change**2, axis=1)
+            told = size > self.thresholds.untold_change**2 * change.shape[1]
+            besides = float(np.sum(np.sum(rest[told] * change[told], axis=1) ** 2 / size[told]))
+            found.append((besides, cost([old]) - cost([new])))
+        return found
+
+    @cached_property
+    def on_another_road(self) -> bool:
+        """Whether most of the held-out road is not that of what was fitted."""
+        if self.residuals is None:
+            return False
+        both = (self.fitted.predictor.dataset.windows, self.residuals.predictor.dataset.windows)
+        fitted, unseen = (set[float]().union(*map(passed, windows)) for windows in both)
+        return 2 * len(fitted & unseen) < len(unseen)
+
+    def something_left_over(self) -> bool:
+        """Whether the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
+        return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.dropped)
+
+    @cached_property
+    def worst(self) -> float:
+        """How far the signal of the base fit that is furthest off is from a good model, in training or held out, in
+        deviations.
+
+        Where only held-out recordings are far off, that of a fit to all, if it is better: at its limit a car goes
+        another way with base parameters that are a little different, and where some fit both, no physics is missing.
+        """
+        here = self.fitted.worst(self.base.residuals)
+        there = self.residuals.worst(self.before) if self.residuals is not None else 0.0
+        return max(here, there) if self._worst_of_both is None else min(there, self._worst_of_both)
+
+    @property
+    def fits_together(self) -> bool:
+        """Whether held-out recordings are far off for the base fit, but not for base parameters fitted to all."""
+        return self._worst_of_both is not None and self._worst_of_both <= self.thresholds.signal_off
+
+    @cached_property
+    def _worst_of_both(self) -> float | None:
+        """`worst` of base parameters fitted to all recordings; None unless only held-out recordings are off."""
+        off = self.thresholds.signal_off
+        if self.residuals is None or not (
+            self.residuals.worst(self.before) > off >= self.fitted.worst(self.base.residuals)
+        ):
+            return None
+        dataset = self.fitted.predictor.dataset
+        whole = dataset.joined(self.residuals.predictor.dataset)
+        residuals = Residuals(Predictor(self.fitted.predictor.vehicle, whole))
+        residuals.deviation |= self.fitted.deviation
+        start = self.fitted.predictor.start
+        try:
+            found = fit(
+                residuals,
+                start,
+                self.base.free_parameters,
+                begin=self.base.offsets,
+                settings=Settings(iterations=JOINT_ITERATIONS),
+                progress=self._progress,
+            ).residuals
+        except DivergedError:
+            return np.inf
+        count = len(dataset.windows)
+        return max(self.fitted.worst(found[:count]), self.residuals.worst(found[count:]))
+
+    def unmended(self, hypothesis: Hypothesis) -> str:
+        """The signal that is furthest from a good model, where an explanation neither brings it near one nor at least
+        much closer; in training or held out, wherever it is further off. Empty where every signal is near: there the
+        effect gains by what base parameters need no longer stand in for."""
+        off_from = self.thresholds.signal_off
+        if self.worst <= off_from:
+            return ""
+        residuals = self.fitted
+        before, after = self.training(hypothesis.fit)
+        if self.residuals is not None:
+            unseen = self.held_out(hypothesis.fit)
+            if self.residuals.worst(unseen[0]) > residuals.worst(before):
+                residuals, (before, after) = self.residuals, unseen
+        worst, off = residuals.furthest(before)
+        left = residuals.deviations(after)[worst] / residuals.deviations(before)[worst]
+        return "" if left < max(min(1.0, off_from / off), self.thresholds.mended) else worst
