@@ -8,7 +8,6 @@ have lanes; without one the same loop runs in Python, one run after the other.
 from __future__ import annotations
 
 import ctypes
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -32,8 +31,8 @@ class Inputs:
     """What drives a run, one row for each of n steps."""
 
     step: float  # [s]
-    inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
-    disturbances: Array  # (n, 4) as model.car.DISTURBANCES
+    inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS
+    disturbances: Array  # (n, 4) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
@@ -49,7 +48,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Motion:
+class StateHistory:
     """Every `keep`-th state of a run, (rows, 14) each; rows that the run did not reach are NaN."""
 
     t: Array  # (rows,) from the beginning of the run [s]
@@ -80,11 +79,11 @@ class OpenLoop:
         self._compiled = _compiled(car)
         self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
-    def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> Motion:
+    def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> StateHistory:
         """One run alone, which costs as much as several side by side."""
         return self.runs([Run(q, u, inputs, parameters)])[0]
 
-    def runs(self, runs: Sequence[Run]) -> list[Motion]:
+    def runs(self, runs: Sequence[Run]) -> list[StateHistory]:
         """Of each run its motion; all of them have steps of the same length, else `ValueError`."""
         if len({run.inputs.step for run in runs}) > 1:
             raise ValueError("runs side by side need steps of the same length")
@@ -101,13 +100,13 @@ class OpenLoop:
             self._compiled.run([runs[i] for i in together], [found[i] for i in together], self.keep, self._place)
         return found
 
-    def _motion(self, run: Run) -> Motion:
+    def _motion(self, run: Run) -> StateHistory:
         rows = (len(run.inputs) + self.keep - 1) // self.keep
         q, u, udot = (np.full((rows, COORDINATES), np.nan) for _ in range(3))
         internal_state = np.full(self.car.internal_state.numel(), np.nan)
-        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
+        return StateHistory(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
 
-    def _run_plain(self, run: Run, motion: Motion) -> None:
+    def _run_plain(self, run: Run, motion: StateHistory) -> None:
         inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
         now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
         internal_state = _beginning(run, len(motion.internal_state))
@@ -179,7 +178,7 @@ class _Compiled:
     function: ctypes._FuncPointer
     lanes: int
 
-    def run(self, runs: Sequence[Run], motions: Sequence[Motion], keep: int, place: Mapping[str, int]) -> None:
+    def run(self, runs: Sequence[Run], motions: Sequence[StateHistory], keep: int, place: Mapping[str, int]) -> None:
         """At most as many runs as there are lanes; fills their motions."""
         steps = np.array([len(run.inputs) for run in runs] + [0] * (self.lanes - len(runs)), dtype=np.int64)
         longest, h = int(steps.max()), runs[0].inputs.step
@@ -277,15 +276,9 @@ def _compiled(car: Car) -> _Compiled | None:
     if "internal_state" not in functions:
         written.append("#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)")
     written.append(resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8"))
-    built = codegen.library("open_loop", "\n".join(written), _flags())
+    built = codegen.library("open_loop", "\n".join(written), codegen.vector_math())
     if built is None:
         return None
     library = ctypes.CDLL(str(built))
     library.open_loop.restype = None
     return _Compiled(library.open_loop, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
-
-
-def _flags() -> tuple[str, ...]:
-    """glibc on x86 has sine and the like for vectors."""
-    vectors = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
-    return ("-DVECTOR_MATH", "-lmvec") if vectors else ()
