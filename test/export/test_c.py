@@ -234,6 +234,20 @@ def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: V
     assert np.array_equal(observer.memory, before)
 
 
+def test_a_state_that_no_car_can_have_is_told(vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    observer = under_way(vehicle, library)
+
+    def is_valid() -> bool:
+        return bool(library.vsense_is_valid(ctypes.c_void_p(observer.memory.ctypes.data)))
+
+    assert is_valid()
+    for index, value in ((0, np.nan), (3, 1.6), (14, -200.0)):
+        kept, observer.parts["state"][index] = observer.parts["state"][index], value
+        assert not is_valid()
+        observer.parts["state"][index] = kept
+    assert is_valid()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", ["double lane change", "double lane change, tyres that lag", "RAV4"])
 def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehicle: Vehicle, tmp_path: Path) -> None:
