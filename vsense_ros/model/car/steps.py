@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import PLACEMENT, Car, Motion, kinematics
+from vsense_ros.model.car.car import PLACEMENT, Car, kinematics, motion_of
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
@@ -239,7 +239,7 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
+    value = sensor.equation(motion_of(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
         [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],
