@@ -1,6 +1,6 @@
 """What a new machine waits for: all models of the demo made and compiled into an empty cache.
 
-To be within 60 s on two cores. The compilers work one after the other; `cpu_s` is what they and the rest took of one.
+To be within 30 s of one processor: `cpu_s` is what the compilers, one after the other, and the rest took.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 PROGRAM = """
 import sys
 from vsense_ros.observer import Observer
-from vsense_ros.vehicle_file import load_vehicle
+from vsense_ros.files.vehicle import load_vehicle
 for path in sys.argv[1:]:
     Observer(load_vehicle(path))
 """
