@@ -32,8 +32,8 @@ class Inputs:
     """What drives a run, one row for each of n steps."""
 
     step: float  # [s]
-    inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
-    disturbances: Array  # (n, 4) as model.car.DISTURBANCES
+    inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS
+    disturbances: Array  # (n, 4) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
