@@ -322,7 +322,7 @@ far above the roundings: a form that guards the sign has nothing to guard here, 
 
 So the observer keeps the covariance itself, in double precision, and subtracts whitened outer products, `P - W Wᵀ`,
 which are symmetric to the last bit; after a prediction what is computed once stands on both sides. With the structure
-of the car's matrices this is `vsense_ros/observer/kalman.py` and, compiled, `kalman.c`.
+of the car's matrices this is `vsense_ros/observer/car_blocks.py` and, compiled, `car_blocks.c`.
 
 `test/observer/test_observer.py` holds the observer to it: symmetric to the last bit and positive definite, without a
 trend, over ten minutes with GNSS and over ten minutes in a tunnel.

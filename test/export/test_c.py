@@ -18,7 +18,8 @@ from click.testing import CliRunner
 from vsense_ros import codegen
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.cli import main
-from vsense_ros.codegen.c99 import c_function, number
+from vsense_ros.codegen.c99 import c_function
+from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, check
 from vsense_ros.files.vehicle import load_vehicle
@@ -124,12 +125,12 @@ def test_functions_that_call_others_are_written_out_in_full() -> None:
 def test_the_sources_allocate_nothing_and_include_nothing_but_the_mathematics(sources: Path) -> None:
     text = "".join(
         (sources / name).read_text(encoding="ascii")
-        for name in ("vsense.h", "vsense.c", "algebra.c", "kalman.c", "model.c")
+        for name in ("vsense.h", "vsense.c", "algebra.c", "car_blocks.c", "model.c")
     )
     assert set(re.findall(r"#include (.+)", text)) == {
         '"vsense.h"',
         '"algebra.c"',
-        '"kalman.c"',
+        '"car_blocks.c"',
         '"model.c"',
         "<math.h>",
         "<string.h>",

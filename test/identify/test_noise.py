@@ -18,6 +18,7 @@ from scipy.stats import multivariate_normal
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.consistency import consistency, lag_1
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -28,7 +29,7 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import steering
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.innovations import Innovations, innovations
+from vsense_ros.observer.innovations import innovations
 
 Array = NDArray[np.float64]
 COUNT = 200

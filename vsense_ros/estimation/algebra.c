@@ -1,10 +1,13 @@
 /* Algebra that every filter in C shares: linear combinations of rows, and the correction of an extended Kalman filter.
  *
- * Covariances are row-major n x n and exactly symmetric. No allocation, no library but libm. STATES, the length of the
- * state, is given when compiling: loops of known length are twice as fast.
+ * Covariances are row-major n x n and exactly symmetric. No allocation, no library but libm, C99. STATES, the length of
+ * the state, is given when compiling.
  *
- * Nearly all the work is linear combinations of rows, which `combine` holds in registers; sums along a row, which a
- * compiler may not reorder and therefore does one by one, are few, and four at a time in `dot`.
+ * Nearly all the work is linear combinations of rows. They are made in tiles, a few rows of so many columns that their
+ * sums stay in registers while the terms go by: each number that is loaded then serves several products. GCC and Clang
+ * get the columns as vectors of the processor's width, also where nothing beyond C99 is allowed; for other compilers,
+ * and processors without vectors, a `lane` is a single number. A last lane that would reach over the end of the row
+ * begins earlier and makes some columns twice, to the same bits.
  */
 #include <math.h>
 #include <string.h>
@@ -12,56 +15,123 @@
 #define COMPONENTS 16 /* at most, of a measurement */
 enum { n = STATES };
 
-/* out += sum of factor[k] * row[k], all rows `width` long; `width` is a constant wherever this is called. */
-#ifdef __STRICT_ANSI__ /* C99 and nothing else: every compiler has its own way of holding rows in registers */
-static void combine(int width, double *out, int count, const double *factor, const double *const *row) {
-    for (int k = 0; k < count; k++)
-        for (int j = 0; j < width; j++) out[j] += factor[k] * row[k][j];
-}
-
-static double dot(int width, const double *a, const double *b) {
-    double sum = 0;
-    for (int j = 0; j < width; j++) sum += a[j] * b[j];
-    return sum;
-}
+/* WIDE numbers in a lane; ROWS x LANES sums in a tile, with the operands as many as there are registers. */
+#if defined __GNUC__ && defined __AVX512F__ && STATES >= 8
+#define WIDE 8
+#define ROWS 4
+#define LANES 7
+#elif defined __GNUC__ && defined __AVX__ && STATES >= 4
+#define WIDE 4
+#define ROWS 2
+#define LANES 6
+#elif defined __GNUC__ && (defined __SSE2__ || defined __aarch64__) && STATES >= 2
+#define WIDE 2
+#define ROWS 3
+#define LANES 4
 #else
-typedef double lane __attribute__((vector_size(32)));
-#define LANES 14 /* with two more registers for operands, what a processor with 16 of them can hold */
-
-static inline __attribute__((always_inline)) lane loaded(const double *from) {
-    lane result;
-    memcpy(&result, from, sizeof result);
-    return result;
-}
-
-static inline __attribute__((always_inline)) void combine(int width, double *out, int count, const double *factor,
-                                                          const double *const *row) {
-    int first = 0;
-    for (; width - first >= 4; first += 4 * LANES) {
-        const int lanes = (width - first) / 4 < LANES ? (width - first) / 4 : LANES;
-        lane sum[LANES];
-#pragma GCC unroll 16
-        for (int j = 0; j < lanes; j++) sum[j] = loaded(out + first + 4 * j);
-        for (int k = 0; k < count; k++) {
-            const lane f = {factor[k], factor[k], factor[k], factor[k]};
-#pragma GCC unroll 16
-            for (int j = 0; j < lanes; j++) sum[j] += f * loaded(row[k] + first + 4 * j);
-        }
-#pragma GCC unroll 16
-        for (int j = 0; j < lanes; j++) memcpy(out + first + 4 * j, &sum[j], sizeof(lane));
-    }
-    for (int k = 0; k < count; k++)
-        for (int j = width / 4 * 4; j < width; j++) out[j] += factor[k] * row[k][j];
-}
-
-static inline __attribute__((always_inline)) double dot(int width, const double *a, const double *b) {
-    lane sums = {0, 0, 0, 0};
-    double rest = 0;
-    for (int j = 0; j < width / 4 * 4; j += 4) sums += loaded(a + j) * loaded(b + j);
-    for (int j = width / 4 * 4; j < width; j++) rest += a[j] * b[j];
-    return sums[0] + sums[1] + (sums[2] + sums[3]) + rest;
-}
+#define WIDE 1
+#define ROWS 2
+#define LANES 4
 #endif
+#if WIDE > 1
+typedef double lane __attribute__((vector_size(8 * WIDE), aligned(8), may_alias));
+#else
+typedef double lane;
+#endif
+#ifdef __GNUC__
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+/* Sums of terms: `count` rows, and their factors, which stand `by_row` apart from sum to sum and `by_term` from term to
+ * term. */
+struct terms {
+    int count, by_row, by_term;
+    const double *factor;
+    const double *const *row;
+};
+
+/* Adds to as many of `left` rows, `stride` apart, as are full tiles, and returns how many. `rows` and `lanes` are
+ * constants wherever this is called; columns begin with `first` in all rows, those of the last lane with `last`. */
+INLINE int tiles(const int rows, const int lanes, int first, int last, int left, double *out, int stride,
+                 const struct terms *terms) {
+    int done = 0;
+    for (; done + rows <= left; done += rows) {
+        const double *f = terms->factor + done * terms->by_row;
+        double *const to = out + done * stride;
+        lane sum[ROWS][LANES];
+        for (int r = 0; r < rows; r++)
+            for (int j = 0; j < lanes; j++)
+                sum[r][j] = *(const lane *)(to + r * stride + (j < lanes - 1 ? first + j * WIDE : last));
+        for (int k = 0; k < terms->count; k++, f += terms->by_term)
+            for (int j = 0; j < lanes; j++) {
+                const lane x = *(const lane *)(terms->row[k] + (j < lanes - 1 ? first + j * WIDE : last));
+                for (int r = 0; r < rows; r++) sum[r][j] += f[r * terms->by_row] * x;
+            }
+        for (int r = 0; r < rows; r++)
+            for (int j = 0; j < lanes; j++)
+                *(lane *)(to + r * stride + (j < lanes - 1 ? first + j * WIDE : last)) = sum[r][j];
+    }
+    return done;
+}
+
+/* The same of `lanes` lanes for a constant number of rows. */
+INLINE int strip(const int rows, int lanes, int first, int last, int left, double *out, int stride,
+                 const struct terms *terms) {
+    switch (lanes) {
+        case 1: return tiles(rows, 1, first, last, left, out, stride, terms);
+        case 2: return tiles(rows, 2, first, last, left, out, stride, terms);
+        case 3: return tiles(rows, 3, first, last, left, out, stride, terms);
+        case 4: return tiles(rows, 4, first, last, left, out, stride, terms);
+#if LANES > 4
+        case 5: return tiles(rows, 5, first, last, left, out, stride, terms);
+        case 6: return tiles(rows, 6, first, last, left, out, stride, terms);
+#endif
+#if LANES > 6
+        case 7: return tiles(rows, 7, first, last, left, out, stride, terms);
+#endif
+    }
+    return left;
+}
+
+/* out += sums of factor * term: `rows` rows that are `width` long and `stride` apart, each of `count` terms, whose
+ * factors stand `by_row` apart from row to row and `by_term` from term to term. */
+static void combine_rows(int rows, int width, double *out, int stride, int count, const double *factor, int by_row,
+                         int by_term, const double *const *term) {
+    if (width < WIDE) {
+        for (int i = 0; i < rows; i++)
+            for (int k = 0; k < count; k++)
+                for (int j = 0; j < width; j++) out[i * stride + j] += factor[i * by_row + k * by_term] * term[k][j];
+        return;
+    }
+    const int all = (width + WIDE - 1) / WIDE, strips = (all + LANES - 1) / LANES;
+    for (int s = 0; s < strips; s++) {
+        const int begin = s * all / strips, end = (s + 1) * all / strips;
+        const int last = s + 1 < strips ? (end - 1) * WIDE : width - WIDE;
+        struct terms terms = {count, by_row, by_term, factor, term};
+        int done = strip(ROWS, end - begin, begin * WIDE, last, rows, out, stride, &terms);
+        terms.factor = factor + done * by_row;
+        if (ROWS > 2) done += strip(2, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
+        terms.factor = factor + done * by_row;
+        strip(1, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
+    }
+}
+
+/* out += sum of factor[k] * row[k], all rows `width` long. */
+static void combine(int width, double *out, int count, const double *factor, const double *const *row) {
+    combine_rows(1, width, out, width, count, factor, 0, 1, row);
+}
+
+/* Sum of products; `width` is a constant wherever this is called. */
+INLINE double dot(const int width, const double *a, const double *b) {
+    enum { all = 8 };
+    double sums[all] = {0}, rest = 0;
+    for (int j = 0; j + all <= width; j += all)
+        for (int k = 0; k < all; k++) sums[k] += a[j + k] * b[j + k];
+    for (int j = width / all * all; j < width; j++) rest += a[j] * b[j];
+    return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7])) + rest;
+}
 
 /* A measurement in the filter's terms: of the `used` components that are there, their Jacobians by the errors of the
  * state, innovations and variances; and after `update` L^-1 innovation and the Cholesky factor L of their covariance. */
@@ -71,59 +141,73 @@ struct innovation {
     double weights[COMPONENTS], factor[COMPONENTS][COMPONENTS];
 };
 
-/* Corrects the covariance, P - W W' with W = P H' L^-T, and writes the error of the state (n).
- *
- * Returns the squared norm of the innovation in units of its standard deviation; the correction is made only where that
- * is at most `limit`. NaN: the covariance of the innovation is not positive definite. `scale` multiplies it. */
-static double update(struct innovation *found, double *p, double *error, double scale, double limit) {
-    double projected[COMPONENTS][STATES], factors[STATES], (*const total)[COMPONENTS] = found->factor;
-    double *const weights = found->weights, nis = 0;
+/* projected (used x n) = H P, of which elements of H that are zero are left out. */
+static void project(const struct innovation *found, const double *p, double (*projected)[STATES]) {
+    double factors[STATES];
     const double *from[STATES];
-    const int used = found->used;
-    for (int a = 0; a < used; a++) {
+    for (int a = 0; a < found->used; a++) {
         int count = 0;
+        memset(projected[a], 0, sizeof projected[a]);
         for (int k = 0; k < n; k++)
             if (found->rows[a][k] != 0) {
                 factors[count] = found->rows[a][k];
                 from[count++] = p + k * n;
             }
-        memset(projected[a], 0, sizeof projected[a]);
         combine(n, projected[a], count, factors, from);
-        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = dot(n, projected[a], found->rows[b]);
     }
-    for (int a = 0; a < used; a++) {
-        total[a][a] += found->variance[a];
-        for (int b = 0; b < used; b++) total[a][b] *= scale;
-    }
-    /* Whitening by the Cholesky factor: with L L' = total, projected := L^-1 H P and weights := L^-1 innovation. */
-    for (int a = 0; a < used; a++) {
+}
+
+/* L L' = total in place, below the diagonal, and weights = L^-1 innovation; returns their squared norm, or NaN. */
+static double whiten(struct innovation *found, double *inverse_diagonal) {
+    double (*const total)[COMPONENTS] = found->factor, nis = 0;
+    for (int a = 0; a < found->used; a++) {
+        double sum, w = found->residual[a];
         for (int b = 0; b < a; b++) {
-            double sum = total[a][b];
+            sum = total[a][b];
             for (int k = 0; k < b; k++) sum -= total[a][k] * total[b][k];
-            total[a][b] = sum / total[b][b];
+            total[a][b] = sum * inverse_diagonal[b];
         }
-        double sum = total[a][a];
-        for (int k = 0; k < a; k++) sum -= total[a][k] * total[a][k];
+        sum = total[a][a];
+        for (int k = 0; k < a; k++) {
+            sum -= total[a][k] * total[a][k];
+            w -= total[a][k] * found->weights[k];
+        }
         if (!(sum > 0)) return NAN;
         total[a][a] = sqrt(sum);
-        double w = found->residual[a];
-        for (int k = 0; k < a; k++) w -= total[a][k] * weights[k];
-        weights[a] = w / total[a][a];
-        nis += weights[a] * weights[a];
+        inverse_diagonal[a] = 1 / total[a][a];
+        found->weights[a] = w * inverse_diagonal[a];
+        nis += found->weights[a] * found->weights[a];
     }
-    if (!(nis <= limit)) return nis;
+    return nis;
+}
+
+/* Corrects the covariance, P - W W' with W = P H' L^-T, and writes the error of the state (n).
+ *
+ * Returns the squared norm of the innovation in units of its standard deviation; the correction is made only where that
+ * is at most `limit`. NaN: the covariance of the innovation is not positive definite. `scale` multiplies it. */
+static double update(struct innovation *found, double *p, double *error, double scale, double limit) {
+    double projected[COMPONENTS][STATES], negative[COMPONENTS][STATES], inverse[COMPONENTS], factors[COMPONENTS] = {0};
+    double (*const total)[COMPONENTS] = found->factor;
+    const double *from[COMPONENTS];
+    const int used = found->used;
+    project(found, p, projected);
     for (int a = 0; a < used; a++) {
+        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = scale * dot(n, projected[a], found->rows[b]);
+        total[a][a] += scale * found->variance[a];
+    }
+    const double nis = whiten(found, inverse);
+    if (!(nis <= limit)) return nis;
+    for (int a = 0; a < used; a++) { /* projected := L^-1 H P = W' */
         for (int k = 0; k < a; k++) factors[k] = -total[a][k];
         from[a] = projected[a];
         combine(n, projected[a], a, factors, from);
-        const double f = 1 / total[a][a];
-        for (int j = 0; j < n; j++) projected[a][j] *= f;
+        for (int j = 0; j < n; j++) {
+            projected[a][j] *= inverse[a];
+            negative[a][j] = -projected[a][j];
+        }
     }
     memset(error, 0, n * sizeof *error);
-    combine(n, error, used, weights, from);
-    for (int i = 0; i < n; i++) {
-        for (int a = 0; a < used; a++) factors[a] = -projected[a][i];
-        combine(n, p + i * n, used, factors, from);
-    }
+    combine(n, error, used, found->weights, from);
+    combine_rows(n, n, p, n, used, negative[0], 1, n, from);
     return nis;
 }

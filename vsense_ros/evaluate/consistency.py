@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.messages.recording import Recording
-from vsense_ros.observer.innovations import Innovations
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.codegen.c99 import c_function, number, wrapped
+from vsense_ros.codegen.c99 import c_function, wrapped
+from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
@@ -30,7 +31,7 @@ from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
 from vsense_ros.observer.spi import FILTERS
-from vsense_ros.observer.state import SLOPES, Layout, Prior, U, layout, rolling_state
+from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
 
 Array = NDArray[np.float64]
 
@@ -45,20 +46,20 @@ _ARGUMENTS = {
     "inputs": "v->inputs",
     "p": "v->parameters",
     "internal_state": "v->effects",
-    "h": "&h",
-    "inverse": "inverse",
+    "h": "filter->length",
+    "inverse": "filter->model.inverse",
     "by_q": "v->by_q",
     "udot": "v->udot",
-    "acceleration": "error + SLOW",
+    "acceleration": "filter->model.error + SLOW",
 }
 _LINEARIZATION = ("udot", "by_q", "by_u", "by_surroundings", "by_q_rates")
 _RESULTS = {
     "dynamics": ("acceleration", "by_wheel"),
     "linearize": tuple(f"v->{name}" for name in _LINEARIZATION),
-    "advance": ("q", "u"),
-    "kinematics": ("by_angles", "by_velocity"),
-    "force": ("by",),
-    "internal_state": ("effects",),
+    "advance": ("filter->coordinates", "filter->velocities"),
+    "kinematics": ("filter->model.by_angles", "filter->model.by_velocity"),
+    "force": ("filter->added",),
+    "internal_state": ("filter->remembered",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
 
@@ -198,7 +199,7 @@ def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None
     )
     values = contents.values() | {"measured": measured}
     texts = {name: environment.get_template(f"{name}.j2").render(values) for name in _TEMPLATES}
-    for source in ("estimation/algebra.c", "observer/kalman.c"):
+    for source in ("estimation/algebra.c", "observer/car_blocks.c"):
         texts[Path(source).name] = resources.files("vsense_ros").joinpath(source).read_text(encoding="utf-8")
     texts["model.c"] = contents.model()
     folder.mkdir(parents=True, exist_ok=True)
@@ -252,6 +253,7 @@ class _Contents:
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
         tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
+        tables += [largest_state(self.layout.size)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -278,6 +280,7 @@ class _Contents:
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "usual": _table(prior.reversion_mean[U.stop :]),
+            "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
             "example_step": number(_EXAMPLE_STEP),
@@ -352,13 +355,16 @@ class _Contents:
         """Of the functions of the parameter filter, but for those of single sensors."""
         if self.filter is None:
             return {}
-        predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, gain, by_angles, by_velocity, &h"
-        found = "projected, gained, told, spread, v->information, v->estimates, lower, upper"
-        made = "estimates, covariance, sensitivity, information, change, udot"
+        predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"
+        predicted += ", filter->model.by_angles, filter->model.by_velocity, filter->length, to->decay"
+        found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "told", "spread"))
+        found += ", v->information, v->estimates, lower, upper"
+        made = ", ".join(f"found->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
+        made += ", sensor->change, sensor->accelerations"
         arguments = self._filter_arguments()
         return {
             "effect": wrapped(f"parameters_effect({arguments}, v->by_estimates);", "    "),
-            "spread": wrapped(f"parameters_predict({predicted}, v->decay, sensitivity, grown, added);", "    "),
+            "spread": wrapped(f"parameters_predict({predicted}, to->moved, to->grown, to->added);", "    "),
             "learn": wrapped(f"parameters_learn({arguments}, v->by_estimates, {found}, {made});", "    "),
         }
 
@@ -370,10 +376,10 @@ class _Contents:
         places = [_ARGUMENTS[name] for name in names]
         return ", ".join([*places, *linearized, "v->sensitivity", "v->parameter_covariance", memory])
 
-    def _call(self, function: ca.Function, results: tuple[str, ...], **special: str) -> str:
+    def _call(self, function: ca.Function, results: tuple[str, ...], indent: str = "    ", **special: str) -> str:
         places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
         arguments = [places[function.name_in(i)] for i in range(function.n_in())]
-        return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", "    ")
+        return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", indent)
 
     def _sensor(self, name: str) -> dict[str, Any]:
         sensor = self.observer.sensors[name]
@@ -384,8 +390,11 @@ class _Contents:
         constants = f"sensor_{c_name}_mounting" if mounting.size else "0"
         limit = sensor.gate**2 * len(deviations) ** 0.5
         biases = f"v->state + {where.start}"
+        results = tuple(f"to->{result}" for result in _SENSED)
+        sensed = ", ".join(f"sensed->{result}" for result in _SENSED[1:])
         seen = f"seen_{c_name}({self._filter_arguments()}, v->by_estimates, {biases}, {constants}, "
-        seen += f"variance, whitened, factor, {', '.join(_SENSED[1:])}, told_of, gained, told, spread);"
+        seen += f"sensor->variance, model->whitened, model->factor, {sensed}, "
+        seen += "sensor->told_of, sensor->gained, sensor->told, sensor->spread);"
         return {
             "name": c_name,
             "meaning": (type(sensor).__doc__ or "").strip().splitlines()[0],
@@ -398,8 +407,8 @@ class _Contents:
             "uses_acceleration": int(sensor.uses_acceleration),
             "first_bias": where.start,
             "biases": where.stop - where.start,
-            "call": self._call(function, _SENSED, biases=biases, mounting=constants),
-            "seen": wrapped(seen, "        "),
+            "call": self._call(function, results, " " * 12, biases=biases, mounting=constants),
+            "seen": wrapped(seen, " " * 12),
             "example": _table(self._expected(function, mounting, where.stop - where.start)),
         }
 

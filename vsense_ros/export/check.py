@@ -308,12 +308,14 @@ def _deepest(stack: dict[str, int]) -> int:
     def size(*names: str) -> int:
         return sum(stack.get(name, 0) for name in names)
 
-    below = ("vsense_transition", "vsense_propagate", "advance", "kinematics")
-    predicting = [size(name) for name in below] + [size("spread_parameters", "parameters_predict")]
-    correcting = [size("correct", "vsense_correct"), size("learn", "parameters_learn")]
-    correcting += [depth for name, depth in stack.items() if name.startswith("seen_")]
+    products = size("combine_rows")
+    moving = [size("transition", "invert"), size("propagate", "propagate_velocities", "propagate_coordinates")]
+    moving = [depth + products for depth in moving] + [size("advance"), size("kinematics")]
+    moving += [size("spread", "parameters_predict")]
+    correcting = [size("correct", "update", "project") + products, size("learn", "parameters_learn")]
+    correcting += [size("learn") + depth for name, depth in stack.items() if name.startswith("seen_")]
     calls = max(depth for name, depth in stack.items() if name.startswith("vsense_correct_"))
-    return max(stack["vsense_predict"] + max(predicting), calls + max(correcting))
+    return max(size("vsense_predict", "filter_predict") + max(moving), calls + size("filter_measure") + max(correcting))
 
 
 def measure(folder: Path) -> dict[str, str]:
@@ -334,7 +336,10 @@ def measure(folder: Path) -> dict[str, str]:
         )
         sizes = subprocess.run(["size", "vsense.o"], check=True, capture_output=True, text=True, cwd=place).stdout
         lines = (Path(place) / "vsense.su").read_text(encoding="utf-8").splitlines()
-        stack = {line.split("\t")[0].rpartition(":")[2]: int(line.split("\t")[1]) for line in lines}
+        stack: dict[str, int] = {}
+        for where, depth, _ in (line.split("\t") for line in lines):
+            name = where.rpartition(":")[2].partition(".")[0]  # without what the compiler says of a copy it made
+            stack[name] = max(stack.get(name, 0), int(depth))
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
     step = re.search(r"step +([\d.]+) us", told)
     assert step is not None

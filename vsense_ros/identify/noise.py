@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.evaluate.consistency import Consistency, Error, consistency, errors_of
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
@@ -29,7 +30,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
-from vsense_ros.observer.innovations import Innovations, innovations
+from vsense_ros.observer.innovations import innovations
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ generalized forces, ΔQ = M Δu̇, which the model keeps until the next correcti
 
 Unlike the slides, which propagate errors as a triple integrator, the transition here is the exact linearisation of the
 model step, so that the tyres' damping of side slip and yaw is known to the filter. Most of it is zero or diagonal:
-`kalman.c` works on its blocks, some 40,000 multiplications for 52 states instead of the 280,000 of F P Fᵀ. Without a
-compiler the same is done here with full matrices.
+`car_blocks.c` works on its blocks, some 40,000 multiplications for 52 states instead of the 280,000 of F P Fᵀ.
+Without a compiler the same is done here with full matrices.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ class CarBlocks:
         self.mean[SLOPES] += along * (slopes - mean)
         mean[:] = slopes
 
-    # One step and one correction with full matrices, of which `kalman.c` knows the blocks
+    # One step and one correction with full matrices, of which `car_blocks.c` knows the blocks
 
     def linearize(self) -> None:
         self.linearized.call()

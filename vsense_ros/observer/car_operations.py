@@ -69,8 +69,7 @@ class CarOperations:
         return None if compiled is None else cls(car, algebra, compiled)
 
     def predict(self, h: float) -> None:
-        self.compiled.predict(h, self._car.process(h))
-        self.compiled.linearize()
+        self.compiled.step(h, self._car.process(h))
 
     def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
         return self.compiled.correct(self._places[sensor], value, variance, limit, scale)

@@ -1,4 +1,4 @@
-"""Operations on `CarBlocks`, and whole stretches of them, as one call of C each (step.c): no Python in between."""
+"""Operations on `CarBlocks`, and whole stretches of them, as one call of C each (car_blocks.c, car_history.c)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,50 +14,85 @@ from numpy.typing import NDArray
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.estimation.filter import Kept
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.kalman import CompiledKalman, ModelStructure, SensedStructure
+from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]
 
-_EVENT = Struct("4P2d3q")  # `struct event` of step.c
+_EVENT = Struct("4P2d3q")  # `struct event` of car_history.c
 _ADDRESS, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double
 _KERNELS = ("linearize", "kinematics", "advance", "force", "remember")
-_ARRAYS = (
-    *("memory", "state", "inputs", "effects", "length"),
-    *("coordinates", "velocities", "remembered", "added", "largest", "usual"),
-)
+_KNOWN = ("estimates", "covariance", "sensitivity", "information")
+
+
+class _Known(ctypes.Structure):
+    """`struct known` of car_blocks.c."""
+
+    _fields_ = [(name, _ADDRESS) for name in _KNOWN]
+
+    @classmethod
+    def of(cls, array: Array, count: int, size: int) -> _Known:
+        """What is known of `count` parameters beside a state of `size`, all of it in one array, in this order."""
+        ends = np.cumsum([0, count, count * count, size * count]) * array.itemsize
+        return cls(*(array.ctypes.data + int(end) for end in ends))
 
 
 class _Learning(ctypes.Structure):
-    """`struct learning` of step.c."""
+    """`struct learning` of car_blocks.c."""
 
     _fields_ = [
-        *((name, Entry) for name in ("effect", "spread")),
-        *((name, _COUNT) for name in ("count", "drift", "numbers")),
-        *((name, _ADDRESS) for name in ("columns", "learned", "sensitivity", "covariance", "decay", "physical")),
-        *((name, _ADDRESS) for name in ("moved", "grown", "added")),
+        *(("count", _COUNT), ("drifts", _COUNT), ("columns", _ADDRESS), ("known", _Known)),
+        *((name, _ADDRESS) for name in ("physical", "gain", "decay", "moved", "grown", "added")),
     ]
 
 
 class _Filter(ctypes.Structure):
-    """`struct filter` of step.c."""
+    """`struct filter` of car_blocks.c."""
 
     _fields_ = [
-        ("model", ModelStructure),
-        *((name, Entry) for name in _KERNELS),
-        *(("size", _COUNT), ("effects_size", _COUNT), ("gamma", _NUMBER)),
-        *((name, _ADDRESS) for name in _ARRAYS),
-        ("learning", _ADDRESS),
+        *(("owner", _ADDRESS), ("model", ModelStructure)),
+        *((name, _ADDRESS) for name in ("state", "effects", "usual")),
+        *(("effects_size", _COUNT), ("gamma", _NUMBER)),
+        *((name, _ADDRESS) for name in ("length", "coordinates", "velocities", "remembered", "added", "learning")),
+    ]
+
+
+class _Live(ctypes.Structure):
+    """`struct live` of car_history.c."""
+
+    _fields_ = [
+        ("filter", _Filter),
+        *((name, Entry) for name in (*_KERNELS, "effect", "spread")),
+        *((name, _ADDRESS) for name in ("expect", "seen", "learn")),
+        ("size", _COUNT),
+        *((name, _ADDRESS) for name in ("memory", "inputs", "largest")),
     ]
 
 
 class _Sensor(ctypes.Structure):
-    """`struct sensor` of step.c."""
+    """`struct sensor` of car_blocks.c."""
 
     _fields_ = [
-        *(("expect", Entry), ("sensed", SensedStructure), ("seen", Entry), ("learn", Entry), ("width", _COUNT)),
-        *((name, _ADDRESS) for name in ("variance", "projected", "change")),
-        *((name, _ADDRESS) for name in ("told_of", "learned", "accelerations")),
+        *(("index", _COUNT), ("sensed", SensedStructure), ("width", _COUNT)),
+        *((name, _ADDRESS) for name in ("variance", "told_of", "gained", "told", "spread", "projected")),
+        *(("found", _Known), ("change", _ADDRESS), ("accelerations", _ADDRESS)),
     ]
+
+
+class _Call(NamedTuple):
+    """`struct call` of car_history.c: where it stands, its limit, scale and result, and the measurement (m,)."""
+
+    address: int
+    numbers: Any  # a memoryview, in which single numbers are set at once
+    value: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, live: int, sensor: _Sensor) -> _Call:
+        """Of corrections by this sensor."""
+        numbers, m = np.zeros(5 + 2 * COMPONENTS), sensor.sensed.components
+        numbers[:2].view(np.int64)[:] = live, ctypes.addressof(sensor)
+        values, variances = np.split(numbers[5:], 2)
+        return cls(numbers.ctypes.data, numbers.data[2:5], values[:m], variances[:m])
 
 
 class Process(NamedTuple):
@@ -105,24 +140,31 @@ class CompiledStep:
     """Operations of one filter, whose arrays must stay where they are."""
 
     def __init__(
-        self, kalman: CompiledKalman, filter: _Filter, sensors: Sequence[_Sensor | None], arrays: Mapping[str, Array]
+        self,
+        kalman: CompiledKalman,
+        live: _Live,
+        sensors: Sequence[_Sensor | None],
+        length: Array,
+        keep: object,
     ) -> None:
         library, integer = kalman.library, ctypes.c_int
         self._predict, self._measure = library.vsense_predict, library.vsense_measure
-        self._move, self._replay = library.vsense_move, library.vsense_replay
+        self._step, self._move, self._replay = library.vsense_step, library.vsense_move, library.vsense_replay
         self._linearize = library.vsense_linearize
         self._linearize.argtypes, self._linearize.restype = [_ADDRESS], None
-        self._predict.argtypes = [_ADDRESS, _NUMBER, _ADDRESS, _ADDRESS]
-        self._measure.argtypes = [*[_ADDRESS] * 4, _NUMBER, _NUMBER]
-        self._measure.restype = _NUMBER
+        self._predict.argtypes = self._step.argtypes = [_ADDRESS] * 3
+        self._measure.argtypes = [_ADDRESS]
+        self._measure.restype = None
         self._move.argtypes = [_ADDRESS, _ADDRESS, integer, _NUMBER, _ADDRESS, _ADDRESS]
         self._replay.argtypes = [_ADDRESS, integer, ctypes.c_char_p, *[_ADDRESS] * 4]
         self._kalman = kalman
-        self._structures = filter, sensors
-        self._kept: list[object] = [arrays]
-        self._filter = ctypes.addressof(filter)
+        self._structures = live, sensors
+        self._kept = [keep]
+        self._length: Any = length.data
+        self._filter = ctypes.addressof(live)
+        live.filter.owner = self._filter
         self._sensors = [None if sensor is None else ctypes.addressof(sensor) for sensor in sensors]
-        self._value, self._variance = (a.ctypes.data for a in (kalman.value, kalman.variance))
+        self._calls = [None if sensor is None else _Call.of(self._filter, sensor) for sensor in sensors]
 
     @classmethod
     def of(
@@ -132,28 +174,21 @@ class CompiledStep:
         arrays: Mapping[str, Array],
         sensors: Sequence[tuple[Kernel | None, bool, slice]],
     ) -> CompiledStep | None:
-        """`kernels` and `arrays` as in `struct filter`; `sensors` have a kernel (None for inputs), use of
+        """`kernels` and `arrays` as in `struct live` and its filter; `sensors` have a kernel (None for inputs), use of
         accelerations, and biases. None if any of it is not compiled."""
         entries = {name: kernel.entry() for name, kernel in kernels.items() if kernel is not None}
-        bound: list[_Sensor | None] = []
-        for i, (kernel, uses_acceleration, biases) in enumerate(sensors):
-            if kernel is None:
-                bound.append(None)
-                continue
-            entry = entries[f"sensor {i}"] = kernel.entry()
-            if entry is not None:
-                bound.append(_Sensor(entry, kalman.bound(kernel.results, uses_acceleration, biases)))
-        if None in entries.values():
+        expect = _entries([kernel for kernel, _, _ in sensors])
+        if expect is None or None in entries.values():
             return None
-        made = _Filter(
-            model=kalman.structure,
-            size=arrays["memory"].size,
-            effects_size=arrays["effects"].size,
-            gamma=GAMMA,
-            **{name: entries[name] for name in kernels if name in entries},
-            **{name: array.ctypes.data for name, array in arrays.items()},
-        )
-        return cls(kalman, made, bound, arrays)
+        bound = [
+            None if kernel is None else _Sensor(index=i, sensed=kalman.bound(kernel.results, uses_acceleration, biases))
+            for i, (kernel, uses_acceleration, biases) in enumerate(sensors)
+        ]
+        addresses = {name: array.ctypes.data for name, array in arrays.items()}
+        outer = {name: addresses.pop(name) for name in ("memory", "inputs", "largest")}
+        made = _Filter(model=kalman.structure, effects_size=arrays["effects"].size, gamma=GAMMA, **addresses)
+        live = _Live(filter=made, expect=ctypes.addressof(expect), size=arrays["memory"].size, **entries, **outer)
+        return cls(kalman, live, bound, arrays["length"], (arrays, expect))
 
     def learn(
         self,
@@ -163,29 +198,33 @@ class CompiledStep:
         arrays: Mapping[str, Array],
         sensors: Sequence[Learned | None],
     ) -> bool:
-        """Estimate parameters too: `kernels` are effect and spread, `columns` and `arrays` as in `struct learning`.
+        """Estimate parameters too: `kernels` are effect and spread, `columns` those of the parameters in `physical`,
+        and `arrays` what is known of them, one after the other (`learned`), and as in `struct learning`.
         False, and of no use any more, if any of it is not compiled."""
-        entries = [kernel.entry() for kernel in kernels]
-        filter, bound = self._structures
-        numbers = arrays["learned"].size
-        addresses = {name: array.ctypes.data for name, array in arrays.items()}
+        live, bound = self._structures
+        effect, spread = (kernel.entry() for kernel in kernels)
+        seen = _entries([None if one is None else one.seen for one in sensors])
+        learn = _entries([None if one is None else one.learn for one in sensors])
+        if effect is None or spread is None or seen is None or learn is None:
+            return False
+        count, size = len(columns), len(arrays["added"]) // len(columns)
         for sensor, learned in zip(bound, sensors, strict=True):
             if sensor is None or learned is None:
                 continue
-            for name in ("seen", "learn"):
-                entry = getattr(learned, name).entry()
-                entries.append(entry)
-                if entry is not None:
-                    setattr(sensor, name, entry)
             sensor.width = learned.told_of.shape[1]
-            for name in ("variance", "projected", "change", "told_of", "learned"):
+            for name in ("variance", "projected", "change", "told_of"):
                 setattr(sensor, name, getattr(learned, name).ctypes.data)
-            sensor.accelerations = learned.udot.ctypes.data
-        if any(entry is None for entry in entries):
-            return False
-        made = _Learning(*entries[:2], len(columns), drifts, numbers, columns.ctypes.data, **addresses)
-        self._kept += [made, columns, arrays, sensors]
-        filter.learning = ctypes.addressof(made)
+            sensor.found, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
+        names = ("physical", "decay", "moved", "grown", "added")
+        made = _Learning(
+            *(count, drifts, columns.ctypes.data, _Known.of(arrays["learned"], count, size)),
+            gain=self._kalman.gain.ctypes.data,
+            **{name: arrays[name].ctypes.data for name in names},
+        )
+        live.effect, live.spread = effect, spread
+        live.seen, live.learn = ctypes.addressof(seen), ctypes.addressof(learn)
+        live.filter.learning = ctypes.addressof(made)
+        self._kept += [made, columns, arrays, sensors, seen, learn]
         return True
 
     def linearize(self) -> None:
@@ -194,13 +233,25 @@ class CompiledStep:
 
     def predict(self, h: float, process: Process) -> None:
         """One step of `h` [s], from the last linearisation."""
-        if not self._predict(self._filter, h, process.decay_address, process.noise_address):
+        self._length[0] = h
+        if not self._predict(self._filter, process.decay_address, process.noise_address):
+            raise FloatingPointError("the model's Jacobian is singular")
+
+    def step(self, h: float, process: Process) -> None:
+        """`predict` and then linearize, which is one call less."""
+        self._length[0] = h
+        if not self._step(self._filter, process.decay_address, process.noise_address):
             raise FloatingPointError("the model's Jacobian is singular")
 
     def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float) -> float:
         """As `Operations.correct`."""
-        self._kalman.measured(value, variance)
-        return self._measure(self._filter, self._sensors[index], self._value, self._variance, limit, scale)
+        call = self._calls[index]
+        assert call is not None, "inputs have no innovation"
+        address, numbers, values, variances = call
+        values[:], variances[:] = value, variance
+        numbers[0], numbers[1] = limit, scale
+        self._measure(address)
+        return float(numbers[2])
 
     def move(self, kept: Kept, steps: int, h: float, process: Process) -> bool:
         """As `Operations.advance`, in steps of `h` [s]."""
@@ -220,3 +271,10 @@ class CompiledStep:
         address = measured.ctypes.data
         addresses = address, address + measured.nbytes // 2, nis.ctypes.data, ctypes.addressof(moved)
         return self._replay(self._filter, len(events), b"".join(rows), *addresses), bool(moved.value), nis
+
+
+def _entries(kernels: Sequence[Kernel | None]) -> ctypes.Array[Entry] | None:
+    """Of each sensor one, empty where it has none; None if one is not compiled."""
+    entries = [Entry() if kernel is None else kernel.entry() for kernel in kernels]
+    made = [entry for entry in entries if entry is not None]
+    return (Entry * len(made))(*made) if len(made) == len(entries) else None

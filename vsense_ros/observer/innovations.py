@@ -6,13 +6,14 @@ of their densities is the likelihood of the recording (Schweppe 1965).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Innovation
+from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
@@ -21,32 +22,6 @@ from vsense_ros.observer.observer import Observer
 from vsense_ros.observer.run import topics_in
 
 Array = NDArray[np.float64]
-
-MOST_OUTLIERS = 0.05  # of the messages of a sensor
-
-
-@dataclass(frozen=True)
-class Innovations:
-    """Of one sensor on one recording, in order of measurement.
-
-    `whitened` (n, m): each component, less what those before it in the same message tell, in units of its standard
-    deviation, `deviation` (n, m) [units of the sensor]; both NaN where a component was absent. `used` (n,) is False
-    where the gate refused the message.
-    """
-
-    whitened: Array
-    deviation: Array
-    used: NDArray[np.bool_]
-
-    def log_density(self) -> Array:
-        """Of each message given all before it, whether it was used or not, (n,)."""
-        scale = np.nansum(np.log(self.deviation * np.sqrt(2 * np.pi)), axis=1)
-        return -scale - 0.5 * np.nansum(self.whitened**2, axis=1)
-
-    def credible(self) -> NDArray[np.bool_]:
-        """Messages (n,) that are no outliers: what the gate let pass, and all if it refused more than `MOST_OUTLIERS`
-        of them, since then it is the filter that is wrong."""
-        return self.used | (np.mean(self.used) < 1 - MOST_OUTLIERS)
 
 
 def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations]:

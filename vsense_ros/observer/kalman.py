@@ -35,7 +35,7 @@ class Blocks(Protocol):
 
 
 class ModelStructure(ctypes.Structure):
-    """`struct model` of kalman.c."""
+    """`struct model` of car_blocks.c."""
 
     _fields_ = [
         (name, ctypes.c_void_p)
@@ -47,7 +47,7 @@ class ModelStructure(ctypes.Structure):
 
 
 class SensedStructure(ctypes.Structure):
-    """`struct sensed` of kalman.c."""
+    """`struct sensed` of car_blocks.c."""
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("components", "uses_acceleration", "first_bias", "biases")),
@@ -61,7 +61,8 @@ class CompiledKalman:
 
     Of the last measurement with m components `whitened` holds L⁻¹ r, the innovation r in independent units, NaN where
     absent, in the first m elements; and `factor` in the first m m, row-major, the Cholesky factor L of its covariance,
-    in which absent components stand for themselves.
+    in which absent components stand for themselves. C keeps the gain transposed and padded: that of the blocks is
+    filled by `transition`, and by steps where parameters are learned.
     """
 
     def __init__(self, library: ctypes.CDLL, blocks: Blocks) -> None:
@@ -76,7 +77,9 @@ class CompiledKalman:
         self._correct.argtypes = [address, address, number, number]
         self._correct.restype = number
         b = blocks
-        self._kept = [b.by_q, b.by_u, b.by_disturbances, b.by_q_rates, b.by_angles, b.by_velocity, b.inverse, b.gain]
+        self.gain, self._gain = b.gain, np.zeros((b.gain.shape[1], 16))
+        self._kept = [b.by_q, b.by_u, b.by_disturbances, b.by_q_rates, b.by_angles, b.by_velocity, b.inverse]
+        self._kept.append(self._gain)
         self._kept += [b.covariance, b.error, b.udot, self.whitened, self.factor]
         self.structure = ModelStructure(*(array.ctypes.data for array in self._kept))
         self._model = ctypes.byref(self.structure)
@@ -90,6 +93,7 @@ class CompiledKalman:
     def transition(self, h: float) -> None:
         if not self._transition(self._model, h, GAMMA):
             raise FloatingPointError("the model's Jacobian is singular")
+        self.gain[:] = self._gain[:, : len(self.gain)].T
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
         self._decay[:], self._added[:] = decay, noise
@@ -130,7 +134,7 @@ class CompiledKalman:
 def kalman(blocks: Blocks) -> CompiledKalman | None:
     """None where there is no compiler."""
     package = resources.files("vsense_ros")
-    names = ("estimation/algebra.c", "observer/kalman.c", "observer/step.c")
+    names = ("estimation/algebra.c", "observer/car_blocks.c", "observer/car_history.c")
     source = "\n".join(package.joinpath(name).read_text(encoding="utf-8") for name in names)
-    library = codegen.library("kalman", f"#define STATES {len(blocks.covariance)}\n{source}")
+    library = codegen.library("kalman", f"#define STATES {len(blocks.covariance)}\n#define LEARNING 1\n{source}")
     return None if library is None else CompiledKalman(ctypes.CDLL(str(library)), blocks)
