@@ -193,27 +193,34 @@ def measured(case: Case, steps: int, every: int = 5, seed: int = 0) -> list[tupl
 
 
 class Truth:
-    """A run of the system itself, with the noise that its filter assumes, and its measurements."""
+    """A run of the system itself, with the independent noises that its filter assumes, and its measurements."""
 
-    def __init__(self, case: Case, random: np.random.Generator) -> None:
-        self.case, self.random = case, random
-        self._filter = case.dense()
-        e = len(case.deviations)
-        self._filter.mean[:] = case.mean
-        self._filter.retract(random.normal(size=e) * case.deviations)
+    def __init__(self, case: Case, random: np.random.Generator | None = None) -> None:
+        self.case, self._filter = case, case.dense()
+        if random is not None:
+            self.begin(random)
+
+    def begin(self, random: np.random.Generator) -> None:
+        """From a state of which the filter is told the mean and the deviations."""
+        self.random = random
+        self._filter.mean[:] = self.case.mean
+        self._filter.retract(random.normal(size=len(self.case.deviations)) * self.case.deviations)
 
     @property
     def state(self) -> Array:
         return self._filter.mean
+
+    def parameters(self, values: dict[str, float]) -> None:
+        """From now on the system has these."""
+        self._filter.parameters[:] = [values[name] for name in self.case.system.parameters]
 
     def step(self, u: Array) -> None:
         system = self._filter
         system.inputs[:] = u
         system.covariance[:] = 0.0
         system.step(self.case.h)
-        e = len(system.covariance)
-        root = np.linalg.cholesky(system.noise + 1e-300 * np.eye(e)) if e else np.zeros((0, 0))
-        system.retract(root @ self.random.normal(size=e))
+        deviations = np.sqrt(system.noise.diagonal())
+        system.retract(deviations * self.random.normal(size=len(deviations)))
 
     def measure(self, one: Measurement) -> Any:
         residual, _ = self._filter.sense(one.name, np.zeros(len(one.deviations)))

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from systems import ATTITUDE, Truth, drive, measured
+from systems import ATTITUDE, Attitude, Truth, drive, measured
 from vsense_ros.estimation import attitude
+from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.ukf import Ukf
@@ -73,6 +74,24 @@ def test_the_transition_matrix_is_the_derivative_of_errors() -> None:
             dense.step(h)
             apart.append(dense.difference(dense.mean.copy(), moved))
         np.testing.assert_allclose(f[:, j], (apart[0] - apart[1]) / 2e-4, atol=1e-7)
+
+
+def test_noise_of_inputs_adds_what_they_scatter() -> None:
+    """Against the covariance of errors after steps with inputs that scatter, by a hundred thousand draws."""
+    h, sigma = 0.1, {"rate_x": 0.3, "rate_z": 0.1}
+
+    class Scattering(Attitude):
+        def noise(self, x: Any, u: Any, theta: Any, h: Any) -> Any:
+            return self.noise_of_inputs(x, u, theta, h, {name: s**2 for name, s in sigma.items()})
+
+    dense = Dense(Scattering(), [])
+    dense.mean[:], dense.inputs[:] = [0.5, 0.5, -0.5, 0.5, 0.0, 0.0, 0.0], [0.2, -0.4, 0.9]
+    dense.step(h)
+    random, nominal = np.random.default_rng(0), dense.inputs * h
+    by = random.normal(size=(100_000, 3)) * [0.3, 0.0, 0.1] * h
+    turned = Rotation.from_rotvec(nominal).inv() * Rotation.from_rotvec(nominal + by)
+    np.testing.assert_allclose(dense.noise[:3, :3], np.cov(turned.as_rotvec().T), rtol=0.03, atol=2e-6)
+    assert not dense.noise[3:].any()
 
 
 def test_both_filters_find_attitude_and_biases_of_turned_gyros() -> None:

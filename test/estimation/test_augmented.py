@@ -149,6 +149,22 @@ def test_the_separate_filter_forgets_how_errors_belong_together() -> None:
     np.testing.assert_allclose(filter.belief().covariance, np.diag(4 * before))
 
 
+def test_a_system_without_a_state_space_must_tell_what_parameters_change() -> None:
+    class Other:
+        memory = mean = covariance = inputs = np.zeros((1, 1))
+        names = sensors = ()
+        operations = None
+
+        def at(self, memory: Any) -> Other:
+            return self
+
+    with pytest.raises(InputError, match="what parameters change in Other must be told"):
+        SeparateBias(Ekf(Other()), {"mass": 0.0})  # type: ignore[arg-type]
+    del Other.at
+    with pytest.raises(InputError, match="a filter of Other cannot be a part of another filter"):
+        SeparateBias(Ekf(Other()), {"mass": 0.0})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("make", [lambda: Augmented(SingleTrack(), {"mas": 0.0}), lambda: separate({"mas": 0.0})])
 def test_a_parameter_that_is_not_there_is_named(make: Callable[[], Any]) -> None:
     with pytest.raises(InputError, match="no parameter 'mas'"):

@@ -30,10 +30,12 @@ def within(values: Array, degrees: int) -> bool:
     return bool(low < values.mean() < high)
 
 
-def followed(case: Case, seed: int, filter: Any, steps: int = STEPS) -> Array:
-    """The true state after a run that the filter has followed."""
-    truth = Truth(case, np.random.default_rng(seed))
-    case.begun(filter)
+def followed(truth: Truth, seed: int, filter: Any, steps: int = STEPS, start: Gaussian | None = None) -> Array:
+    """The true state after a run that the filter has followed, from its own start or from that of the system."""
+    case = truth.case
+    truth.begin(np.random.default_rng(seed))
+    filter.inputs[:] = case.inputs(0.0)
+    filter.start(case.start if start is None else start)
     for i in range(1, steps + 1):
         u = np.array(case.inputs(i * case.h), dtype=float)
         truth.step(u)
@@ -59,10 +61,10 @@ FILTERS: dict[str, Callable[[Case], Any]] = {
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_errors_are_as_large_as_the_filter_says(name: str, way: str) -> None:
     case = SYSTEMS[name]
-    filter, dense = FILTERS[way](case), case.dense()
+    filter, dense, truth = FILTERS[way](case), case.dense(), Truth(case)
     found = []
     for seed in range(SEEDS):
-        state = followed(case, seed, filter)
+        state = followed(truth, seed, filter)
         found.append(squared(dense.difference(state, filter.mean.copy()), filter.covariance))
     assert within(np.array(found), len(case.deviations))
 
@@ -70,11 +72,11 @@ def test_errors_are_as_large_as_the_filter_says(name: str, way: str) -> None:
 @pytest.mark.parametrize("name", ["heading", "pendulum"])
 def test_errors_are_as_large_as_the_smoother_says(name: str) -> None:
     case, found = SYSTEMS[name], []
-    filter = Record(Ekf(case.dense()))
+    filter, truth = Record(Ekf(case.dense())), Truth(case)
     for seed in range(SEEDS):
-        truth = Truth(case, np.random.default_rng(seed))
+        truth.begin(np.random.default_rng(seed))
         start = truth.state.copy()
-        followed(case, seed, filter, 30)
+        followed(truth, seed, filter, 30)
         belief = smoothed(filter)[0]
         found.append(squared(start - belief.mean, belief.covariance))
     assert within(np.array(found), 2)
@@ -96,13 +98,14 @@ def _rest() -> dict[str, float]:
 def test_errors_of_identified_parameters_are_as_large_as_the_filter_says(way: str) -> None:
     """The true stiffnesses are drawn anew in each run from what the filter is told at the start."""
     base, filter, found = LINEAR["single track"], IDENTIFYING[way](), []
+    truth = Truth(base)
     nominal = np.array([SALOON[name] for name in PRIOR])
     for seed in range(SEEDS):
         drawn = nominal + np.random.default_rng(1000 + seed).normal(size=2) * list(PRIOR.values())
-        case = Case(base.system, base.measurements, base.mean, base.deviations, SALOON | _named(drawn), base.inputs)
+        truth.parameters(SALOON | _named(drawn))
         deviations = np.array([*base.deviations, *PRIOR.values()])
         begin = Gaussian(np.array([*base.mean, *nominal]), np.diag(deviations**2))
-        state = _led(case, seed, filter, begin)
+        state = followed(truth, seed, filter, 100, begin)
         belief = filter.belief()
         found.append(squared(np.array([*state, *drawn]) - belief.mean, belief.covariance))
     assert within(np.array(found), 4)
@@ -110,13 +113,6 @@ def test_errors_of_identified_parameters_are_as_large_as_the_filter_says(way: st
 
 def _named(values: Array) -> dict[str, float]:
     return dict(zip(PRIOR, values.tolist(), strict=True))
-
-
-def _led(case: Case, seed: int, filter: Any, begin: Gaussian) -> Array:
-    """As `followed`, from another start."""
-    begun = type("", (), {"inputs": filter.inputs, "start": lambda self, _: filter.start(begin)})()
-    begun.predict, begun.correct = filter.predict, filter.correct
-    return followed(case, seed, begun, 150)
 
 
 def test_innovations_are_white_and_of_unit_deviation() -> None:
@@ -136,8 +132,9 @@ def test_errors_are_as_large_as_the_continuous_filter_says_where_measurements_ar
     """Its measurements act for all of the period that follows them, so that they are used one period later."""
     case, found = LINEAR["heading"], []
     filter = Cekf(case.system, case.measurements, periods={"course": EVERY * case.h}, longest_step=case.h)
+    truth = Truth(case)
     for seed in range(SEEDS):
-        state = followed(case, seed, filter, 150)
+        state = followed(truth, seed, filter, 60)
         found.append(squared(state - filter.mean, filter.covariance))
     assert 0.5 * 2 < np.mean(found) < 1.5 * 2
 
@@ -151,8 +148,8 @@ def test_a_wrong_filter_is_found_out() -> None:
 
     case = NONLINEAR["pendulum"]
     filter = Ekf(Dense(Overconfident(), case.measurements, case.parameters))
-    found = []
+    found, truth = [], Truth(case)
     for seed in range(SEEDS):
-        state = followed(case, seed, filter)
+        state = followed(truth, seed, filter)
         found.append(squared(state - filter.mean, filter.covariance))
     assert not within(np.array(found), 2)

@@ -96,7 +96,7 @@ def test_many_events_in_one_call_equal_one_after_the_other(name: str) -> None:
     for u, values in run:
         if len(u):
             events.append((None, Given(0, u)))
-        step = Step(np.zeros_like(many.memory), 1, case.h)
+        step = Step(many.backup(), 1, case.h)
         first, *rest = values or [Given(0, np.zeros(0))]
         events += [(step, first), *((None, value) for value in rest)]
     done, moved, nis = many.repeat(events)
@@ -108,7 +108,7 @@ def test_many_events_in_one_call_equal_one_after_the_other(name: str) -> None:
 def test_events_stop_at_what_is_not_believed(way: str) -> None:
     filter = begun(LINEAR["velocity"])
     good, bad = VELOCITY.measured([10.0, 0.0]), VELOCITY.measured([1000.0, 0.0])._replace(limit=50.0)
-    step = Step(np.zeros_like(filter.memory), 2, 0.01)
+    step = Step(filter.backup(), 2, 0.01)
     done, moved, nis = filter.repeat([(step, good), (None, bad), (None, good)])
     assert (done, moved, len(nis)) == (1, True, 2)
     assert nis[1] > 50.0
@@ -117,8 +117,8 @@ def test_events_stop_at_what_is_not_believed(way: str) -> None:
 def test_a_filter_that_cannot_move_stays_as_it_was(way: str) -> None:
     filter = begun(LINEAR["single track"])
     filter.inputs[1] = 0.0  # a speed by which the tyres' slip is divided
-    before, kept = filter.memory.copy(), np.zeros_like(filter.memory)
-    assert not filter.advance(Step(kept, 3, 0.01))
+    before = filter.memory.copy()
+    assert not filter.advance(Step(filter.backup(), 3, 0.01))
     assert (filter.memory == before).all()
     with pytest.raises(FloatingPointError, match="SingleTrack"):
         filter.predict(0.01)
@@ -202,7 +202,7 @@ def test_a_state_beyond_its_bounds_is_not_valid(way: str) -> None:
     assert filter.is_valid()
     filter.mean[0] = 2.5
     assert not filter.is_valid()
-    assert not filter.advance(Step(np.zeros_like(filter.memory), 1, 0.01))
+    assert not filter.advance(Step(filter.backup(), 1, 0.01))
     filter.mean[0] = np.nan
     assert not filter.is_valid()
 

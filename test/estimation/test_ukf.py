@@ -109,6 +109,17 @@ def test_states_that_are_known_exactly_stay_known() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_compiled_equals_the_virtual_machine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = CASES[name]
+    run, one = measured(case, 30), begun(case)
+    monkeypatch.setenv("VSENSE_COMPILE", "0")
+    other = begun(case)
+    for filter in (one, other):
+        drive(filter, case, run)
+    np.testing.assert_allclose(one.memory, other.memory, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_memory_that_is_put_back_gives_the_same_bits(name: str) -> None:
     case = CASES[name]
     run, filter = measured(case, 20), begun(case)

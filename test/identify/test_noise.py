@@ -25,8 +25,9 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import noise
 from vsense_ros.identify.free_parameter import FreeParameter, multiplied
 from vsense_ros.identify.noise import BOUND, PRIOR, maximise, noise_numbers, with_own_noise
-from vsense_ros.manoeuvre import generate, sensing
+from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import steering
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.innovations import innovations
 
@@ -214,7 +215,7 @@ def test_the_noise_that_was_put_into_a_recording_is_found(
 
     The steering angle has no noise: it drives the model, which would be shaken as if gyros were noisier.
     """
-    monkeypatch.setattr(sensing, "STEERING_NOISE", 0.0)
+    monkeypatch.setattr(steering, "SIMULATED_NOISE", 0.0)
     drive = generate("double_lane_change", car, seed=3)
     source = vehicle_path("prototype_real").read_text(encoding="utf-8")
     for there, here in (

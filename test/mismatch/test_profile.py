@@ -21,7 +21,7 @@ from vsense_ros.mismatch.candidates import FOLLOWED, candidates
 from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import answer
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.road import SPACING, STRETCH, point
+from vsense_ros.mismatch.road import SPACING, STRETCH, point, profile
 from vsense_ros.mismatch.road_prediction import survey
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor, effect_of, parameters_of, profiles_of, varying_sizes
@@ -153,9 +153,9 @@ def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(s
     known = having(vehicle, road_bank={"bank": 0.0, "profile": surveyed})
     fitted = parameters_of(known).changed({point(size, origin + way): 0.01 for way in (SPACING, 2 * SPACING)})
     extended = extension.extended(known, dataset, fitted)
-    predictor = Predictor(extended, dataset)
+    in_file = Predictor(extended, dataset)._known[size]
     place = origin + np.array([0.0, SPACING, 1.5 * SPACING, 2 * SPACING])
-    assert predictor._surveyed(place)[size] == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
+    assert profile(in_file, place) == pytest.approx([0.02, 0.03, 0.03, 0.03], abs=2e-3)
     assert extension.extended(known, dataset, parameters_of(known)).physics.effects.road_bank.profile == surveyed
 
 

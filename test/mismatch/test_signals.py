@@ -79,7 +79,7 @@ def test_signals_are_the_cars_however_the_inertial_sensor_is_mounted(attitude):
     as_mounted = np.hstack([to_car.inv().apply(of_car[:, :3]), to_car.inv().apply(of_car[:, 3:])])
     usual, turned = replace(window_of(t, t), end=20.0), Imu(attitude=attitude)
     expected = signals(usual, {"imu": Readings(t, of_car)}, SENSORS, 0.3)
-    found = signals(usual, {"imu": Readings(t, as_mounted)}, {"imu": turned}, 0.3)
+    found = signals(usual, {"imu": Readings(t, turned.in_axes_of_car(as_mounted))}, {"imu": turned}, 0.3)
     assert found.keys() == expected.keys()
     for name, values in expected.items():
         assert found[name] == pytest.approx(values, abs=1e-9), name
@@ -89,8 +89,8 @@ def test_what_a_turned_sensor_does_not_measure_is_absent_in_the_axes_of_the_car(
     t = np.arange(BEGIN - 1.0, 20.0 + 1.0, PERIOD)
     value = np.random.default_rng(2).standard_normal((len(t), 6))
     value[:, [0, 1]] = np.nan  # a yaw rate and three accelerometers
-    usual = replace(window_of(t, t), end=20.0)
-    found = signals(usual, {"imu": Readings(t, value)}, {"imu": Imu(attitude=(0.02, -0.3, np.pi / 2))}, 0.3)
+    usual, turned = replace(window_of(t, t), end=20.0), Imu(attitude=(0.02, -0.3, np.pi / 2))
+    found = signals(usual, {"imu": Readings(t, turned.in_axes_of_car(value))}, {"imu": turned}, 0.3)
     names = {"yaw_rate", "longitudinal_acceleration", "lateral_acceleration", "vertical_acceleration"}
     assert found.keys() == names
     assert all(np.isfinite(values).all() for values in found.values())

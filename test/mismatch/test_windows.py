@@ -32,6 +32,18 @@ def test_speed_and_heading_do_not_depend_on_how_the_inertial_sensor_is_mounted(s
         assert getattr(found, name).value == pytest.approx(getattr(as_usual, name).value, abs=1e-9)
 
 
+def test_readings_are_in_the_axes_of_the_car_and_kept_as_the_sensor_gave_them():
+    recording = driven(prototype(), "brake")
+    imu = prototype().sensors["imu"].model_copy(update={"attitude": (0.0, 0.0, np.pi)})
+    vehicle = prototype().model_copy(update={"sensors": {**prototype().sensors, "imu": imu}})
+    (as_usual,) = build_dataset([recording], prototype()).windows
+    (found,) = build_dataset([turned_about(recording)], vehicle).windows
+    of_car, mounted = found.readings["imu"].value, found.readings["imu"].in_own_axes.value
+    assert of_car == pytest.approx(as_usual.readings["imu"].value, abs=1e-9)
+    assert mounted == pytest.approx(of_car * [-1, -1, 1, -1, -1, 1], abs=1e-9)
+    assert found.readings["wheel_speeds"].in_own_axes is found.readings["wheel_speeds"]
+
+
 def test_what_two_windows_of_a_recording_have_in_common_is_driven_once():
     (recording,) = (driven(prototype(), "slalom", duration=40.0),)
     dataset = build_dataset([recording, recording], prototype())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.model.car.car import Car, Motion
+from vsense_ros.model.car.car import Car, motion_of
 from vsense_ros.model.sensors import (
     GnssAttitude,
     GnssPosition,
@@ -87,7 +87,7 @@ def measure(car: Car) -> Callable[..., np.ndarray]:
         biases: np.ndarray | None = None,
     ) -> np.ndarray:
         biases = np.zeros(len(sensor.biases())) if biases is None else biases
-        motion = Motion(*(ca.SX(x) for x in state), ca.SX(disturbances), ca.SX.zeros(5))
+        motion = motion_of(*(ca.SX(x) for x in state), ca.SX(disturbances), ca.SX.zeros(5))
         return np.asarray(ca.evalf(sensor.equation(motion, ca.SX(biases), ca.SX(sensor.mounting()))))[:, 0]
 
     return value

@@ -14,8 +14,9 @@ from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
 @click.argument("bag", type=EXISTING)
 @vehicle_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results; default: out/run/<name>.")
+@click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
 @click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
-def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
+def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: bool) -> None:
     """Estimate what BAG does not tell, and compare with its reference where it has one.
 
     BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
@@ -25,6 +26,7 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     Examples:
       vsense run bags/double_lane_change --vehicle prototype_model --report
       vsense run med_lap --vehicle genesis --out out/med_lap
+      vsense run bags/step_steer --vehicle prototype_model --filter dekf
     """
     from dataclasses import replace
 
@@ -34,13 +36,14 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
+    from vsense_ros.observer.catalogue import FILTERS
 
-    car = load_car(vehicle)
+    car, make = load_car(vehicle), None if chosen is None else FILTERS[chosen].make
     with waiting(f"reading {bag.name}"):
         recording = import_recording(bag)
     name = recording.name or bag.stem
     with progress(f"estimating {name}") as done:
-        result = observer.run(recording, car, progress=done)
+        result = observer.run(recording, car, make=make, progress=done)
     compared = replace(result, output=at_reference(result.output, car))
     notes = tuple(filter(None, [mounting_in_words(car)]))
     drive = Drive.of(name, f"{name}, {car.name}", recording, compared, way="without ROS", notes=notes)
@@ -59,4 +62,18 @@ def run(bag: Path, vehicle: str, out: Path | None, report: bool) -> None:
     say(f"Results in {folder}.")
 
 
-COMMANDS = (run,)
+@click.command()
+def filters() -> None:
+    """List the filters: what each estimates, from what, and when to take which.
+
+    `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
+    writes errorEKF and SPI.
+    """
+    from vsense_ros.estimation.catalogue import table
+    from vsense_ros.evaluate.terminal import console
+    from vsense_ros.observer.catalogue import FILTERS
+
+    console().print(table(FILTERS))
+
+
+COMMANDS = (run, filters)

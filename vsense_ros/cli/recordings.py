@@ -33,13 +33,14 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
+    from vsense_ros.model.sensors import known_topics
 
     if mapping is not None:
         options["mapping"] = mapping
     with waiting(f"importing {source.name}"):
         recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)
-    show_inspection(inspect(recording), console())
+    show_inspection(inspect(recording, known_topics()), console())
     say(f"Written to {out}.")
 
 
@@ -59,9 +60,10 @@ def info(bag: Path) -> None:
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
+    from vsense_ros.model.sensors import known_topics
 
     with waiting(f"reading {bag.name}"):
-        inspection = inspect(import_recording(bag))
+        inspection = inspect(import_recording(bag), known_topics())
     show_inspection(inspection, console())
 
 

@@ -29,6 +29,7 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.manoeuvre import generate
     from vsense_ros.messages.inspect import inspect
+    from vsense_ros.model.sensors import known_topics
     from vsense_ros.model.vehicle import left_out_of_simulation
 
     car = load_car(vehicle)
@@ -36,7 +37,7 @@ def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool
     with waiting(f"driving {manoeuvre}"):
         recording = generate(manoeuvre, car, seed)
         write_bag(out, recording, overwrite=overwrite)
-    show_inspection(inspect(recording), console())
+    show_inspection(inspect(recording, known_topics()), console())
     say(f"Written to {out}.")
 
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
+from rich import box
+from rich.table import Table
+
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.state_space import Measurement, StateSpace
 
@@ -80,3 +83,14 @@ class Catalogue:
                 f"the filter {name!r} needs the sensor {missing[0]!r}, which is not there; there are: "
                 f"{', '.join(sorted(there)) or 'none'}"
             )
+
+
+def table(families: Iterable[FilterFamily]) -> Table:
+    """For the terminal."""
+    found = Table(box=box.SIMPLE_HEAD, show_lines=True)
+    for heading in ("name", "what it is", "states", "inputs", "sensors", "take it"):
+        found.add_column(heading, overflow="fold")
+    for one in families:
+        lists = (", ".join(part) for part in (one.states, one.inputs, one.sensors))
+        found.add_row(f"[bold]{one.name}", one.title, *lists, one.when)
+    return found

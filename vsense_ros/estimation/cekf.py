@@ -22,7 +22,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import UNLIMITED, sensing
 from vsense_ros.estimation.filter import Array, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, Whitened, check_variances, whiten
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -61,19 +61,23 @@ class Cekf(GaussianFilter):
         if missing := [name for name in self.sensors if not periods.get(name, 0.0) > 0]:
             raise InputError(f"the continuous filter needs the period [s] of {missing[0]!r}, greater than zero")
         self.periods, self.longest_step, self.adaptive = dict(periods), longest_step, adaptive
-        sizes = [len(one.deviations) for one in measurements]
+        self._lay_out([len(one.deviations) for one in measurements])
+        self.parameters[:] = parameter_values(system, parameters)
+        self._x = np.zeros(len(self.mean))  # where the functions are called
+        self._flow, *sense = self._bound(rate_functions(system, measurements))
+        self._sense = dict(zip(self.sensors, sense, strict=True))
+        self._largest = np.array([system.largest.get(name, UNLIMITED) for name in self.names])
+
+    def _lay_out(self, sizes: Sequence[int]) -> None:
+        """Memory and its parts, of sensors with these numbers of components."""
+        system = self.system
         n, k, p = len(system.names), len(system.inputs), len(system.parameters)
         lengths = [n, n * n, k, p, *np.repeat(sizes, 2).tolist()]
         self.memory = np.zeros(sum(lengths))
         self.mean, square, self.inputs, self.parameters, *held = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
         self.covariance = square.reshape(n, n)
-        self.parameters[:] = parameter_values(system, parameters)
         self._values = dict(zip(self.sensors, held[::2], strict=True))
         self._variances = dict(zip(self.sensors, held[1::2], strict=True))
-        self._x = np.zeros(n)  # where the functions are called
-        self._flow, *sense = self._bound(rate_functions(system, measurements))
-        self._sense = dict(zip(self.sensors, sense, strict=True))
-        self._largest = np.array([system.largest.get(name, UNLIMITED) for name in self.names])
 
     def _bound(self, functions: Sequence[ca.Function]) -> list[Kernel]:
         at = [self._x, self.inputs, self.parameters]
@@ -153,24 +157,29 @@ class Cekf(GaussianFilter):
         """
         if sensor not in self._sense:
             raise InputError(f"the filter has no sensor {sensor!r}; it has: {', '.join(self.sensors) or 'none'}")
-        held, m = self._values[sensor], len(self._values[sensor])
+        m = len(self._values[sensor])
         if len(value) != m:
             raise InputError(f"a measurement of {sensor!r} has {m} components, but got {len(value)}")
         check_variances(sensor, value, variance)
-        held[:], self._variances[sensor][:] = value, np.asarray(variance) * scale
-        self._x[:] = self.mean
-        self._sense[sensor].call()
-        residual, by_error, used = self._sense[sensor].results
-        across = by_error.T @ self.covariance
-        expected = residual[:, 0] if used[0, 0] else np.full(m, np.nan)
-        found = whiten(expected, scale * (across @ by_error + np.diag(variance)), across)
+        self._values[sensor][:], self._variances[sensor][:] = value, np.asarray(variance) * scale
+        found = self._innovation(sensor, variance, scale)
         if not found.nis <= limit:
-            held[:] = np.nan
+            self._values[sensor][:] = np.nan
         if found.nis != found.nis:
             self.recover(sensor)
         factor = np.zeros((m, m))
         found.write(found.whitened, factor.reshape(-1))
         return Innovation(found.whitened, factor, found.nis, 0.0 <= found.nis <= limit)
+
+    def _innovation(self, sensor: str, variance: Array, scale: float) -> Whitened:
+        """Of what a sensor has just measured, as a discrete filter would have it."""
+        self._x[:] = self.mean
+        kernel = self._sense[sensor]
+        kernel.call()
+        residual, by_error, used = kernel.results
+        present = residual[:, 0] if used[0, 0] else np.full(len(residual), np.nan)
+        across = by_error.T @ self.covariance
+        return whiten(present, scale * (across @ by_error + np.diag(variance)), across)
 
     def is_valid(self) -> bool:
         """Whether the mean is finite and within its bounds, and no variance below zero."""

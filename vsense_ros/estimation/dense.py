@@ -43,7 +43,8 @@ class Dense:
     """Of a state space and its measurements, with numbers for its parameters, by name or in their order.
 
     `memory` is one array: mean (n,), covariance (e, e), inputs (k,), parameters (p,). It may be given, as a part of
-    another's. Raises `InputError` where the state space does not fit itself, its measurements or the parameters.
+    another's, and so may `functions` that were made before of the same state space. Raises `InputError` where the
+    state space does not fit itself, its measurements or the parameters.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Dense:
         measurements: Sequence[Measurement],
         parameters: Mapping[str, float] | Sequence[float] | Array = (),
         memory: Array | None = None,
+        functions: Jacobians | None = None,
     ) -> None:
         self.system = system
         self.measurements = by_name(measurements, COMPONENTS)
@@ -59,13 +61,14 @@ class Dense:
         values = parameter_values(system, parameters)
         self.memory, self.mean, self.covariance, self.inputs, self.parameters = laid_out(system, memory)
         self.parameters[:] = values
-        self._kernels = _Kernels(self, Jacobians(system, measurements))
+        self._kernels = _Kernels(self, functions or Jacobians(system, measurements))
         self._operations = _compiled(self, self._kernels)
 
     def at(self, memory: Array) -> Dense:
         """The same, with its memory in this array (s,)."""
         memory[:] = self.memory
-        return Dense(self.system, tuple(self.measurements.values()), self.parameters.copy(), memory)
+        sensors, functions = tuple(self.measurements.values()), self._kernels.functions
+        return Dense(self.system, sensors, self.parameters.copy(), memory, functions)
 
     @property
     def operations(self) -> DenseOperations | None:
@@ -150,10 +153,7 @@ class Dense:
         """to (n,) ⊟ mean (n,), (e,)."""
         if self.system.is_flat:
             return to - mean
-        at = Symbols(self.system)
-        y = ca.SX.sym("y", len(mean))
-        function = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
-        return np.array(function(to, mean))[:, 0]
+        return np.array(self._kernels.functions.difference(to, mean))[:, 0]
 
     def is_valid(self) -> bool:
         """Whether the mean is finite and within its bounds, and no variance below zero."""
@@ -185,6 +185,8 @@ class Jacobians:
         made = [codegen.function("transition", [*at.now, at.h], results, ("x", "u", "p", "h"))]
         delta = ca.SX.sym("delta", self.errors)
         made.append(codegen.function("retract", [at.x.vector, delta], [at.retracted(delta)], ("x", "d")))
+        y = ca.SX.sym("y", len(system.names))
+        self.difference = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
         made += [sensing(at, one, i) for i, one in enumerate(measurements)]
         self.transition, self.retract, *self.sense = codegen.compiled(f"filter_{title(system)}", made)
 

@@ -8,10 +8,10 @@ and a third of Joseph's work (docs/covariance.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
 
 import numpy as np
 
+from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Gaussian, Given, Innovation, Measured, Step
 from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.linearised import Linearised
@@ -33,8 +33,14 @@ class Ekf(GaussianFilter):
         self._views = [_views(self._whitened, self._factor, m) for m in range(COMPONENTS + 1)]
 
     def at(self, memory: Array) -> Ekf:
-        """The same, with its memory in this array (s,), if its system can do that: for filters that contain others."""
-        return Ekf(cast("Any", self.system).at(memory))
+        """The same, with its memory in this array (s,): for filters that contain others.
+
+        Raises `InputError` if its system cannot do that.
+        """
+        place = getattr(self.system, "at", None)
+        if place is None:
+            raise InputError(f"a filter of {type(self.system).__name__} cannot be a part of another filter")
+        return Ekf(place(memory))
 
     def start(self, belief: Gaussian) -> None:
         """As `GaussianFilter.start`; inputs that the system needs must be there before."""

@@ -76,7 +76,7 @@ class Intake(Generic[Sensor]):
         health.stamps.append(stamp)
 
     def _frozen(self, index: int, event: Event) -> bool:
-        if self.sensors[index].kind != "imu":
+        if not self.sensors[index].noisy:
             return False
         health, content = self.health[index], event.value.tobytes()
         health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0

@@ -48,7 +48,7 @@ class Reader:
 
     def __init__(self, index: int, sensor: Source, on_map: Map) -> None:
         self._index, self._sensor, self._map = index, sensor, on_map
-        self._message, self._frame, self._is_place = sensor.message, sensor.frame_id, sensor.kind == "gnss_position"
+        self._message, self._frame, self._geodetic = sensor.message, sensor.frame_id, sensor.geodetic
         offsets = sensor.offsets()
         self._offsets = offsets if offsets.any() else None
         self._usual = sensor.deviations() ** 2
@@ -67,7 +67,7 @@ class Reader:
         stated[:] = self._usual
         value = np.empty(len(stated))
         try:
-            values = self._map.placed(sample.values) if self._is_place else sample.values
+            values = self._map.placed(sample.values) if self._geodetic else sample.values
             self._sensor.read(sample.names, values, value, stated)
         except (KeyError, IndexError, ValueError) as error:
             return f"unreadable: {type(error).__name__} {error}"

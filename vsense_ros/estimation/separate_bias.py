@@ -13,8 +13,8 @@ parameters stay the filter's own: δθ goes at once into both, so that the next 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -25,12 +25,20 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
-from vsense_ros.estimation.gaussian import COMPONENTS, check_belief, check_variances, inflate, is_definite, whiten
+from vsense_ros.estimation.gaussian import (
+    COMPONENTS,
+    Whitened,
+    check_belief,
+    check_variances,
+    inflate,
+    is_definite,
+    whiten,
+)
 from vsense_ros.estimation.state_space import Symbols, title
 
 
 class Sensitivity(Protocol):
-    """What parameters change in one system. `values` (p,) are those that it works with, a part of its memory or not."""
+    """What parameters change in one system, which has their values in its memory."""
 
     names: tuple[str, ...]
 
@@ -54,14 +62,15 @@ class SeparateBias(Filter):
     """An `Ekf`, and beside it a filter of some of its parameters, each with the standard deviation
     [unit of the parameter/√s] by which it drifts: 0 for a constant.
 
-    `names` are those of the filter, then of the parameters; so are mean and covariance of `start` and `belief`.
+    `names` are those of the filter, then of the parameters; so are mean and covariance of `start` and `belief`. What
+    parameters change is made by `sensitivity` of the filter's system and their names; of a state space it is derived.
     """
 
     def __init__(
         self,
         filter: Ekf,
         drifts: Mapping[str, float],
-        sensitivity: Sensitivity | None = None,
+        sensitivity: Callable[[Any, tuple[str, ...]], Sensitivity] | None = None,
         memory: Array | None = None,
     ) -> None:
         e, p = len(filter.covariance), len(drifts)
@@ -71,7 +80,8 @@ class SeparateBias(Filter):
         self.filter = filter.at(own)
         self.inputs, self.sensors = self.filter.inputs, filter.sensors
         self.v, self.bias_covariance = v.reshape(e, p), m.reshape(p, p)
-        self.sensitivity = _of(self.filter, tuple(drifts)) if sensitivity is None else sensitivity
+        self._made = _of_a_state_space if sensitivity is None else sensitivity
+        self.sensitivity = self._made(self.filter.system, tuple(drifts))
         self.names = filter.names + self.sensitivity.names
         self._drifts, self._density = dict(drifts), np.square(list(drifts.values()))
         self._whitened, self._factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
@@ -79,7 +89,7 @@ class SeparateBias(Filter):
     def at(self, memory: Array) -> SeparateBias:
         """The same, with its memory in this array (s,)."""
         memory[:] = self.memory
-        return SeparateBias(self.filter, self._drifts, None, memory)
+        return SeparateBias(self.filter, self._drifts, self._made, memory)
 
     def start(self, belief: Gaussian) -> None:
         """Begin anew, at the mean (n + p,) and the covariance (e + p, e + p) of state and parameters."""
@@ -112,30 +122,34 @@ class SeparateBias(Filter):
     ) -> Innovation:
         """As `Filter.correct`: the innovation is that of state and parameters together."""
         check_variances(sensor, value, variance)
-        own, m = self.filter.covariance, self.bias_covariance
         residual, h = self.filter.system.sense(sensor, value)
         s = h @ self.v + self.sensitivity.sense(sensor)
-        across, of_bias = h @ own, s @ m
-        known = across @ h.T + np.diag(variance)  # covariance of the innovation if the parameters were known
-        total = scale * (known + of_bias @ s.T)
+        across, of_bias = h @ self.filter.covariance, s @ self.bias_covariance
+        by_bias = of_bias @ s.T
+        total = scale * (across @ h.T + np.diag(variance) + by_bias)
         found = whiten(residual, total, np.column_stack([across + of_bias @ self.v.T, of_bias]))
         found.write(self._whitened, self._factor)
         if 0.0 <= found.nis <= limit:
             present = found.present
-            gain = np.linalg.solve((total - of_bias @ s.T)[np.ix_(present, present)], across[present])
-            self.v -= gain.T @ s[present]
-            removed = gain.T @ across[present]
-            own -= 0.5 * (removed + removed.T)
-            e = len(own)
-            m -= found.projected[:, e:].T @ found.projected[:, e:]
-            error = found.error
-            self.sensitivity.put(self.sensitivity.get() + error[e:])
-            self.filter.system.retract(error[:e])
+            self._accept(found, s[present], across[present], (total - by_bias)[np.ix_(present, present)])
         elif found.nis != found.nis:
             self._recover(sensor)
-        size = len(value)
-        factor = self._factor[: size * size].reshape(size, size)
-        return Innovation(self._whitened[:size], factor, found.nis, 0.0 <= found.nis <= limit)
+        m = len(value)
+        factor = self._factor[: m * m].reshape(m, m)
+        return Innovation(self._whitened[:m], factor, found.nis, 0.0 <= found.nis <= limit)
+
+    def _accept(self, found: Whitened, s: Array, across: Array, known: Array) -> None:
+        """Correct by an innovation: S (m, p), H P̃ (m, e), and its covariance (m, m) if the parameters were known."""
+        e, own = len(self.v), self.filter.covariance
+        gain = np.linalg.solve(known, across)  # K̃ᵀ
+        self.v -= gain.T @ s
+        removed = gain.T @ across
+        own -= 0.5 * (removed + removed.T)
+        by_bias = found.projected[:, e:]
+        self.bias_covariance -= by_bias.T @ by_bias
+        error = found.error
+        self.sensitivity.put(self.sensitivity.get() + error[e:])
+        self.filter.system.retract(error[:e])
 
     def _recover(self, sensor: str) -> None:
         """Begin the covariances anew, and say so, if they were what spoilt a correction."""
@@ -164,11 +178,11 @@ class SeparateBias(Filter):
         self.filter.covariance[:], self.bias_covariance[:] = covariance[:e, :e], covariance[e:, e:]
 
 
-def _of(filter: Ekf, names: Sequence[str]) -> Sensitivity:
-    """How parameters change the system of a filter that is made of a state space."""
-    if not isinstance(filter.system, Dense):
-        raise InputError(f"how parameters change a {type(filter.system).__name__} must be told: give a `Sensitivity`")
-    return DenseSensitivity(filter.system, tuple(names))
+def _of_a_state_space(system: Any, names: tuple[str, ...]) -> Sensitivity:
+    """What parameters change in a `Dense`. Raises `InputError` for other systems."""
+    if not isinstance(system, Dense):
+        raise InputError(f"what parameters change in {type(system).__name__} must be told: give a `sensitivity`")
+    return DenseSensitivity(system, names)
 
 
 class DenseSensitivity:
@@ -195,7 +209,7 @@ class DenseSensitivity:
             return ca.jacobian(found, at.theta.vector)[:, chosen]
 
         moved = at.moved()
-        inward = ca.SX.eye(moved.numel()) if system.is_flat else ca.substitute(at.inward(), at.x.vector, moved)
+        inward = ca.SX.eye(moved.numel()) if system.is_flat else at.inward(moved)
         made = [codegen.function("step", [*at.now, at.h], [inward @ by_parameters(moved)], ("x", "u", "p", "h"))]
         for i, one in enumerate(self.dense.measurements.values()):
             found = by_parameters(at.measured(one)[0])

@@ -15,9 +15,9 @@ class Source(Protocol):
     """Where readings come from: a topic and its type of message, and how to read one."""
 
     message: ClassVar[str]  # message type
+    geodetic: ClassVar[bool]  # True: `read` finds `east` and `north` [m] beside latitude and longitude
+    noisy: ClassVar[bool]  # True: noise makes equal messages in a row impossible
 
-    @property
-    def kind(self) -> str: ...
     @property
     def topic(self) -> str: ...
     @property

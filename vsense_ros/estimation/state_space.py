@@ -63,6 +63,14 @@ class StateSpace(ABC):
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """What `h` [s] add to the covariance of the error: variances (e,), or a matrix (e, e)."""
 
+    def noise_of_inputs(self, x: Named, u: Named, theta: Named, h: ca.SX, variances: Mapping[str, Any]) -> ca.SX:
+        """G diag(variances) Gᵀ (e, e), with G = ∂x⁺/∂u, for `noise`: what inputs with these variances, by name, add."""
+        moved = expression(self.transition(x, u, theta, h))
+        by_input = ca.jacobian(moved, ca.vertcat(*(u[name] for name in variances)))
+        if not self.is_flat:
+            by_input = Symbols(self).inward(moved) @ by_input
+        return by_input @ ca.diag(expression(list(variances.values()))) @ by_input.T
+
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
         """Quantities (a,) that measurements refer to."""
         return []
@@ -181,10 +189,10 @@ class Symbols:
         delta = ca.SX.sym("delta", len(self.system.error_names))
         return ca.substitute(ca.jacobian(self.retracted(delta), delta), delta, ca.DM.zeros(delta.shape))
 
-    def inward(self) -> ca.SX:
-        """∂(y ⊟ x)/∂y at y = x, (e, n): from the change of a state to that of its error."""
+    def inward(self, at: ca.SX) -> ca.SX:
+        """∂(y ⊟ x)/∂y at y = x = `at` (n,), (e, n): from the change of a state to that of its error."""
         y = ca.SX.sym("y", len(self.system.names))
-        return ca.substitute(ca.jacobian(self.difference(y), y), y, self.x.vector)
+        return ca.substitute(ca.substitute(ca.jacobian(self.difference(y), y), y, self.x.vector), self.x.vector, at)
 
     def by_error(self, found: ca.SX) -> ca.SX:
         """Derivative of an expression by the error of the state."""
@@ -195,7 +203,7 @@ class Symbols:
         """F (e, e): the error after a step by the error before it."""
         if self.system.is_flat:
             return ca.sparsify(self.by_error(moved))
-        return ca.sparsify(ca.substitute(self.inward(), self.x.vector, moved) @ self.by_error(moved))
+        return ca.sparsify(self.inward(moved) @ self.by_error(moved))
 
 
 def wrapped(angle: ca.SX) -> ca.SX:

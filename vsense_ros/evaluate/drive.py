@@ -13,6 +13,7 @@ from vsense_ros.evaluate.signals import find_channel
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.inspect import TopicInfo, inspect
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import known_topics
 
 
 class RunFigures(Protocol):
@@ -103,7 +104,7 @@ class Drive:
         """The topics that an estimator could use, in the order of the recording."""
         return [
             info
-            for info in inspect(self.input).topics
+            for info in inspect(self.input, known_topics()).topics
             if info.count and not {"vsense", "reference"} & set(info.topic.strip("/").split("/"))
         ]
 

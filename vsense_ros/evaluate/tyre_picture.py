@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import matplotlib
@@ -27,6 +27,14 @@ CAMBERS = (-6.0, -3.0, 0.0, 3.0, 6.0)  # [°]
 SHADES = ("#9ecae1", "#56B4E9", "#0072B2", "#08306b", "#000000")
 
 
+class Curves(NamedTuple):
+    """What a tyre does over n states, (n,) each."""
+
+    longitudinal: Array  # force [N]
+    lateral: Array  # force [N]
+    moment: Array  # [N m]
+
+
 class Bench:
     """A tyre on a bench that rolls it at `SPEED` and sets its slips."""
 
@@ -36,8 +44,7 @@ class Bench:
         state = ca.SX.sym("state", 6)
         wheel = TyreInput(*ca.vertsplit(state))
         self._forces = ca.Function("forces", [p, state], [ca.vertcat(*symbolic.forces(wheel))])
-        lengths = ca.vertcat(*symbolic.relaxation_lengths(wheel))
-        self._lengths = ca.Function("lengths", [p, state], [lengths])
+        self._length = ca.Function("length", [p, state], [ca.SX(symbolic.relaxation_lengths(wheel).lateral)])
         self._p = vector(tyre)
 
     def _state(self, load: Array, slip: Array, angle: Array, camber: Array) -> Array:
@@ -46,15 +53,16 @@ class Bench:
         one = np.ones(load.shape)
         return np.array([load, SPEED * one, SPEED * np.tan(angle), SPEED * (1 + slip), one, camber])
 
-    def forces(self, load: Any, slip: Any = 0.0, angle: Any = 0.0, camber: Any = 0.0) -> Array:
-        """Longitudinal force, lateral force [N] and aligning moment [N m], (3, n)."""
+    def forces(self, load: Any, slip: Any = 0.0, angle: Any = 0.0, camber: Any = 0.0) -> Curves:
+        """Forces and aligning moment."""
         state = self._state(load, slip, angle, camber)
-        return np.asarray(self._forces.map(state.shape[1])(self._p, state))[:3]
+        longitudinal, lateral, moment, *_ = np.asarray(self._forces.map(state.shape[1])(self._p, state))
+        return Curves(longitudinal, lateral, moment)
 
     def relaxation(self, load: Any, angle: Any = 0.0) -> Array:
-        """Longitudinal and lateral relaxation length [m], (2, n)."""
+        """Relaxation length of the lateral force [m], (n,)."""
         state = self._state(load, np.zeros(1), angle, np.zeros(1))
-        return np.asarray(self._lengths.map(state.shape[1])(self._p, np.asarray(state)))
+        return np.asarray(self._length.map(state.shape[1])(self._p, np.asarray(state)))[0]
 
 
 def draw(tyre: Tyre, title: str, path: Path) -> Path:
@@ -85,7 +93,7 @@ def _pure(bench: Bench, panels: Any) -> None:
     slips, degrees = np.linspace(-0.4, 0.4, 321), np.linspace(-15, 15, 301)
     for load, colour in zip(LOADS, SHADES, strict=False):
         name = f"{load / 1000:g} kN"
-        panels[0].plot(slips, bench.forces(load, slips)[0] / 1000, color=colour, label=name)
+        panels[0].plot(slips, bench.forces(load, slips).longitudinal / 1000, color=colour, label=name)
         _, lateral, moment = bench.forces(load, 0.0, np.radians(degrees))
         panels[1].plot(degrees, lateral / 1000, color=colour, label=name)
         panels[2].plot(degrees, moment, color=colour, label=name)
@@ -97,15 +105,16 @@ def _pure(bench: Bench, panels: Any) -> None:
 def _combined(bench: Bench, panels: Any) -> None:
     slips = np.concatenate([-np.geomspace(1, 1e-3, 200), np.geomspace(1e-3, 1, 200)])
     for degrees, colour in zip(ANGLES, SHADES, strict=False):
-        longitudinal, lateral, _ = bench.forces(NOMINAL, slips, -np.radians(degrees)) / 1000
+        found = bench.forces(NOMINAL, slips, -np.radians(degrees))
+        longitudinal, lateral = found.longitudinal / 1000, found.lateral / 1000
         name = f"{-degrees:g}°" if degrees else "0°"
         shown = np.abs(slips) <= 0.4
         panels[0].plot(slips[shown], longitudinal[shown], color=colour, label=name)
         panels[1].plot(slips[shown], lateral[shown], color=colour, label=name)
         panels[2].plot(longitudinal, lateral, color=colour, label=name)
     for slip in (-0.1, -0.03, 0.03, 0.1):
-        x, y, _ = bench.forces(NOMINAL, slip, np.radians(np.linspace(-20, 20, 200))) / 1000
-        panels[2].plot(x, y, color="#E69F00", linewidth=0.7)
+        found = bench.forces(NOMINAL, slip, np.radians(np.linspace(-20, 20, 200)))
+        panels[2].plot(found.longitudinal / 1000, found.lateral / 1000, color="#E69F00", linewidth=0.7)
     _label(panels[0], "Longitudinal force while cornering, 4 kN", "longitudinal slip", "kN", "slip angle")
     _label(panels[1], "Lateral force while driving, 4 kN", "longitudinal slip", "kN", "slip angle")
     _label(panels[2], "Friction ellipse, 4 kN", "longitudinal force [kN]", "lateral force [kN]")
@@ -116,8 +125,8 @@ def _combined(bench: Bench, panels: Any) -> None:
 
 def _rest(bench: Bench, panels: Any) -> None:
     loads, tiny = np.linspace(100, 9000, 120), 1e-4
-    slope_x = (bench.forces(loads, tiny)[0] - bench.forces(loads, -tiny)[0]) / (2 * tiny)
-    slope_y = (bench.forces(loads, 0.0, -tiny)[1] - bench.forces(loads, 0.0, tiny)[1]) / (2 * tiny)
+    slope_x = (bench.forces(loads, tiny).longitudinal - bench.forces(loads, -tiny).longitudinal) / (2 * tiny)
+    slope_y = (bench.forces(loads, 0.0, -tiny).lateral - bench.forces(loads, 0.0, tiny).lateral) / (2 * tiny)
     panels[0].plot(loads / 1000, slope_x / 1000, color=SHADES[2], label="longitudinal [kN]")
     panels[0].plot(loads / 1000, slope_y / 1000, color="#D55E00", label="lateral [kN/rad]")
     _label(panels[0], "Slope at zero slip", "load [kN]", "")
@@ -126,16 +135,16 @@ def _rest(bench: Bench, panels: Any) -> None:
 
     degrees = np.linspace(-8, 8, 161)
     for camber, colour in zip(CAMBERS, SHADES, strict=True):
-        lateral = bench.forces(NOMINAL, 0.0, np.radians(degrees), np.radians(camber))[1]
+        lateral = bench.forces(NOMINAL, 0.0, np.radians(degrees), np.radians(camber)).lateral
         panels[1].plot(degrees, lateral / 1000, color=colour, label=f"{camber:g}°")
     _label(panels[1], "Lateral force of a leaning wheel, 4 kN", "slip angle [°]", "kN", "inclination")
 
     time = np.linspace(0, 0.15, 300)
     for step, colour in ((-1.0, SHADES[1]), (-4.0, SHADES[2]), (-8.0, SHADES[3])):
         angle = np.radians(step)
-        length = float(bench.relaxation(NOMINAL, angle)[1, 0])
+        length = bench.relaxation(NOMINAL, angle).item()
         rate = float(relaxation_rate(length, SPEED, bench.tyre.standstill_speed))
-        before, after = (bench.forces(NOMINAL, 0.0, a)[1, 0] / 1000 for a in (0.0, angle))
+        before, after = (bench.forces(NOMINAL, 0.0, a).lateral.item() / 1000 for a in (0.0, angle))
         rising = after + (before - after) * np.exp(-rate * time)
         panels[2].plot(time, rising, color=colour, label=f"to {step:g}°: {length:.2f} m")
     _label(panels[2], "Step of the slip angle at 20 m/s, 4 kN", "time [s]", "lateral force [kN]", "relaxation length")

@@ -7,14 +7,14 @@ changed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.messages.recording import Channel, Recording
-from vsense_ros.messages.topics import INPUTS, TOPICS
+from vsense_ros.messages.topics import INPUTS, TOPICS, Topic
 
 Array = NDArray[np.float64]
 
@@ -72,21 +72,24 @@ class Inspection:
         return tuple(f"{info.topic}: {problem}" for info in self.topics for problem in info.problems)
 
 
-def inspect(recording: Recording) -> Inspection:
-    """Look through a recording."""
+def inspect(recording: Recording, topics: Mapping[str, Topic] = TOPICS) -> Inspection:
+    """Look through a recording; `topics` are all that somebody may read."""
     found = doubts(recording)
     return Inspection(
         recording.name,
         recording.start,
         recording.duration,
-        tuple(_topic(channel, recording.start, found.get(topic, [])) for topic, channel in recording.channels.items()),
+        tuple(
+            _topic(channel, recording.start, topics.get(topic), found.get(topic, []))
+            for topic, channel in recording.channels.items()
+        ),
         tuple(topic for topic in INPUTS if topic not in recording),
         recording.notes,
         recording.messages_lost,
     )
 
 
-def _topic(channel: Channel, start: int, doubts: list[str]) -> TopicInfo:
+def _topic(channel: Channel, start: int, expected: Topic | None, doubts: list[str]) -> TopicInfo:
     step = np.diff(channel.stamp) * 1e-9
     jumped = np.abs(step) >= _CLOCK_JUMP
     normal = step[(step > 0) & ~jumped]
@@ -97,7 +100,7 @@ def _topic(channel: Channel, start: int, doubts: list[str]) -> TopicInfo:
     backwards, duplicates = int((step < 0).sum()), int((step == 0).sum())
     latency = (channel.received - channel.stamp) * 1e-9 if len(channel) else np.full(1, np.nan)
 
-    problems = [*_frames(channel), *doubts]
+    problems = [*_frames(channel, expected), *doubts]
     if gaps:
         longest = max(gaps, key=lambda gap: gap.length)
         problems.append(f"{len(gaps)} gaps, the longest {longest.length:.2f} s at {longest.start:.2f} s")
@@ -154,9 +157,8 @@ def _signals(channel: Channel) -> Iterator[tuple[str, Array]]:
             yield (f"{field}.{labels[index]}" if column.shape[1] > 1 or channel.names else field), column[:, index]
 
 
-def _frames(channel: Channel) -> Iterator[str]:
+def _frames(channel: Channel, expected: Topic | None) -> Iterator[str]:
     """Doubts about type, frames and names."""
-    expected = TOPICS.get(channel.topic)
     if expected is None:
         if not channel.topic.startswith("vsense/"):
             yield "no topic of this project: nothing reads it"

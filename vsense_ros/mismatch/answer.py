@@ -15,13 +15,14 @@ from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
-from vsense_ros.mismatch.signals import SIGNALS, grid
+from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.verdict import ASTRAY, Judged, Proof, interval
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES
+from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
@@ -172,7 +173,7 @@ def located(residuals: Residuals, base: Fit, proof: Proof) -> dict[str, Any]:
     first, on what was held out if only that is off; windows [s] with their shares of the squared error, those in which
     the car got lost, and the region."""
     by_signal = residuals.by_signal(base.residuals)
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     good = {name: off * residuals.deviation[name] for name, off in residuals.good(base.residuals).items()}
     there, off, _ = where = _most_off(residuals, base, proof)
     ranking = there.by_signal(off)
@@ -262,7 +263,7 @@ def base_parameters(base: Fit, explained: Fit | None) -> dict[str, Any]:
 def errors(residuals: Residuals, base: Fit, shown: Fit, proof: Proof) -> dict[str, Any]:
     """Root mean square errors of each signal in its unit with the base fit and with what is told, in training and on
     what was held out."""
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     before, after = residuals.by_signal(base.residuals), residuals.by_signal(shown.residuals)
     result: dict[str, Any] = {
         name: {"unit": units[name], "training": {"before": before[name], "after": after[name]}} for name in before
@@ -320,7 +321,7 @@ def _falls(gains: Mapping[str, Any], found: Mapping[str, Any]) -> str:
 def traces(residuals: Residuals, base: Fit, simulated: Sequence[Mapping[str, Array]], held_out: bool) -> list[Trace]:
     """Each signal in each window as it was measured, as simulated with the base fit, and with what is told."""
     predictor = residuals.predictor
-    units = {signal.name: signal.unit for signal in SIGNALS}
+    units = {name: signal.unit for name, signal in compared_signals().items()}
     pairs = zip(
         predictor.dataset.windows, predictor.measured, predictor.simulated(base.parameter_set), simulated, strict=True
     )

@@ -11,6 +11,7 @@ from vsense_ros.identify.parameter_set import Values
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import Effect, RoadEffect, bounds, role
+from vsense_ros.model.sensors import words_of
 from vsense_ros.model.vehicle import Vehicle
 
 ALONG_ROAD = "along the road"  # where an effect is that has a profile: a size for every place
@@ -123,19 +124,11 @@ def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
     return (*found, FOLLOWING) if candidate.along_road and kind.slope is not Effect.slope else found
 
 
-_SENSORS = {
-    "imu": "inertial measurements",
-    "wheel_speeds": "wheel speeds",
-    "wheel_torques": "wheel torques",
-    "gnss_velocity": "a GNSS velocity",
-}
-
-
 def out_of_reach(kinds: Collection[str]) -> dict[str, str]:
     """Effects by id that recordings of these kinds of sensors can tell nothing about, with the reason."""
     missing = {id: [kind for kind in effect.needs if kind not in kinds] for id, effect in BY_ID.items()}
     return {
-        id: f"it needs {' and '.join(_SENSORS[kind] for kind in lacking)}, which these recordings do not have"
+        id: f"it needs {' and '.join(words_of(kind) for kind in lacking)}, which these recordings do not have"
         for id, lacking in missing.items()
         if lacking
     }

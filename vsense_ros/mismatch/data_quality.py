@@ -19,9 +19,8 @@ from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window, in_axes_of_car, turned_to_car
-from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
+from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -32,15 +31,10 @@ GENTLE = 0.15  # [m/s²] lateral and longitudinal, below which nothing can be sa
 SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
 SLIDE = 0.7  # [rad] by which nobody's side slip changes …
 SLIDE_TIME = 3.0  # [s] … in so long, unless the car spins
-# [s] of exactly the same value from a moving car
-STILL = {"imu": 1.0, "wheel_speeds": 2.0, "gnss_velocity": 3.0, "suspension": 3.0}
-COARSE = 100  # values that a signal takes; one with fewer may well keep its value …
-STILL_COARSE = 10.0  # [s] … for so long
+COARSE = 100  # values that a signal takes; one with fewer may well keep its value
 SATURATED = 8  # samples at the end of a range, and as many times longer than it stays at other values
 CLIPPED = 3  # times that a steering angle does so, which may be held at one end once
-INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques …
-TURNING = 1.5  # [m/s²] … during which the car's turning changes by this lateral acceleration …
-PUSHED = 2.5  # [m/s²] … or its specific force along by this, more than cornering or a slope does
+INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques, during which the car begins to move otherwise
 GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
 SMOOTH = 0.5  # [s] of the means between which relations are judged
 RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
@@ -48,17 +42,6 @@ STRANGE = 2.0  # standard deviations left over from which on several cars are th
 LASTING = ("mass", "tyre radius")  # what neither road nor driver changes …
 LASTING_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
 TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
-
-_COMPONENTS = {
-    "imu": (
-        "roll rate", "pitch rate", "yaw rate",
-        "longitudinal acceleration", "lateral acceleration", "vertical acceleration",
-    ),
-    "wheel_speeds": tuple(f"speed of the wheel {wheel}" for wheel in WHEELS),
-    "gnss_velocity": ("GNSS velocity to the east", "GNSS velocity to the north"),
-    "suspension": tuple(f"suspension travel {wheel}" for wheel in WHEELS),
-}  # fmt: skip
-_ONE_OF_EACH = frozenset({*_COMPONENTS, "steering", "wheel_torques", "suspension"})
 
 
 def hindrance(recordings: Sequence[Recording], fitted: Dataset, unseen: Dataset, vehicle: Vehicle) -> str:
@@ -136,7 +119,7 @@ def _too_little(dataset: Dataset, drives: Sequence[_Drive]) -> Iterator[str]:
             f"the car does nothing but go straight ahead at constant speed (at most {lateral:.2f} m/s² lateral and "
             f"{longitudinal:.2f} m/s² longitudinal)"
         )
-    if not any(dataset.sensors[name].kind == "imu" for w in dataset.windows for name in w.readings):
+    if not any("rates and forces" in dataset.sensors[name].tells for w in dataset.windows for name in w.readings):
         yield "; ".join(
             ["there are no inertial measurements, with which a simulation could be compared", *dataset.remarks]
         )
@@ -169,7 +152,7 @@ def _given_twice(recordings: Sequence[Recording]) -> Iterator[str]:
 
 
 def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
-    for kind in sorted(_ONE_OF_EACH):
+    for kind in sorted({sensor.kind for sensor in sensors.values() if sensor.is_compared}):
         names = [name for name, sensor in sensors.items() if sensor.kind == kind]
         if len(names) > 1:
             yield (
@@ -182,7 +165,7 @@ def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], r
     """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
     for recording in recordings:
         for topic, found in doubts(_as_mounted(recording, sensors), radius).items():
-            if found and topic in {sensor.topic for sensor in sensors.values() if sensor.kind in _ONE_OF_EACH}:
+            if found and topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
                 yield f"in {recording.name}, {topic}: {found[0]}"
 
 
@@ -191,10 +174,8 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
     turned away from them."""
     channels = dict(recording.channels)
     for sensor in sensors.values():
-        if isinstance(sensor, Imu) and sensor.topic in channels and any(sensor.attitude):
-            channel = channels[sensor.topic]
-            fields = ("angular_velocity", "linear_acceleration")
-            turned = {field: turned_to_car(channel.columns[field], sensor) for field in fields}
+        if (channel := channels.get(sensor.topic)) is not None:
+            turned = sensor.message_in_axes_of_car(channel.columns)
             channels[sensor.topic] = replace(channel, columns={**channel.columns, **turned})
     return replace(recording, channels=channels)
 
@@ -203,54 +184,54 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
     """Signals that do not change although the car moves."""
     for window in windows:
         for name, readings in window.readings.items():
-            kind = sensors[name].kind
-            for column, what in enumerate(_COMPONENTS.get(kind, ())):
-                value, t = _present(readings, column)
+            sensor = sensors[name]
+            for column, component in enumerate(sensor.components):
+                value, t = _present(readings.in_own_axes, column)
                 if len(value) < 2:
                     continue
                 first, length = _runs(value)
                 last = first + length - 1
                 long = int(np.argmax(t[last] - t[first]))
                 duration = float(t[last[long]] - t[first[long]])
-                coarse = kind != "gnss_velocity" and 1 < len(np.unique(value)) < COARSE
-                if length[long] >= 10 and duration >= (STILL_COARSE if coarse else STILL[kind]):
-                    yield f"the {what} is frozen for {duration:.1f} s from {t[first[long]]:.1f} s on in {window.name}"
-            if kind in ("steering", "wheel_torques"):
-                yield from _input_still(window, readings, kind, sensors)
+                coarse = 1 < len(np.unique(value)) < COARSE
+                if length[long] >= 10 and duration >= sensor.longest(coarse=coarse):
+                    begin = t[first[long]]
+                    yield f"the {component.words} is frozen for {duration:.1f} s from {begin:.1f} s on in {window.name}"
+            if sensor.response is not None:
+                yield from _input_still(window, readings, sensor.response, sensors)
 
 
-def _input_still(window: Window, driven: Readings, kind: str, sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+def _input_still(
+    window: Window, driven: Readings, expected: Response, sensors: Mapping[str, SensorBase]
+) -> Iterator[str]:
     """A driver may well hold wheel and pedals, but then the car does not begin to move otherwise."""
-    inertial = (in_axes_of_car(r, sensors[name]) for name, r in window.readings.items() if sensors[name].kind == "imu")
-    imu = next(inertial, None)
+    imu = _telling(window, sensors, "rates and forces")
     present = np.isfinite(driven.value).all(axis=1)
     value, t = driven.value[present], driven.t[present]
-    felt = 2 if kind == "steering" else 3
-    if imu is None or len(t) < 2 or np.isfinite(imu.value[:, felt]).sum() < 2:
+    if imu is None or len(t) < 2 or np.isfinite(imu.value[:, expected.component]).sum() < 2:
         return
-    response, at = _present(imu, felt)
-    if kind == "steering":
+    response, at = _present(imu, expected.component)
+    if expected.by_speed:
         speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
         response = _averaged(at, response * speed)
-        shape, least, what = response / np.maximum(speed, 1.0) ** 2, TURNING, "the steering angle is"
+        shape = response / np.maximum(speed, 1.0) ** 2
     else:
         response = shape = _averaged(at, response)
-        least, what = PUSHED, "the wheel torques are"
     for first, length in zip(*_runs(value), strict=True):
         begin, end = t[first], t[first + length - 1]
         # The car needs a while to follow what went before, and means and clocks reach beyond the end.
         inside = (at >= begin + 0.5) & (at <= end - 0.3)
         if end - begin < INPUT_STILL or not inside.any():
             continue
-        if np.ptp(response[inside]) > least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
-            yield f"{what} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
+        if np.ptp(response[inside]) > expected.least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
+            yield f"{expected.words} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
 
 
 def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
-    """Inertial signals that stay at their largest or smallest value as at no other."""
-    for name in {name for window in windows for name in window.readings if sensors[name].kind == "imu"}:
-        for column, what in enumerate(_COMPONENTS["imu"]):
-            parts = [_present(w.readings[name], column)[0] for w in windows if name in w.readings]
+    """Signals that stay at their largest or smallest value as at no other."""
+    for name in {name for window in windows for name in window.readings if sensors[name].saturates}:
+        for column, component in enumerate(sensors[name].components):
+            parts = [_present(w.readings[name].in_own_axes, column)[0] for w in windows if name in w.readings]
             parts = [part for part in parts if len(part)]
             if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
                 continue
@@ -265,12 +246,12 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
             usual = float(np.percentile(np.concatenate(elsewhere), 99)) if any(map(len, elsewhere)) else 1.0
             for end, longest in at_end.items():
                 if longest >= SATURATED * usual:
-                    yield f"the {what} is at the end of its range, {end:.4g}, in {windows[0].name}"
+                    yield f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
 
 
 def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
     """A steering angle that stays again and again at the ends of its range, and nowhere else."""
-    for name in {name for window in windows for name in window.readings if sensors[name].kind == "steering"}:
+    for name in {name for window in windows for name in window.readings if "steering" in sensors[name].tells}:
         parts = [_present(w.readings[name], 0)[0] for w in windows if name in w.readings]
         parts = [part for part in parts if len(part)]
         if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
@@ -287,14 +268,14 @@ def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> It
 
 def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
     for window in windows:
-        by_kind = {sensors[name].kind: in_axes_of_car(found, sensors[name]) for name, found in window.readings.items()}
-        rate, t = _present(by_kind["imu"], 2) if "imu" in by_kind else (np.zeros(0), np.zeros(0))
+        imu = _telling(window, sensors, "rates and forces")
+        rate, t = (np.zeros(0), np.zeros(0)) if imu is None else _present(imu, 2)
         if len(t) < 2:
             continue
         speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
         if float(np.max(np.abs(_averaged(t, rate * speed)))) > SPIN:
             yield f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
-        velocity = by_kind.get("gnss_velocity")
+        velocity = _telling(window, sensors, "course")
         if velocity is None:
             continue
         moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
@@ -330,25 +311,21 @@ class _Drive:
         parts: dict[str, list[Array]] = {name: [] for name in cls.__dataclass_fields__ if name != "wheelbase"}
         for window in windows:
             t = np.arange(window.begin, window.end, SMOOTH / 2)
-            by_kind = {sensors[name].kind: (readings, sensors[name]) for name, readings in window.readings.items()}
-            readings, imu = by_kind.get("imu", (Readings(np.zeros(0), np.zeros((0, 6))), Imu()))
-            value = in_axes_of_car(readings, imu).value
+            imu, steering, torques = (
+                _telling(window, sensors, what) or Readings(np.zeros(0), np.zeros((0, 6)))
+                for what in ("rates and forces", "steering", "torques")
+            )
             speed = _mean(t, window.speed.t, window.speed.value[:, 0])
             parts["speed"].append(speed)
             parts["speed_rate"].append(np.gradient(speed, SMOOTH / 2))
             for name, column in (("yaw_rate", 2), ("longitudinal", 3), ("lateral", 4)):
-                parts[name].append(_mean(t, readings.t, value[:, column]))
-            absent = Readings(np.zeros(0), np.zeros((0, 4)))
-            steering, torques, wheels, velocity = (
-                by_kind[kind][0] if kind in by_kind else absent
-                for kind in ("steering", "wheel_torques", "wheel_speeds", "gnss_velocity")
-            )
+                parts[name].append(_mean(t, imu.t, imu.value[:, column]))
             parts["steering"].append(_mean(t, steering.t, steering.value[:, 0]))
             radius = float(np.mean(rolling_radii(vehicle)))
-            parts["rolling"].append(_mean(t, wheels.t, radius * wheels.value.mean(axis=1)))
+            parts["rolling"].append(_speed(t, window, sensors, "rolling speed", radius))
+            parts["over_ground"].append(_speed(t, window, sensors, "ground speed", radius))
             push = torques.value.sum(axis=1) / (radius * chassis.mass)
             parts["drive"].append(_mean(t, torques.t, push))
-            parts["over_ground"].append(_mean(t, velocity.t, np.hypot(velocity.value[:, 0], velocity.value[:, 1])))
         joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
         return cls(**joined, wheelbase=chassis.cog_to_front_axle + chassis.cog_to_rear_axle)
 
@@ -417,6 +394,21 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
                 f"between {min(at)[1]} and {max(at)[1]} the {what} accelerometer has shifted by "
                 f"{max(at)[0] - min(at)[0]:.1f} m/s²; is it one car, and does the sensor sit where it sat?"
             )
+
+
+def _telling(window: Window, sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
+    """What the sensor that tells something gave in a window."""
+    name = telling(((name, sensors[name]) for name in window.readings), what)
+    return None if name is None else window.readings[name]
+
+
+def _speed(t: Array, window: Window, sensors: Mapping[str, SensorBase], what: Tells, radius: float) -> Array:
+    """Means of the speed that a sensor tells in a window around the times `t` [s]; NaN where there is none."""
+    name = telling(((name, sensors[name]) for name in window.readings), what)
+    if name is None:
+        return np.full(len(t), np.nan)
+    found = window.readings[name]
+    return _mean(t, found.t, sensors[name].mean_speed(found.value, radius))
 
 
 def _present(readings: Readings, column: int) -> tuple[Array, Array]:

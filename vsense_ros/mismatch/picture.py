@@ -22,7 +22,8 @@ from scipy.signal import detrend
 from vsense_ros.evaluate.picture import ESTIMATE, STYLE, TRUTH
 from vsense_ros.evaluate.signals import thin
 from vsense_ros.messages.topics import WHEELS
-from vsense_ros.mismatch.signals import SIGNALS, difference
+from vsense_ros.mismatch.signals import difference
+from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,6 @@ UNITS: Mapping[str, tuple[str, float]] = {
 }  # what people read a parameter in, and the factor to it
 SIGNAL_UNITS = {**UNITS, "m": ("mm", 1e3)}  # the same for signals, where lengths are travels of a suspension
 NO_SHARES = ("coefficient",)  # sizes without a unit that are not told in percent
-DRIFTING = {signal.name for signal in SIGNALS if signal.drifting}
 SHORT = (*WHEELS, "imu", "gnss")  # in names, written in capitals
 OTHERS = 9  # signals that are shown besides the most affected one
 COLUMNS = 3
@@ -248,7 +248,7 @@ def _curves(axes: Axes, trace: Trace) -> None:
     """Measured and simulated over time; both without constant and slope where they are compared so, which would hide
     the error."""
     _, factor = trace.shown
-    measured = detrend(trace.measured) if trace.signal in DRIFTING else trace.measured
+    measured = detrend(trace.measured) if _drifts(trace.signal) else trace.measured
     rows = thin(measured)
     axes.plot(trace.t[rows], measured[rows] * factor, color=TRUTH, lw=1.3, label="measured", zorder=2)
     for name, simulated, colour in _simulations(trace):
@@ -257,9 +257,15 @@ def _curves(axes: Axes, trace: Trace) -> None:
         axes.plot(trace.t[rows], value[rows], color=colour, lw=1.3, label=name, zorder=3)
 
 
+def _drifts(name: str) -> bool:
+    """Whether a signal is compared up to a constant and a slope."""
+    signal = compared_signals().get(name)
+    return signal is not None and signal.drifting
+
+
 def _said(trace: Trace) -> str:
     """What an axis shows, in words."""
-    return f"{heading(trace.signal)}{', without slope' if trace.signal in DRIFTING else ''} [{trace.shown[0]}]"
+    return f"{heading(trace.signal)}{', without slope' if _drifts(trace.signal) else ''} [{trace.shown[0]}]"
 
 
 def _plain(words: str) -> str:

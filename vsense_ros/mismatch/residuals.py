@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.identify.least_squares import DivergedError, cost
 from vsense_ros.identify.parameter_set import ParameterSet
-from vsense_ros.mismatch.signals import SHAKING, SIGNALS, difference, grid
+from vsense_ros.mismatch.signals import SHAKING, difference, grid
 from vsense_ros.mismatch.simulation import Predictor
+from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
@@ -24,9 +25,6 @@ ASTRAY_BEFORE = 1.0  # [s] for which a car is off course before it is noticed to
 LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
 SHAKEN = 1.4  # how much further off a good model is in signals that any road shakes
 
-_SHAKEN = {signal.name for signal in SIGNALS if signal.shaken}
-_FLOORS = {signal.name: signal.floor for signal in SIGNALS}
-
 
 class Residuals:
     """Weighted differences of measurement and simulation, by window: what `identify.least_squares` minimises."""
@@ -34,12 +32,12 @@ class Residuals:
     def __init__(self, predictor: Predictor) -> None:
         self.predictor = predictor
         measured = predictor.measured
-        names = [signal.name for signal in SIGNALS if any(signal.name in m for m in measured)]
+        names = [name for name in compared_signals() if any(name in m for m in measured)]
         self.deviation = {}
         for name in names:
             size = np.concatenate([m[name] - m[name].mean() for m in measured if name in m]).std()
             noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
-            self.deviation[name] = float(np.linalg.norm([_FLOORS[name], SHARE * size, noise]))
+            self.deviation[name] = float(np.linalg.norm([compared_signals()[name].floor, SHARE * size, noise]))
         self.layout = [[name for name in names if name in m] for m in measured]
         self._instants = [grid(window) for window in predictor.dataset.windows]
 
@@ -113,8 +111,9 @@ class Residuals:
         """Root mean square that a good model leaves of each signal, in standard deviations: more of those that any road
         shakes, by as much as this one does."""
         errors = self.deviations(residuals)
+        shaken = {name for name, signal in compared_signals().items() if signal.shaken}
         road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
-        return {name: road if name in _SHAKEN else 1.0 for name in errors}
+        return {name: road if name in shaken else 1.0 for name in errors}
 
     def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:
         """Root mean square of each signal's residual, in standard deviations."""

@@ -25,7 +25,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     lengths = [w.end - w.begin - RUN_IN for w in dataset.windows]
     if sum(lengths) <= duration:
         return dataset
-    steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
+    steering = {name for name, sensor in dataset.sensors.items() if "steering" in sensor.tells}
     told = _standardised(
         [_happening(w, next(w.readings[name] for name in steering & w.readings.keys())) for w in dataset.windows]
     )

@@ -1,22 +1,21 @@
 """The signals in which simulation and recording are compared, made alike from both.
 
-Both sides pass the same steps: what a sensor gives at its own instants, on a common grid of time, through the same
-filter. So neither sampling nor filter can look like physics.
+Which they are, the kinds of sensors say (`SensorBase.signals`). Both sides pass the same steps: what a sensor gives at
+its own instants, on a common grid of time, through the same filter. So neither sampling nor filter can look like
+physics.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from vsense_ros.mismatch.windows import GRID, RUN_IN, Readings, Window, in_axes_of_car
-from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.mismatch.windows import GRID, RUN_IN, Readings, Window
+from vsense_ros.model.sensors import SensorBase, compared_signals, telling
 
 Array = NDArray[np.float64]
 
@@ -27,58 +26,7 @@ EDGE = 0.4  # [s] at the end of a window, where the filter has not settled
 _FILTER = butter(2, CUT_OFF, fs=1 / GRID, output="sos")
 
 
-@dataclass(frozen=True)
-class Signal:
-    """What is compared: `name`, its unit, and how it comes from a sensor's components (n, m), given the rolling radius.
-
-    `floor` is the smallest standard deviation that is believed; a `drifting` signal is compared up to a constant and a
-    slope in each window, because it depends on a heading that nothing measures; a `shaken` one has in it what an uneven
-    road does to the body, of which `SHAKING` says how much it is; from a `turning` one the integral of the yaw rate is
-    taken off.
-    """
-
-    name: str
-    unit: str
-    kind: str  # of the sensor
-    make: Callable[[Array, float], Array]
-    floor: float
-    drifting: bool = False
-    shaken: bool = False
-    turning: bool = False
-
-
-def _component(index: int) -> Callable[[Array, float], Array]:
-    return lambda value, radius: value[:, index]
-
-
-def _course(value: Array, radius: float) -> Array:
-    return np.unwrap(np.arctan2(value[:, 1], value[:, 0]))
-
-
-SIGNALS = (
-    Signal("longitudinal_acceleration", "m/s²", "imu", _component(3), 0.05),
-    Signal("lateral_acceleration", "m/s²", "imu", _component(4), 0.05),
-    Signal("vertical_acceleration", "m/s²", "imu", _component(5), 0.1, shaken=True),
-    Signal("roll_rate", "rad/s", "imu", _component(0), 0.004, shaken=True),
-    Signal("pitch_rate", "rad/s", "imu", _component(1), 0.004, shaken=True),
-    Signal("yaw_rate", "rad/s", "imu", _component(2), 0.002),
-    Signal("speed", "m/s", "wheel_speeds", lambda value, radius: radius * value.mean(axis=1), 0.05),
-    Signal("wheel_difference_front", "m/s", "wheel_speeds", lambda v, radius: radius * (v[:, 0] - v[:, 1]), 0.02),
-    Signal("wheel_difference_rear", "m/s", "wheel_speeds", lambda v, radius: radius * (v[:, 2] - v[:, 3]), 0.02),
-    Signal(
-        "wheel_difference_axles", "m/s", "wheel_speeds",
-        lambda v, radius: radius * (v[:, 0] + v[:, 1] - v[:, 2] - v[:, 3]) / 2, 0.02,
-    ),
-    Signal("ground_speed", "m/s", "gnss_velocity", lambda value, radius: np.hypot(value[:, 0], value[:, 1]), 0.03),
-    Signal("course", "rad", "gnss_velocity", _course, 0.003, drifting=True),
-    # Side slip is lost in the course, which is a hundred times larger and of which a good model misses some percent.
-    Signal("side_slip", "rad", "gnss_velocity", _course, 0.002, drifting=True, turning=True),
-    *(
-        Signal(f"travel_{wheel}", "m", "suspension", _component(i), 0.001, shaken=True)
-        for i, wheel in enumerate(WHEELS)
-    ),
-)  # fmt: skip
-SHAKING = "vertical_acceleration"
+SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes the body
 
 
 def grid(window: Window) -> Array:
@@ -121,16 +69,16 @@ def noise(
 def _made(
     window: Window, readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], radius: float
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Name, instants and values of each signal that is there all the time, those of inertial sensors in the axes of the
-    car from which the file says that they are turned: what an effect turns them by besides, stays."""
+    """Name, instants and values of each signal that is there all the time."""
     whole = {
-        sensor: in_axes_of_car(found, sensors[sensor]) for sensor, found in readings.items()
+        sensor: found for sensor, found in readings.items()
         if found.t[0] <= window.begin + 1.0 and found.t[-1] >= window.end - 1.0
     }  # fmt: skip
-    heading = next((_heading(found) for sensor, found in whole.items() if sensors[sensor].kind == "imu"), None)
+    inertial = telling(((name, sensors[name]) for name in whole), "rates and forces")
+    heading = None if inertial is None else _heading(whole[inertial])
     for sensor, found in whole.items():
-        for signal in SIGNALS:
-            if signal.kind != sensors[sensor].kind or (signal.turning and heading is None):
+        for signal in sensors[sensor].signals:
+            if signal.turning and heading is None:
                 continue
             with np.errstate(invalid="ignore"):
                 value = signal.make(found.value, radius)
@@ -153,7 +101,7 @@ def _heading(imu: Readings) -> tuple[Array, Array]:
 def difference(measured: Mapping[str, Array], simulated: Mapping[str, Array]) -> dict[str, Array]:
     """Measured minus simulated, by signal; drifting ones without constant and slope."""
     result = {}
-    for signal in SIGNALS:
+    for signal in compared_signals().values():
         if signal.name in measured and signal.name in simulated:
             off = measured[signal.name] - simulated[signal.name]
             if signal.drifting:

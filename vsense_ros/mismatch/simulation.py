@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -17,16 +17,25 @@ from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import FOLLOWED, TORQUE_SHARES, size_of
 from vsense_ros.mismatch.road import POINT, place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
-from vsense_ros.mismatch.windows import HOLDING_TIME, RUN_IN, SLOWEST, Dataset, Readings, Window, to_axes_of_car
-from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.car.car import Motion as Instant
+from vsense_ros.mismatch.windows import (
+    HOLDING_TIME,
+    INPUTS,
+    RUN_IN,
+    SLOWEST,
+    SPEEDS,
+    Dataset,
+    Readings,
+    Window,
+)
+from vsense_ros.model.car.car import Car, car_of, motion_of
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import DISTURBANCES, SPIN, YAW, X, Y
+from vsense_ros.model.coordinates import DISTURBANCES, SPEED_X, SPIN, STEERING, TORQUES, YAW, X, Y
+from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
-from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.sensors import SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
-from vsense_ros.model.simulation.open_loop import Inputs, Motion, OpenLoop, Run
+from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run, StateHistory
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -44,7 +53,6 @@ SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
 LOST = "the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
 _SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
-_MEASURING = {"imu", "wheel_speeds", "gnss_velocity", "suspension"}
 
 
 def with_all_effects(vehicle: Vehicle) -> Vehicle:
@@ -113,9 +121,9 @@ class Predictor:
         self.names = self.car.parameter_names
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
-        self._motions: list[dict[int, tuple[Motion, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
+        self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
         self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # parameter sets that are driven at once
-        measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.kind in _MEASURING}
+        measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.signals}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
         self._sensing = {name: _Sensing(function) for name, function in zip(measuring, compiled, strict=True)}
@@ -161,7 +169,7 @@ class Predictor:
         moved = self._all_moved(parameter_set, self._sensors(parameter_set))
         return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
 
-    def _lost_from(self, index: int, motion: Motion) -> float:
+    def _lost_from(self, index: int, motion: StateHistory) -> float:
         """The same of one window."""
         begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
@@ -177,9 +185,10 @@ class Predictor:
         """Whether wheels locked or spun in each window."""
         found = []
         for window in self.dataset.windows:
-            wheels = [r for name, r in window.readings.items() if self.dataset.sensors[name].kind == "wheel_speeds"]
             slips = False
-            for readings in wheels:
+            for name, readings in window.readings.items():
+                if "rolling speed" not in self.dataset.sensors[name].tells:
+                    continue
                 speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
                 usual = np.median(speed, axis=1, keepdims=True)
                 slips |= bool(np.any(np.abs(speed - usual) > SLIPPING * np.maximum(usual, SLOWEST)))
@@ -212,7 +221,7 @@ class Predictor:
 
     def _all_moved(
         self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]
-    ) -> list[tuple[Motion, dict[int, dict[str, Array]], _Driving]]:
+    ) -> list[tuple[StateHistory, dict[int, dict[str, Array]], _Driving]]:
         """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
         ways = self._ways(parameter_set, sensors)
         self._drive([ways])
@@ -267,9 +276,10 @@ class Predictor:
                 on_one_road = np.abs(np.gradient(place)) < POINT
                 changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
                 tilting += np.column_stack(np.broadcast_arrays(*effect_of(parameter_set, id, changing).slope(turned)))
-        late = {s.kind: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
+        late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
         speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
-        delays = late.get("steering", 0.0), late.get("wheel_torques", 0.0), speed
+        steering, torques = (self._telling(sensors, what) or "" for what in INPUTS)
+        delays = late.get(steering, 0.0), late.get(torques, 0.0), speed
         parameters = np.array([parameter_set.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         tilting *= parameter_set.values[FOLLOWED]
@@ -322,24 +332,24 @@ class Predictor:
         window = self.dataset.windows[index]
         middle = _middle(window)
         n = len(middle)
-        kinds = {self.dataset.sensors[name].kind: found for name, found in window.readings.items()}
-        inputs = np.zeros((n, 5))
-        steering = kinds["steering"]
+        inputs = np.zeros((n, len(INPUT_NAMES)))
+        steering = window.readings[self._telling(window.readings, "steering") or ""]
         told = np.isfinite(steering.value[:, 0])
-        inputs[:, 0] = np.interp(middle + steering_late, steering.t[told], steering.value[told, 0])
+        inputs[:, STEERING] = np.interp(middle + steering_late, steering.t[told], steering.value[told, 0])
         speed, acceleration = self._rolling(index, speed_late) if speed_late else self._usual_rolling[index]
         mass = way.parameters[self.names.index("chassis.mass")]
         # Of each wheel, if all of them move the whole car alike.
         inertia = np.full((n, 4), mass * self.radius**2 / 4)
         if window.torques:
-            torques = kinds["wheel_torques"]
+            torques = window.readings[self._telling(window.readings, "torques") or ""]
             known = np.isfinite(torques.value).all(axis=1)
-            for wheel in range(4):
-                inputs[:, 1 + wheel] = np.interp(middle + torques_late, torques.t[known], torques.value[known, wheel])
+            at = middle + torques_late
+            for wheel, torque in enumerate(torques.value[known].T, TORQUES.start):
+                inputs[:, wheel] = np.interp(at, torques.t[known], torque)
             inertia[middle > window.begin + RUN_IN - 0.5] = 0.0
         else:
             inertia *= 2 * _of_each_wheel(acceleration, *way.shares)
-            inputs[:, 1:] = inertia / self.radius * acceleration[:, None]
+            inputs[:, TORQUES] = inertia / self.radius * acceleration[:, None]
         q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
         q[YAW] += window.heading
         target, gain = speed / self.radius, inertia / HOLDING_TIME
@@ -347,9 +357,13 @@ class Predictor:
 
     @cached_property
     def _speedometer(self) -> list[str]:
-        """The kind of the sensor that gives the speed, by window."""
-        present = ({self.dataset.sensors[name].kind for name in window.readings} for window in self.dataset.windows)
-        return ["wheel_speeds" if "wheel_speeds" in kinds else "gnss_velocity" for kinds in present]
+        """The sensor that gives the speed, by window."""
+        told = ((self._telling(window.readings, what) for what in SPEEDS) for window in self.dataset.windows)
+        return [next(filter(None, names), "") for names in told]
+
+    def _telling(self, names: Iterable[str], what: Tells) -> str | None:
+        """Which of the sensors with these names tells something."""
+        return telling(((name, self.dataset.sensors[name]) for name in names), what)
 
     @cached_property
     def _usual_rolling(self) -> list[tuple[Array, Array]]:
@@ -360,13 +374,13 @@ class Predictor:
         a car whose tyres slip then moves, where the speed is older than its stamps say [s]."""
         window = self.dataset.windows[index]
         speed = np.interp(_middle(window) + late, window.speed.t, window.speed.value[:, 0])
-        if self._speedometer[index] == "wheel_speeds":
+        if "rolling speed" in self.dataset.sensors[self._speedometer[index]].tells:
             return speed, _of_the_car(speed)
         acceleration = np.gradient(speed, STEP)
         return speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration
 
     def _signals(
-        self, window: Window, motion: Motion, sensors: Mapping[str, SensorBase], way: _Driving
+        self, window: Window, motion: StateHistory, sensors: Mapping[str, SensorBase], way: _Driving
     ) -> dict[str, Array]:
         if not _in_bounds(motion):
             return {}
@@ -375,13 +389,15 @@ class Predictor:
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
-            value = sensing(motion, way.around[::KEEP], now.mounting()) + _offset(now) - _offset(base)
-            if isinstance(now, Imu) and way.tilting.any():
-                value += _over_crests_and_dips(motion, way.tilting[::KEEP], now)
+            value = sensing(motion, way.around[::KEEP], now.mounting()) + now.offsets() - base.offsets()
+            if way.tilting.any():
+                along, across = way.tilting[::KEEP].T
+                besides = now.on_bent_road(along, across, motion.u[:, SPEED_X])
+                value = value if besides is None else value + besides
             at = stamps - (now.latency - base.latency) - window.begin
-            readings[name] = Readings(stamps, np.column_stack([np.interp(at, motion.t, column) for column in value.T]))
-            gaps = ~np.isfinite(window.readings[name].value)
-            readings[name].value[gaps] = np.nan
+            read = np.column_stack([np.interp(at, motion.t, column) for column in value.T])
+            read[~np.isfinite(window.readings[name].in_own_axes.value)] = np.nan
+            readings[name] = Readings(stamps, base.in_axes_of_car(read))
         return signals(window, readings, self.dataset.sensors, self.radius)
 
 
@@ -440,25 +456,8 @@ def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Arr
     return q, u
 
 
-def _over_crests_and_dips(motion: Motion, tilting: Array, sensor: Imu) -> Array:
-    """What an inertial sensor has in its readings, (n, 6), because the road tilts the car along and across itself
-    (n, 2) [rad/s]: rates, and what keeps the car on a path that is bent upwards."""
-    along, across = tilting.T
-    flat = np.zeros_like(along)
-    rates, force = np.column_stack([across, -along, flat]), np.column_stack([flat, flat, motion.u[:, X] * along])
-    to_car = to_axes_of_car(sensor)
-    return np.hstack([rates @ to_car, force @ to_car])
-
-
-def _in_bounds(motion: Motion) -> bool:
+def _in_bounds(motion: StateHistory) -> bool:
     return bool(np.isfinite(motion.u[-1]).all())
-
-
-def _offset(sensor: SensorBase) -> Array | float:
-    """What a sensor adds to its values and what reading a message takes off."""
-    if sensor.kind != "imu":
-        return 0.0
-    return np.array([*sensor.rate_offset, *sensor.force_offset])  # type: ignore[attr-defined]
 
 
 def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
@@ -466,7 +465,7 @@ def _equation(car: Car, name: str, sensor: SensorBase) -> ca.Function:
     udot = ca.SX.sym("udot", 14)
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
     biases = ca.SX.zeros(len(sensor.biases()))
-    motion = Instant(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
+    motion = motion_of(car.q, car.u, udot, car.disturbances, ca.SX.zeros(car.inputs.numel()))
     arguments = [car.q, car.u, udot, car.disturbances, mounting]
     return codegen.function(name, arguments, [sensor.equation(motion, biases, mounting)], ["q", "u", "udot", "g", "m"])
 
@@ -478,7 +477,7 @@ class _Sensing:
         self._equation = equation
         self._kernels: dict[int, tuple[list[Array], Kernel]] = {}
 
-    def __call__(self, motion: Motion, around: Array, mounting: Array) -> Array:
+    def __call__(self, motion: StateHistory, around: Array, mounting: Array) -> Array:
         """(rows, components)."""
         rows = len(motion.t)
         if rows not in self._kernels:

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ALONG, Road, points
-from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.sensors import SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -33,6 +32,8 @@ HOLDING_TIME = 0.15  # [s] in which a wheel torque pulls the model to the measur
 SLOW = 0.05  # [s] from one speed to the next, from where on the accelerometer says what is between …
 CROSSOVER = 0.5  # [Hz] … above this
 LEFT_OUT = "the recording is left out"
+SPEEDS: tuple[Tells, ...] = ("rolling speed", "ground speed")  # the best first
+INPUTS: tuple[Tells, ...] = ("steering", "torques")
 GRID = 0.01  # [s] of such a speed, and of signals before they are filtered
 LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 
@@ -40,10 +41,22 @@ LARGEST_GAP = 0.5  # [s] without a message that a window may contain
 @dataclass(frozen=True)
 class Readings:
     """All measurements of one sensor, in order of time: `t` (n,) [s] since the first stamp of its recording, latency
-    taken off; `value` (n, m), NaN where a component is absent."""
+    taken off; `value` (n, m), NaN where a component is absent, vectors in the axes of the car. `as_mounted` (n, m) has
+    them in the axes of the sensor, where the vehicle file says that these are others."""
 
     t: Array
     value: Array
+    as_mounted: Array | None = None
+
+    @property
+    def in_own_axes(self) -> Readings:
+        """The same as the sensor gave them."""
+        return self if self.as_mounted is None else Readings(self.t, self.as_mounted)
+
+    def rows(self, chosen: NDArray[np.bool_] | slice) -> Readings:
+        """Some of the measurements."""
+        mounted = None if self.as_mounted is None else self.as_mounted[chosen]
+        return Readings(self.t[chosen], self.value[chosen], mounted)
 
 
 @dataclass(frozen=True)
@@ -142,25 +155,24 @@ def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Datas
             elif found is not None:
                 readings[sensor] = found
         used |= {sensor: sensors[sensor] for sensor in readings}
-        kinds: dict[str, str] = {sensors[sensor].kind: sensor for sensor in readings}
-        if "steering" not in kinds:
+        found_sensors = {sensor: sensors[sensor] for sensor in readings}
+        if telling(found_sensors.items(), "steering") is None:
             remarks.append(f"{name}: no steering angle, which drives the model; {LEFT_OUT}")
             continue
-        of_car = readings | {name: in_axes_of_car(found, sensors[name]) for name, found in readings.items()}
-        speed = _speed(of_car, kinds, vehicle)
+        speed = _speed(readings, found_sensors, vehicle)
         if speed is None:
             remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; {LEFT_OUT}")
             continue
-        place = _place(road, speed, readings[kinds["gnss_position"]] if "gnss_position" in kinds else None)
-        headed, on_the_map = _headed(of_car, kinds, speed)
+        place = _place(road, speed, _of(readings, found_sensors, "position"))
+        headed, on_the_map = _headed(readings, found_sensors, speed)
         outset = float(np.median(headed.value[:5]))
         if on_the_map:
             outset = sets_out = outset if sets_out is None else sets_out
         turned = Readings(headed.t, headed.value - outset)
-        imu = of_car.get(kinds.get("imu", ""))
+        inertial = _of(readings, found_sensors, "rates and forces")
         stretches = [
-            replace(window, yaw_rate=_yaw_rate(imu, window.begin) if imu is not None else 0.0)
-            for window in _windows(index, name, readings, kinds, speed, headed, turned, place)
+            replace(window, yaw_rate=_yaw_rate(inertial, window.begin) if inertial is not None else 0.0)
+            for window in _windows(index, name, readings, found_sensors, speed, headed, turned, place)
         ]
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
@@ -181,49 +193,32 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     stamps = np.array([event.stamp for event in events], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
-    return Readings((stamps[order] - recording.first_stamp) * 1e-9, np.array([events[i].value for i in order]))
+    value = np.array([events[i].value for i in order])
+    of_car = sensor.in_axes_of_car(value)
+    return Readings((stamps[order] - recording.first_stamp) * 1e-9, of_car, None if of_car is value else value)
 
 
-def in_axes_of_car(readings: Readings, sensor: SensorBase) -> Readings:
-    """Inertial measurements, (n, 6) rates [rad/s] and specific forces [m/s²], in the axes of the car, from which the
-    vehicle file says that the sensor is turned; others as they are."""
-    if not isinstance(sensor, Imu) or not any(sensor.attitude):
-        return readings
-    rates, forces = (turned_to_car(readings.value[:, part], sensor) for part in (slice(0, 3), slice(3, 6)))
-    return Readings(readings.t, np.hstack([rates, forces]))
+def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
+    """The measurements that tell something, if there are any."""
+    name = telling(((name, sensors[name]) for name in readings), what)
+    return None if name is None else readings[name]
 
 
-def turned_to_car(vectors: Array, sensor: Imu) -> Array:
-    """Vectors (n, 3) in the axes of a sensor in those of the car. Of a component that is absent (NaN) the car's
-    component of which it is the largest part is absent as well; to the others it adds nothing, on both sides of a
-    comparison alike."""
-    turn = to_axes_of_car(sensor)
-    absent = np.isnan(vectors)
-    found = np.where(absent, 0.0, vectors) @ turn.T
-    found[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
-    return np.asarray(found)
-
-
-def to_axes_of_car(sensor: Imu) -> Array:
-    """What turns vectors (3) in the axes of a sensor into those of the car, (3, 3)."""
-    return np.asarray(Rotation.from_euler("xyz", sensor.attitude).as_matrix())
-
-
-def _speed(readings: Mapping[str, Readings], kinds: Mapping[str, str], vehicle: Vehicle) -> Readings | None:
-    """Speed from the wheels, else from GNSS."""
-    if "wheel_speeds" in kinds:
-        wheels = readings[kinds["wheel_speeds"]]
-        value = wheels.value * rolling_radii(vehicle)
-        present = np.isfinite(value).any(axis=1)
-        if present.sum() >= 2:
-            return Readings(wheels.t[present], np.nanmedian(value[present], axis=1)[:, None])
-    if "gnss_velocity" in kinds:
-        velocity = readings[kinds["gnss_velocity"]]
-        present = np.isfinite(velocity.value).all(axis=1)
-        if present.sum() >= 2:
-            speed = Readings(velocity.t[present], np.hypot(*velocity.value[present, :2].T)[:, None])
-            slow = float(np.median(np.diff(speed.t))) > SLOW
-            return _between(speed, readings[kinds["imu"]]) if slow and "imu" in kinds else speed
+def _speed(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> Readings | None:
+    """Speed from the wheels, else over ground."""
+    for what in SPEEDS:
+        name = telling(sensors.items(), what)
+        if name is None:
+            continue
+        found = readings[name]
+        value = sensors[name].speeds(found.value, rolling_radii(vehicle))
+        present = np.isfinite(value)
+        if present.sum() < 2:
+            continue
+        speed = Readings(found.t[present], value[present, None])
+        inertial = _of(readings, sensors, "rates and forces")
+        slow = what == "ground speed" and float(np.median(np.diff(speed.t))) > SLOW
+        return _between(speed, inertial) if slow and inertial is not None else speed
     return None
 
 
@@ -244,17 +239,17 @@ def _between(speed: Readings, imu: Readings) -> Readings:
     return Readings(t[known], (felt + rest)[known, None]) if known.sum() >= 2 else speed
 
 
-def _headed(readings: Mapping[str, Readings], kinds: Mapping[str, str], speed: Readings) -> tuple[Readings, bool]:
+def _headed(
+    readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], speed: Readings
+) -> tuple[Readings, bool]:
     """Course over ground (n, 1) [rad], and whether that is the one on the map: without GNSS it is the heading, as if
     the recording set out eastwards."""
-    if "gnss_velocity" in kinds:
-        velocity = readings[kinds["gnss_velocity"]]
+    if (velocity := _of(readings, sensors, "course")) is not None:
         moving = np.isfinite(velocity.value).all(axis=1) & (np.hypot(*velocity.value[:, :2].T) > SLOWEST)
         if moving.sum() >= 2:
             course = np.unwrap(np.arctan2(velocity.value[moving, 1], velocity.value[moving, 0]))
             return Readings(velocity.t[moving], course[:, None]), True
-    if "imu" in kinds:
-        imu = readings[kinds["imu"]]
+    if (imu := _of(readings, sensors, "rates and forces")) is not None:
         present = np.isfinite(imu.value[:, 2]) & (imu.t >= speed.t[0])
         if present.sum() >= 2:
             t, rate = imu.t[present], imu.value[present, 2]
@@ -306,15 +301,15 @@ def _windows(
     index: int,
     name: str,
     readings: Mapping[str, Readings],
-    kinds: Mapping[str, str],
+    sensors: Mapping[str, SensorBase],
     speed: Readings,
     headed: Readings,
     turned: Readings,
     place: Readings,
 ) -> Iterable[Window]:
-    steering = readings[kinds["steering"]]
-    torques = "wheel_torques" in kinds
-    needed = [steering, speed] + ([readings[kinds["wheel_torques"]]] if torques else [])
+    inputs = [_of(readings, sensors, what) for what in INPUTS]
+    torques = _of(readings, sensors, "torques") is not None
+    needed = [speed, *(driving for driving in inputs if driving is not None)]
     for begin, end in _driving(speed, needed):
         parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
         length = (end - begin - RUN_IN) / parts
@@ -324,7 +319,7 @@ def _windows(
             inside = {sensor: found for sensor, found in inside.items() if len(found.t) >= 2}
             yield Window(
                 index, name, first, last, inside, _cut(speed, first - 1.0, last + 1.0),
-                _course(inside, kinds, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
+                _course(inside, sensors, first, headed), torques, _spanning(turned, first - 1.0, last + 1.0),
                 _spanning(place, first - 1.0, last + 1.0),
             )  # fmt: skip
 
@@ -355,19 +350,18 @@ def _told(t: Array, times: Array) -> NDArray[np.bool_]:
 
 def _cut(readings: Readings, first: float, last: float) -> Readings:
     rows = (readings.t >= first) & (readings.t <= last)
-    return Readings(readings.t[rows], readings.value[rows])
+    return readings.rows(rows)
 
 
 def _spanning(readings: Readings, first: float, last: float) -> Readings:
     """With the nearest before and after besides, so that there is always one, however long nothing was told."""
     begin = max(int(np.searchsorted(readings.t, first, "right")) - 1, 0)
     end = int(np.searchsorted(readings.t, last, "left")) + 1
-    return Readings(readings.t[begin:end], readings.value[begin:end])
+    return readings.rows(slice(begin, end))
 
 
-def _course(readings: Mapping[str, Readings], kinds: Mapping[str, str], at: float, headed: Readings) -> float:
-    sensor = kinds.get("gnss_velocity")
-    velocity = readings.get(sensor) if sensor is not None else None
+def _course(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], at: float, headed: Readings) -> float:
+    velocity = _of(readings, sensors, "course")
     present = np.isfinite(velocity.value).all(axis=1) if velocity is not None else np.zeros(0, dtype=bool)
     if velocity is None or not present.any():
         return float(np.interp(at, headed.t, headed.value[:, 0]))

@@ -6,7 +6,7 @@ Lengths in metres from `cog`, the centre of gravity in the design position; axes
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.observer_settings import ObserverSettings
 from vsense_ros.model.parameter import Part, numbers, parameter, vector, with_values
-from vsense_ros.model.sensors import Sensor, SensorBase
-from vsense_ros.model.sensors import Steering as SteeringSensor
+from vsense_ros.model.sensors import SensorBase, any_sensor
 from vsense_ros.model.sensors.base import Triple
 from vsense_ros.model.tyres import AnyTyre
 
@@ -161,6 +160,10 @@ def _without_dots(name: str) -> str:
 
 
 SensorName = Annotated[str, AfterValidator(_without_dots)]
+if TYPE_CHECKING:
+    Sensor = SensorBase
+else:
+    Sensor = any_sensor()
 
 
 class Reference(Part):
@@ -239,11 +242,13 @@ class Vehicle(Part):
 
     def sensors_of_car(self) -> dict[str, SensorBase]:
         """The sensors with what they take over from the car, as they are without its effects."""
-        sensors: dict[str, SensorBase] = dict(self.sensors)
-        for name, sensor in sensors.items():
-            if isinstance(sensor, SteeringSensor) and sensor.ratio is None:
-                sensors[name] = sensor.model_copy(update={"ratio": self.physics.steering.ratio})
-        return sensors
+        return {name: sensor.of_car(self) for name, sensor in self.sensors.items()}
+
+    @classmethod
+    def admit_kinds(cls) -> None:
+        """Let vehicle files have sensors of all kinds in `sensors.KINDS`, where that has changed."""
+        cls.model_fields["sensors"].annotation = dict[SensorName, any_sensor()]  # type: ignore[assignment,misc]
+        cls.model_rebuild(force=True)
 
     def values(self) -> dict[str, float]:
         """Physical parameters by dotted name."""
@@ -260,8 +265,8 @@ class Vehicle(Part):
 
 def left_out_of_observer(vehicle: Vehicle) -> str:
     """What of its effects the observer of a vehicle and its sensors leaves out, in words; empty for nothing."""
-    kinds = {sensor.kind for sensor in vehicle.sensors.values()}
-    parts = {effect.id: effect.left_out_of_observer(kinds) for effect in vehicle.physics.effects.present()}
+    sensors = vehicle.sensors.values()
+    parts = {effect.id: effect.left_out_of_observer(sensors) for effect in vehicle.physics.effects.present()}
     return _left_out("the observer", parts)
 
 

@@ -26,6 +26,7 @@ from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.reader import Reader
 from vsense_ros.observer import Observer, estimate_samples
+from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.monitor import load_limits
 
 _TIMES_KEPT = 1_000_000
@@ -36,6 +37,10 @@ class ObserverParameters(NodeParameters):
     """Vehicle and output."""
 
     vehicle: str = Field("", description="vehicle file, or the name of one in config/vehicles")
+    filter: str = Field(
+        "",
+        description="filter, as `vsense filters` lists them; empty: errorEKF or SPI",
+    )
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
     publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
     monitor: str = Field("", description="limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
@@ -57,7 +62,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if len(p.map_origin) not in (0, 3):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
-        self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin)
+        make = FILTERS[p.filter].make if p.filter else None
+        self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin, make)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:

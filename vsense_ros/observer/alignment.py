@@ -9,8 +9,7 @@ from vsense_ros.estimation.health import PATIENCE
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.coordinates import YAW, X, Y
-from vsense_ros.model.effects.base import ON_MAP
-from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import SensorBase, Tells
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.standstill import Standstill
 from vsense_ros.observer.state import FORWARD, LATERAL
@@ -37,18 +36,18 @@ class Alignment:
         """The filter has just started, with these measurements."""
         self.known = bool(self._filter.car.prior.deviation[YAW] < 1.0)  # where the map is laid by the start
         self._standstill = Standstill()
-        if (fix := events.get("gnss_position")) is not None:
-            self._stand(fix)
-        for kind in ("gnss_attitude", "gnss_velocity"):
-            if kind in events and not self.known:
-                self.align(events[kind])
+        for event in self._telling(events, "position"):
+            self._stand(event)
+        for event in (*self._telling(events, "heading"), *self._telling(events, "course")):
+            if not self.known:
+                self.align(event)
 
     def helps(self, event: Event) -> bool:
         """Whether a measurement may correct a filter that does not know its heading, or has told it just now."""
-        kind = self._sensors[event.sensor].kind
-        if kind not in ON_MAP:
+        sensor = self._sensors[event.sensor]
+        if not sensor.on_map:
             return True
-        if kind != "gnss_position":
+        if "position" not in sensor.tells:
             return self.align(event)
         if not self._velocity_comes() and self.align(event):
             return True
@@ -57,12 +56,12 @@ class Alignment:
 
     def astray(self, velocity: Event) -> bool:
         """Whether the heading is wrong: the car is as fast as GNSS says, yet all that is seen on the map is refused."""
-        if self._sensors[velocity.sensor].kind != "gnss_velocity":
+        if "course" not in self._sensors[velocity.sensor].tells:
             return False
         speed = np.hypot(*velocity.value)
         same = abs(np.hypot(self._mean[FORWARD], self._mean[LATERAL]) - speed) < _SAME_SPEED * speed
         health = self._intake.health
-        seen = (h for i, h in enumerate(health) if self._sensors[i].kind in ON_MAP and self._intake.sends(i))
+        seen = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
         return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
 
     def align(self, event: Event) -> bool:
@@ -85,10 +84,9 @@ class Alignment:
         """Yaw that a measurement tells [rad] and its standard deviation: two antennas; the course once it means
         something; without velocities the way between positions."""
         mean, sensor = self._mean, self._sensors[event.sensor]
-        if sensor.kind == "gnss_attitude":
-            cosine, sine = event.value
-            return float(np.arctan2(sine, cosine) - sensor.mounting()[0]), float(np.sqrt(event.variance.max()))
-        if sensor.kind == "gnss_position":
+        if "heading" in sensor.tells:
+            return sensor.heading(event.value, event.variance)
+        if "position" in sensor.tells:
             return self._standstill.heading(mean[[X, Y]], mean[YAW], event.value, event.variance)
         east, north = event.value
         speed = float(np.hypot(east, north))
@@ -115,5 +113,8 @@ class Alignment:
                 self._standstill.leave()
                 self._timeline.forget_past()
 
+    def _telling(self, events: dict[str, Event], what: Tells) -> list[Event]:
+        return [event for event in events.values() if what in self._sensors[event.sensor].tells]
+
     def _velocity_comes(self) -> bool:
-        return any(s.kind == "gnss_velocity" and self._intake.sends(i) for i, s in enumerate(self._sensors))
+        return any("course" in s.tells and self._intake.sends(i) for i, s in enumerate(self._sensors))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ class Beginning:
     @property
     def tells_speed(self) -> bool:
         """Whether a sensor has sent that could tell the speed."""
-        return any(self._kinds[i] in TELL_SPEED for i in self._first)
+        return any(self._intake.sensors[i].tells_speed for i in self._first)
 
     def clear(self) -> None:
         """Begin anew."""
@@ -46,20 +47,17 @@ class Beginning:
     def add(self, event: Event) -> Start | None:
         """Take in a measurement; what to start with, once that is known."""
         stamp, index = event.stamp, event.sensor
-        for speed in self._speeds({self._kinds[index]: event}):
+        for speed in self._speeds([event]):
             if not abs(speed) < self._fastest:
                 self._intake.refuse(index, f"speed {speed:.3g} m/s before the start, limit {self._fastest:g}")
                 return None
         if not self._keep(event):
             return None
         kinds = {self._kinds[i]: e for i, e in self._first.items()}
-        speeds = self._speeds(kinds)
+        speeds = self._speeds(kinds.values())
         waited = (stamp - self._first_stamp) * 1e-9
-        if "steering" in self._kinds and "steering" not in kinds and waited < LONGEST_GAP:
-            return None
-        if not speeds:
-            return None
-        if "gnss_velocity" in self._kinds and "gnss_velocity" not in kinds and waited < 1.0:
+        missing = (sensor for sensor in self._intake.sensors if sensor.kind not in kinds)
+        if not speeds or any(sensor.awaited and waited < sensor.awaited for sensor in missing):
             return None
         if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < LONGEST_GAP:
             return None
@@ -80,11 +78,9 @@ class Beginning:
         self._gathered[event.sensor] = now
         return True
 
-    def _speeds(self, kinds: dict[str, Event]) -> list[float]:
-        """What each sensor that tells the car's speed says [m/s], the wheels first."""
-        speeds = []
-        if (wheels := kinds.get("wheel_speeds")) is not None:
-            speeds.append(float(np.nanmean(wheels.value) * self._vehicle.physics.rear.unloaded_radius * 0.98))
-        if (velocity := kinds.get("gnss_velocity")) is not None and np.isfinite(velocity.value).all():
-            speeds.append(float(np.hypot(*velocity.value)))
-        return speeds
+    def _speeds(self, events: Iterable[Event]) -> list[float]:
+        """What each sensor that tells the car's speed says [m/s], in the order of their kinds."""
+        sensors = self._intake.sensors
+        in_order = sorted(events, key=lambda event: sensors[event.sensor].place)
+        speeds = (sensors[event.sensor].first_speed(event.value, self._vehicle) for event in in_order)
+        return [speed for speed in speeds if speed is not None]

@@ -6,10 +6,10 @@ from typing import Protocol
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
-from vsense_ros.model.coordinates import INPUTS
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.cekf import Cekf, numbers_held
 from vsense_ros.observer.dekf import WholeCar
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
 from vsense_ros.observer.full_car import FullCarBlocks
@@ -34,6 +34,11 @@ def error_ekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | N
 def dekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """The textbook's EKF in discrete form."""
     return ErrorEkf(WholeCar(vehicle, sensors, prior=prior))
+
+
+def cekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+    """The EKF in continuous form."""
+    return Cekf(WholeCar(vehicle, sensors, extra=numbers_held(sensors.values()), prior=prior))
 
 
 def ukf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
@@ -73,34 +78,53 @@ def _room(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
 
 _WHOLE = ("coordinates", "velocities", "disturbances", "biases of the sensors")
 _WITH_FORCES = (*_WHOLE, "forces beyond the model's")
+_INPUTS = ("road-wheel angle", "wheel torques where they are measured")
 _SENSORS = ("those of the vehicle file",)
 
+_PARAMETERS = "observer.parameters of the vehicle file"
+
 FILTERS = Catalogue(
-    [
-        FilterFamily(
-            "error_ekf", "errorEKF with force estimation", _WITH_FORCES, INPUTS, _SENSORS,
-            "nearly always: it is quick, and finds the forces that the model lacks", error_ekf,
+    FilterFamily(name, title, states, _INPUTS, _SENSORS, when, make)
+    for name, title, states, when, make in (
+        (
+            "error_ekf",
+            "errorEKF with force estimation",
+            _WITH_FORCES,
+            "nearly always: it is quick, and finds the forces that the model lacks",
+            error_ekf,
         ),
-        FilterFamily(
-            "spi", "SPI: state, parameters and inputs", (*_WITH_FORCES, "observer.parameters of the vehicle file"),
-            INPUTS, _SENSORS, "where mass, friction or another number of the car is not known well enough", spi,
+        (
+            "spi",
+            "SPI: state, parameters and inputs",
+            (*_WITH_FORCES, _PARAMETERS),
+            "where mass, friction or another number of the car is not known well enough",
+            spi,
         ),
-        FilterFamily(
-            "dekf", "discrete EKF", _WHOLE, INPUTS, _SENSORS, "as a reference without forces, with full matrices", dekf
+        ("dekf", "discrete EKF", _WHOLE, "as a reference without forces, with full matrices", dekf),
+        (
+            "cekf",
+            "continuous EKF",
+            _WHOLE,
+            "as a reference that shows why filters are discrete: it fails where sensors are slow",
+            cekf,
         ),
-        FilterFamily(
-            "ukf", "UKF", _WHOLE, INPUTS, _SENSORS, "as a reference with sigma points, at twenty times the cost", ukf
+        ("ukf", "UKF", _WHOLE, "as a reference with sigma points, at twenty times the cost", ukf),
+        (
+            "full_error_ekf",
+            "errorEKF on the full car",
+            _WITH_FORCES,
+            "where the linkages matter, which the vehicle file then describes",
+            full_error_ekf,
         ),
-        FilterFamily(
-            "full_error_ekf", "errorEKF on the full car", _WITH_FORCES, INPUTS, _SENSORS,
-            "where the linkages matter, which the vehicle file then describes", full_error_ekf,
+        (
+            "full_spi",
+            "SPI on the full car",
+            (*_WITH_FORCES, _PARAMETERS),
+            "where the linkages matter and a number of the car is not known well enough",
+            full_spi,
         ),
-        FilterFamily(
-            "full_spi", "SPI on the full car", (*_WITH_FORCES, "observer.parameters of the vehicle file"), INPUTS,
-            _SENSORS, "where the linkages matter and a number of the car is not known well enough", full_spi,
-        ),
-    ]
-)  # fmt: skip
+    )
+)
 
 
 def default_filter(vehicle: Vehicle) -> MakeFilter:

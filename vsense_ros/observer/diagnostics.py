@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.observer.beginning import TELL_SPEED
 from vsense_ros.observer.spi import Spi
 
 if TYPE_CHECKING:
@@ -36,11 +35,11 @@ def _own(observer: Observer) -> Diagnostic:
         missing = [n for n, h in zip(observer.names, observer.health, strict=True) if not h.last_stamp]
         text = "waiting for " + (", ".join(missing) if missing else "a speed")
         if missing and observer.waits_for_speed:
-            able = (n for n, sensor in observer.sensors.items() if sensor.kind in TELL_SPEED)
+            able = (n for n, sensor in observer.sensors.items() if sensor.tells_speed)
             text += f"; nothing tells the speed, which {' or '.join(able)} would"
         return Diagnostic("observer", Level.WARN, text, values)
     if not observer.heading_known:
-        moving = {"gnss_velocity", "gnss_position"} & {s.kind for s in observer.sensors.values()}
+        moving = any(sensor.tells & {"course", "position"} for sensor in observer.sensors.values())
         until = "the car moves" if moving else "two antennas tell it"
         return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
     level = Level.OK if observer.converged else Level.WARN

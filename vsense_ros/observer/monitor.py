@@ -36,13 +36,6 @@ PARTS = 20  # of a window, by which it moves on
 MOVING = 3.0  # [m/s] below it slip angles say little
 _ROOM = 512  # measurements that are kept before they are added up
 _NAMED = 3  # quantities in a message; all are among its values
-_AXES = {
-    "imu": ("roll rate", "pitch rate", "yaw rate", "longitudinal", "lateral", "vertical"),
-    "wheel_speeds": WHEELS,
-    "suspension": WHEELS,
-    "gnss_velocity": ("east", "north"),
-    "gnss_position": ("east", "north"),
-}
 
 
 @dataclass(frozen=True)
@@ -151,15 +144,18 @@ class Monitor:
             if sensor.is_input:
                 self._sensors.append(None)
                 continue
-            axes, first = _AXES.get(sensor.kind, ()), len(self.quantities)
-            last = first + len(axes)
-            self.quantities += [Quantity(f"{name} {axis} innovation", "deviations") for axis in axes]
+            shown, first = sensor.components, len(self.quantities)
+            last = first + len(shown)
+            self.quantities += [Quantity(f"{name} {each.name} innovation", "deviations") for each in shown]
             self.quantities.append(Quantity(f"{name} innovation squared", "expectations"))
             self._sensors.append(_Watched(slice(first, last), last, len(sensor.deviations()), gate))
-        slow = [*_FORCES, *(_TORQUES if "wheel_torques" in {sensor.kind for sensor in sensors.values()} else ())]
+        known = any("torques" in sensor.tells for sensor in sensors.values())
+        slow = [*_FORCES, *(_TORQUES if known else ())]
+        biases = {f"{name}.{bias.name}": bias.unit for name, sensor in sensors.items() for bias in sensor.biases()}
         for index in range(DISTURB.start, car.layout.size):
             name = car.layout.names[index]
-            slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", _unit(name))))
+            unit = biases.get(name, _unit(name))
+            slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", unit)))
         self._places = np.array([place for place, _ in slow])
         self._of_slow = slice(len(self.quantities), len(self.quantities) + len(slow))
         self.quantities += [quantity for _, quantity in slow]
@@ -306,9 +302,7 @@ def _clock(stamp: int) -> str:
 
 
 def _unit(name: str) -> str:
-    """Of an element of the state behind the forces."""
-    if "bias" in name:
-        return "rad/s" if "gyro" in name else "m/s²"
+    """Of a disturbance that the model has among its states."""
     return "-" if name == "radius_error" else "rad"
 
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Motion
+from vsense_ros.model.car.car import motion_of
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
@@ -66,8 +66,8 @@ class ParameterUkf(ParameterFilter):
     def _sensor(self, sensor: SensorBase) -> ca.Function:
         """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m)."""
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
-        motion = Motion(self.car.q, self.car.u, self.udot, self.car.disturbances, self.car.inputs)
-        arguments = [motion.q, motion.u, motion.udot, motion.disturbances, motion.inputs, bias, mounting]
+        state = self.car.q, self.car.u, self.udot, self.car.disturbances, self.car.inputs
+        motion, arguments = motion_of(*state), [*state, bias, mounting]
         return ca.Function("h", arguments, [ca.densify(sensor.equation(motion, bias, mounting))], {"cse": True})
 
     def effect(self) -> ca.Function:

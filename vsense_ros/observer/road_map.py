@@ -49,7 +49,7 @@ class RoadMap:
     @classmethod
     def of(cls, vehicle: Vehicle, on_map: Map) -> RoadMap | None:
         """Of a vehicle file that has profiles, and a sensor that tells where the car is; None of others."""
-        placed = any(sensor.kind == "gnss_position" for sensor in vehicle.sensors.values())
+        placed = any("position" in sensor.tells for sensor in vehicle.sensors.values())
         return cls(vehicle, on_map) if placed and any(map(_rows, vehicle.physics.effects.present())) else None
 
     def follow(self, filter: CarFilter) -> None:

@@ -12,6 +12,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.catalogue import MakeFilter
 from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
 from vsense_ros.observer.observer import Observer
 
@@ -33,14 +34,15 @@ def run(
     vehicle: Vehicle,
     *,
     rate: float = 100.0,
+    make: MakeFilter | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Feed all messages of a recording in order of arrival, and collect the estimates at `rate` [Hz] or less.
 
-    `progress` is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's
-    sensors, or never tells how the car moves.
+    `make` builds the filter, as for `Observer`. `progress` is called with the share done, 0 to 1. Raises `InputError`
+    if the recording has none of the vehicle's sensors, or never tells how the car moves.
     """
-    observer = Observer(vehicle, recording.map_origin)
+    observer = Observer(vehicle, recording.map_origin, make)
     present = topics_in(recording, observer)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)

@@ -29,7 +29,6 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
-from vsense_ros.model.effects.base import ON_MAP
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.vehicle import Vehicle
 
@@ -82,9 +81,10 @@ class Prior:
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
         """Of a vehicle with these sensors."""
-        where, kinds = layout(sensors), {sensor.kind for sensor in sensors.values()}
+        where = layout(sensors)
         errors, around = vehicle.observer.force_errors, vehicle.observer.surroundings
-        spin = [errors.wheel_spin if "wheel_speeds" in kinds else 0.0] * 4
+        rolling = any("rolling speed" in sensor.tells for sensor in sensors.values())
+        spin = [errors.wheel_spin if rolling else 0.0] * 4
         for sensor in sensors.values():
             if isinstance(sensor, WheelTorques):
                 axles = (vehicle.physics.front, vehicle.physics.rear)
@@ -93,7 +93,7 @@ class Prior:
         deviation = np.zeros(where.size)
         deviation[Q] = [100.0, 100.0, 0.02, 0.02, 0.02, np.pi, *[0.01] * 4, *[1e-3] * 4]
         deviation[U] = [1.0, 0.3, 0.1, 0.05, 0.05, 0.1, *[0.1] * 4, *[2.0] * 4]
-        if not kinds & ON_MAP:
+        if not any(sensor.on_map for sensor in sensors.values()):
             deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
         deviation[DISTURB] = [around.grade, around.bank, around.steering_offset, around.radius_error]

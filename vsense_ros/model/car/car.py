@@ -33,6 +33,7 @@ from vsense_ros.model.coordinates import (
     INPUTS,
     PITCH,
     PITCH_RATE,
+    POSITION,
     RADIUS_ERROR,
     RATES,
     ROLL,
@@ -52,6 +53,7 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.multibody.tree import Body, Tree
 from vsense_ros.model.parameter import Scalar, numbers, symbols
 from vsense_ros.model.tyres import TyreForces, TyreInput
@@ -64,30 +66,28 @@ STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how 
 LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Symbols of one instant: what the sensor equations may refer to."""
-
-    q: ca.SX  # (14,)
-    u: ca.SX  # (14,)
-    udot: ca.SX  # (14,) derivatives of u
-    disturbances: ca.SX  # (4,)
-    inputs: ca.SX  # (5,)
-
-    @property
-    def attitude(self) -> ca.SX:
-        """Body to map, 3×3."""
-        return spatial.rotation_rpy(self.q[ROLL], self.q[PITCH], self.q[YAW])
-
-    @property
-    def gravity(self) -> ca.SX:
-        """Acceleration of free fall in body axes, 3×1 [m/s²]."""
-        return gravity_in_body(self.q, self.disturbances)
-
-    @property
-    def roll(self) -> ca.SX:
-        """Of the body relative to the road [rad]."""
-        return self.q[ROLL]
+def motion_of(q: ca.SX, u: ca.SX, udot: ca.SX, disturbances: ca.SX, inputs: ca.SX) -> Motion:
+    """The motion at one instant by name, from coordinates, velocities and derivatives of velocities (14 each),
+    disturbances (4) and inputs (5)."""
+    velocity, rates = u[VELOCITY], u[RATES]
+    return Motion(
+        position=q[POSITION],
+        roll=q[ROLL],
+        pitch=q[PITCH],
+        yaw=q[YAW],
+        velocity=velocity,
+        rates=rates,
+        acceleration=udot[VELOCITY] + ca.cross(rates, velocity),
+        angular_acceleration=udot[RATES],
+        travel=q[TRAVEL],
+        travel_rates=u[TRAVEL],
+        spin=u[SPIN],
+        spin_rates=udot[SPIN],
+        gravity=gravity_in_body(q, disturbances),
+        grade=disturbances[GRADE],
+        steering=inputs[STEERING],
+        torques=inputs[TORQUES],
+    )
 
 
 def gravity_in_body(q: ca.SX, disturbances: ca.SX) -> ca.SX:

@@ -8,7 +8,7 @@ coordinates, 12 constraints). Both corners of an axle share their code; the righ
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -58,7 +58,7 @@ from vsense_ros.model.multibody.mechanism import (
     Spring,
 )
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
-from vsense_ros.model.parameter import symbols, vector
+from vsense_ros.model.parameter import Scalar, symbols, vector
 from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.vehicle import Axle, Vehicle
 
@@ -67,6 +67,8 @@ Array = NDArray[np.float64]
 RACK = "rack"  # displacement of the rack, positive to the left [m]
 ROD_RADIUS = 0.01  # [m] gives rods an inertia about their own line
 PLACING = 4  # iterations that put a linkage to a given travel
+# Numbers of the chassis: what air and inertia make of it, centre and inertia tensor in its own axes.
+CHASSIS = ("drag_area", "mass", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 CORNER_INPUTS = ("torque", "travel_force", "opposite_travel")
 UPRIGHT, WHEEL = "upright", "wheel"
 
@@ -133,15 +135,15 @@ def _across(a: ca.SX, b: ca.SX, reference: Vector) -> tuple[ca.SX, ca.SX]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extra:
-    """Symbols of a corner beside those of its axle, hard points and masses."""
+    """What a corner has beside its axle's parameters, hard points and masses: symbols or numbers."""
 
-    side: ca.SX  # 1 on the left, -1 on the right
-    friction: ca.SX  # of the road [-]
-    stiffness: ca.SX  # of the strut's spring [N/m]
-    damping: ca.SX  # of the strut [N s/m]
-    preload: ca.SX  # of the strut's spring in the design position [N]
-    tie_rod_length: ca.SX  # [m]
-    gyration: ca.SX  # radius of gyration of the upright [m]
+    side: Scalar  # 1 on the left, -1 on the right
+    friction: Scalar  # of the road [-]
+    stiffness: Scalar  # of the strut's spring [N/m]
+    damping: Scalar  # of the strut [N s/m]
+    preload: Scalar  # of the strut's spring in the design position [N]
+    tie_rod_length: Scalar  # [m]
+    gyration: Scalar  # radius of gyration of the upright [m]
 
 
 _Parts = tuple[list[Body], tuple[Closure, ...], Measure]
@@ -162,15 +164,17 @@ class Corner:
         torque, travel_force, opposite_travel = ca.vertsplit(inputs)
         self._points = {p: points[3 * i : 3 * i + 3] for i, p in enumerate(self._point_names)}
         self._mass = {m: masses[i] for i, m in enumerate(self._mass_names)}
-        self._extra = _Extra(*ca.vertsplit(extra))
-        self._centre = ca.SX.sym("centre", 3)
-        self.travel = Displacement(Point(UPRIGHT, self._centre), Z_AXIS)
+        self.extra = _Extra(*ca.vertsplit(extra))
+        self.centre = ca.SX.sym("centre", 3)
+        self.travel = Displacement(Point(UPRIGHT, self.centre), Z_AXIS)
         if isinstance(suspension, DoubleWishbone):
             bodies, closures, strut = self._double_wishbone(suspension)
         else:
             bodies, closures, strut = self._five_link()
         self.strut = strut
-        a, x = self._axle, self._extra
+        first = data.numel() + points.numel() + masses.numel()
+        self._place_of_extra = slice(first, first + extra.numel())
+        a, x = self._axle, self.extra
         self.linkage = Linkage(
             name=name,
             bodies=(*bodies, self._wheel()),
@@ -182,7 +186,7 @@ class Corner:
             efforts=(Effort(Along(WHEEL), torque), Effort(self.travel, travel_force)),
             loads=(Load(WHEEL, self._tyre_load),),
             exports=(self.travel,),
-            parameters=ca.vertcat(data, points, masses, extra, self._centre),
+            parameters=ca.vertcat(data, points, masses, extra, self.centre),
             inputs=inputs,
         )
 
@@ -193,13 +197,13 @@ class Corner:
 
     def _upright(self, parent: str, ball: ca.SX) -> Body:
         mass = self._mass[UPRIGHT]
-        return Body(UPRIGHT, parent, Spherical(ball), mass, self._centre, mass * self._extra.gyration**2 * ca.SX.eye(3))
+        return Body(UPRIGHT, parent, Spherical(ball), mass, self.centre, mass * self.extra.gyration**2 * ca.SX.eye(3))
 
     def _wheel(self) -> Body:
         a = self._axle
         inertia = ca.diag(ca.vertcat(ca.SX(a.wheel_diametral_inertia), a.wheel_spin_inertia, a.wheel_diametral_inertia))
-        joint = Revolute(self._centre, Y_AXIS, follows=False)
-        return Body(WHEEL, UPRIGHT, joint, a.wheel_mass, self._centre, inertia)
+        joint = Revolute(self.centre, Y_AXIS, follows=False)
+        return Body(WHEEL, UPRIGHT, joint, a.wheel_mass, self.centre, inertia)
 
     def _rod(self, name: str, guided: bool = False) -> Body:
         inner, outer, mass = self._points[f"{name}.inner"], self._points[f"{name}.outer"], self._mass[name]
@@ -230,7 +234,7 @@ class Corner:
         ]  # fmt: skip
         # A rod that is longer than the distance of its points reaches beyond the outer one.
         inner, outer = p["tie_rod.inner"], p["tie_rod.outer"]
-        end = inner + (outer - inner) * (self._extra.tie_rod_length / ca.norm_2(outer - inner))
+        end = inner + (outer - inner) * (self.extra.tie_rod_length / ca.norm_2(outer - inner))
         closures = (
             Coincide("upper ball joint", Point("upper", p["upper.outer"]), Point(UPRIGHT, p["upper.outer"])),
             Coincide("tie rod", Point("tie_rod", end), Point(UPRIGHT, outer)),
@@ -251,7 +255,7 @@ class Corner:
     def _tyre_load(self, state: BodyState) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """Tyre on a plane road: force vector, its main derivatives, `WHEEL_OUTPUTS`."""
         a = self._axle
-        centre = state.origin + state.rotation @ self._centre
+        centre = state.origin + state.rotation @ self.centre
         axle = state.rotation[:, 1]
         spin = ca.vertcat(axle, ca.cross(centre, axle))
         carrier = state.velocity - spin * state.rate
@@ -272,9 +276,9 @@ class Corner:
                 speed_x=slips[1],
                 speed_y=slips[2] * a.cornering_scale,
                 rolling_speed=slips[3] + (a.longitudinal_scale - 1) * (slips[3] - slips[1]),
-                friction=self._extra.friction * a.grip_scale,
+                friction=self.extra.friction * a.grip_scale,
                 camber=camber,
-                side=self._extra.side,
+                side=self.extra.side,
             )
         )
         result = ca.vertcat(*found)
@@ -298,13 +302,15 @@ class Corner:
         if isinstance(suspension, DoubleWishbone):
             rod = suspension.tie_rod
             length = suspension.tie_rod_length or float(np.linalg.norm(np.subtract(rod.outer, rod.inner)))
-        extra = [side, friction, 0.0, 0.0, 0.0, length, suspension.gyration]
-        return np.concatenate([vector(axle), *points, list(_masses(suspension, axle).values()), extra, centre])
+        extra = _Extra(side, friction, 0.0, 0.0, 0.0, length, suspension.gyration)
+        masses = list(_masses(suspension, axle).values())
+        return np.concatenate([vector(axle), *points, masses, astuple(extra), centre])
 
     def with_spring(self, numbers: Array, stiffness: float, damping: float, preload: float) -> Array:
         """A copy with these values of the strut's spring [N/m, N s/m, N]."""
         result = numbers.copy()
-        result[-8:-5] = stiffness, damping, preload
+        extra = _Extra(*result[self._place_of_extra])
+        result[self._place_of_extra] = astuple(replace(extra, stiffness=stiffness, damping=damping, preload=preload))
         return result
 
     @cached_property
@@ -410,17 +416,19 @@ class FullCar:
             Corner("front", linkages.front, physics.front),
             Corner("rear", linkages.rear, physics.rear),
         )
-        p = ca.SX.sym("chassis", 11)
-        inertia = ca.vertcat(ca.horzcat(p[5], p[8], p[9]), ca.horzcat(p[8], p[6], p[10]), ca.horzcat(p[9], p[10], p[7]))
-        drag = 0.5 * AIR_DENSITY * p[0]
+        p = ca.SX.sym("chassis", len(CHASSIS))
+        drag_area, mass, x, y, z, xx, yy, zz, xy, xz, yz = ca.vertsplit(p)
+        inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+        drag = 0.5 * AIR_DENSITY * drag_area
 
         def air(velocity: ca.SX) -> ca.SX:
-            return ca.vertcat(ca.SX(3, 1), -drag * velocity[3] * ca.fabs(velocity[3]), ca.SX(2, 1))
+            speed = velocity[spatial.LINEAR][0]
+            return ca.vertcat(ca.SX(3, 1), -drag * speed * ca.fabs(speed), ca.SX(2, 1))
 
         front, rear = (corner.linkage for corner in self.corners)
         opposite = CORNER_INPUTS.index("opposite_travel")
         self.mechanism = Mechanism(
-            base=Base(p[1], p[2:5], inertia, air, p),
+            base=Base(mass, ca.vertcat(x, y, z), inertia, air, p),
             branches=(front, front, rear, rear),
             links=tuple(Link(i, opposite, i + 1 - 2 * (i % 2), 0) for i in range(4)),
         )
@@ -467,7 +475,7 @@ class FullCar:
 
     def corner_parameters(self, parameters: Array) -> list[Array]:
         """The part of `parameters` that belongs to each corner."""
-        ends = np.cumsum([11, *(b.parameters.numel() for b in self.mechanism.branches)])
+        ends = np.cumsum([len(CHASSIS), *(b.parameters.numel() for b in self.mechanism.branches)])
         return [parameters[a:b] for a, b in pairwise(ends)]
 
     def counts(self, parameters: Array, rack: float = 0.0) -> Counts:
@@ -501,11 +509,13 @@ class FullCar:
         n = mechanism.coordinates
         z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
         guides = ca.SX.sym("guides", len(mechanism.guides), 3)
-        ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
+        ends = np.cumsum([len(CHASSIS), *(b.parameters.numel() for b in mechanism.branches)])
         parameters = ca.SX.sym("parameters", int(ends[-1]))
         state, _ = base_functions(mechanism)
         nothing = ca.SX(3, 1)
-        velocity, acceleration, *_ = state(z[POSE], dz[POSE], ddz[POSE], nothing, ca.SX(6, 1), parameters[:11], 1.0)
+        velocity, acceleration, *_ = state(
+            z[POSE], dz[POSE], ddz[POSE], nothing, ca.SX(6, 1), parameters[: len(CHASSIS)], 1.0
+        )
         travels, spins = [], []
         for i, linkage in enumerate(mechanism.branches):
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
@@ -531,7 +541,7 @@ class FullCar:
         """(z, guides, parameters, q, u) → z, dz of the full car that has the 14 coordinates and velocities q and u of
         the simplified one, from a z nearby; and how much was missing before the last iteration."""
         mechanism = self.mechanism
-        ends = np.cumsum([11, *(b.parameters.numel() for b in mechanism.branches)])
+        ends = np.cumsum([len(CHASSIS), *(b.parameters.numel() for b in mechanism.branches)])
         z, q, u = ca.MX.sym("z", mechanism.coordinates), ca.MX.sym("q", COORDINATES), ca.MX.sym("u", COORDINATES)
         guides = ca.MX.sym("guides", len(mechanism.guides), 3)
         parameters = ca.MX.sym("parameters", int(ends[-1]))

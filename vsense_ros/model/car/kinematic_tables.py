@@ -205,11 +205,10 @@ class WheelPosition:
             ],
         )
         frame = motion.frames[UPRIGHT]
-        centre = linkage.parameters[-3:]
+        centre, side = corner.centre, corner.extra.side
         moved = frame.at(centre) - centre
         axle = frame.rotation[:, 1]
         upward = frame.rotation[:, 2]
-        side = linkage.parameters[-10]
         # The upright's own vertical, turned about the axle from the vertical plane through it.
         level = ca.cross(ca.SX([0, 0, 1]), axle)
         level = -level / ca.norm_2(level)  # forwards, horizontal

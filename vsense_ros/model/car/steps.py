@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Car, Motion, kinematics
+from vsense_ros.model.car.car import Car, kinematics, motion_of
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
@@ -164,7 +164,7 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))
-    value = sensor.equation(Motion(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
+    value = sensor.equation(motion_of(car.q, car.u, udot, car.disturbances, car.inputs), biases, mounting)
     return codegen.function(
         f"sense_{sensor.kind}",
         [car.q, car.u, udot, car.disturbances, car.inputs, biases, mounting],

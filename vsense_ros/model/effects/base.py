@@ -24,7 +24,6 @@ CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "re
 AXLES = ("front", "rear")
 _PROFILE = "its profile along the road"
 SPACING = 50.0  # [m] from one row of a profile to the next; so far beyond its last one a road is as everywhere
-ON_MAP = {"gnss_position", "gnss_velocity", "gnss_attitude"}  # kinds of sensors that know north
 
 # What of a car an effect acts on, by the method with which it does.
 _ACTS_ON = {
@@ -173,9 +172,9 @@ class Effect(Part):
         """What of it a simulation on a road of its own cannot have, in words; empty for nothing."""
         return ""
 
-    def left_out_of_observer(self, kinds: Collection[str]) -> str:
-        """What of it an observer with these kinds of sensors cannot have, in words; empty for nothing."""
-        if self.on_map and self.has_size and not ON_MAP & set(kinds):
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
+        """What of it an observer with these sensors cannot have, in words; empty for nothing."""
+        if self.on_map and self.has_size and not any(sensor.on_map for sensor in sensors):
             return "its direction on the map, as no sensor knows north"
         return ""
 
@@ -194,10 +193,10 @@ class RoadEffect(Effect):
     def left_out_of_simulation(self) -> str:
         return f"{_PROFILE}, as the simulated road is another" if self.profile else ""
 
-    def left_out_of_observer(self, kinds: Collection[str]) -> str:
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
         if self.profile and self._is_plane:
             return self._without([_PROFILE])
-        unplaced = self.profile and "gnss_position" not in kinds
+        unplaced = self.profile and not any("position" in sensor.tells for sensor in sensors)
         return self._without([f"{_PROFILE}, as no sensor tells where the car is"] if unplaced else [])
 
     @classmethod

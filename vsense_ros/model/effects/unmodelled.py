@@ -14,6 +14,7 @@ from vsense_ros.model.effects.base import AXLES, CORNERS, Effect, size
 
 if TYPE_CHECKING:
     from vsense_ros.model.car.car import Car, Corner
+    from vsense_ros.model.sensors import SensorBase
 
 SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 
@@ -171,8 +172,8 @@ class _Unmodelled(Effect):
         to_the_right = -1 if corner.index % 2 == 0 else 1
         return torque + to_the_right * self._sum(_ACROSS[corner.index // 2], car)
 
-    def left_out_of_observer(self, kinds: Collection[str]) -> str:
-        if "wheel_torques" in kinds:
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
+        if any("torques" in sensor.tells for sensor in sensors):
             return ""
         asking = [
             f"{channel}_{name}"

@@ -1,14 +1,24 @@
-"""Sensor equations, one file each.
+"""Sensors, one file for each kind.
 
-A sensor is a pydantic class: where its messages come from, how to read one, its noise and biases, and the equation that
-says what it would measure. To add one: write its file, add it here.
+A kind is a class that says all that it is (`SensorBase`): where its messages come from and how to read one, its
+equation, noise and biases, what its errors look like in a simulation, in which signals the search for missing physics
+compares it, and how data that cannot be true are told from others. To add one, write its file, with the name of its
+kind.
 """
 
-from typing import Annotated
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from pkgutil import iter_modules
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from vsense_ros.model.sensors.base import Bias, SensorBase
+from vsense_ros.messages.topics import TOPICS, Topic
+from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Response, SensorBase, Tells
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
 from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
@@ -18,21 +28,79 @@ from vsense_ros.model.sensors.suspension import Suspension
 from vsense_ros.model.sensors.wheel_speeds import WheelSpeeds
 from vsense_ros.model.sensors.wheel_torques import WheelTorques
 
-Sensor = Annotated[
-    Imu | WheelSpeeds | Suspension | Steering | WheelTorques | GnssPosition | GnssVelocity | GnssAttitude,
-    Field(discriminator="kind"),
-]
+
+def _every() -> Iterator[type[SensorBase]]:
+    """The kinds that the modules of this folder define."""
+    for module in (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)):
+        for value in vars(module).values():
+            own = isinstance(value, type) and value.__module__ == module.__name__
+            if own and issubclass(value, SensorBase) and value.model_fields["kind"].default is not _NO_KIND:
+                yield value
+
+
+_NO_KIND = SensorBase.model_fields["kind"].default
+
+# All kinds by name. One that is defined elsewhere may be added; `Vehicle.admit_kinds` lets vehicle files have it.
+KINDS: dict[str, type[SensorBase]] = {
+    str(kind.model_fields["kind"].default): kind
+    for kind in sorted(_every(), key=lambda kind: (kind.place, kind.model_fields["kind"].default))
+}
+
+
+def any_sensor() -> Any:
+    """The type of a sensor of any kind, which the key `kind` tells."""
+    return Annotated[reduce(or_, KINDS.values()), Field(discriminator="kind")]
+
+
+def compared_signals() -> dict[str, ComparedSignal]:
+    """The signals of all kinds by name."""
+    return {signal.name: signal for kind in KINDS.values() for signal in kind.signals}
+
+
+def known_topics() -> dict[str, Topic]:
+    """What the topics of a recording carry: those of the project, and those of kinds that were added."""
+    own = {}
+    for kind in KINDS.values():
+        topic, frame = (kind.model_fields[name].default for name in ("topic", "frame_id"))
+        own[topic] = Topic(kind.message, frame, names=kind.joints)
+    return {**own, **TOPICS}
+
+
+def words_of(kind: str) -> str:
+    """What a kind of sensor gives, after "it needs"."""
+    return KINDS[kind].words or kind.replace("_", " ")
+
+
+def telling(sensors: Iterable[tuple[str, SensorBase]], what: Tells) -> str | None:
+    """The name of the sensor that tells something best, among names and sensors: of the kind that comes first in lists
+    of kinds, the last; None if there is none."""
+    names: dict[tuple[int, str], str] = {}
+    for name, sensor in sensors:
+        if what in sensor.tells:
+            names[sensor.place, sensor.kind] = name
+    return names[min(names)] if names else None
+
 
 __all__ = [
+    "KINDS",
     "Bias",
+    "ComparedSignal",
+    "Component",
     "GnssAttitude",
     "GnssPosition",
     "GnssVelocity",
     "Imu",
-    "Sensor",
+    "JointSensor",
+    "Response",
     "SensorBase",
     "Steering",
     "Suspension",
+    "Tells",
     "WheelSpeeds",
     "WheelTorques",
+    "any_sensor",
+    "compared_signals",
+    "known_topics",
+    "telling",
+    "words_of",
 ]

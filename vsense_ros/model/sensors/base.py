@@ -1,11 +1,12 @@
-"""What all sensors have in common."""
+"""What all sensors have in common, and what a kind of sensor says of itself to the rest of the project."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from math import inf
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Motion
+    from vsense_ros.model.motion import Motion
+    from vsense_ros.model.vehicle import Vehicle
 
 Vector = NDArray[np.float64]
 Names = tuple[str, ...]  # of the joints in a JointState
@@ -32,6 +35,18 @@ NoiseFromMessage = Annotated[
     bool, Field(description="covariances that messages state count instead of the standard deviations here")
 ]
 
+# What a kind of sensor tells of the car, for whoever needs that from whichever kind:
+# - rates and forces: three body rates [rad/s] and three specific forces [m/s²], in the axes of its mounting;
+# - rolling speed: spin speeds of the wheels fl, fr, rl, rr [rad/s];
+# - ground speed: how fast the car moves over ground;
+# - course: velocity to the east and to the north [m/s], hence the direction of travel;
+# - heading: direction of the car on the map; position: east and north [m];
+# - steering: road-wheel angle [rad]; torques: of the wheels fl, fr, rl, rr [N m].
+Tells = Literal[
+    "rates and forces", "rolling speed", "ground speed", "course", "heading", "position", "steering", "torques"
+]
+_OF_THE_MAP: frozenset[Tells] = frozenset({"course", "heading", "position"})
+
 
 @dataclass(frozen=True)
 class Bias:
@@ -44,15 +59,83 @@ class Bias:
     name: str
     deviation: float
     drift: float
-    time_constant: float = float("inf")
+    time_constant: float = inf
+    unit: str = "-"
+
+
+@dataclass(frozen=True)
+class Component:
+    """One of the numbers that a sensor gives: a `name` in a list beside the sensor's own, and in whole `words`."""
+
+    name: str
+    words: str
+
+
+@dataclass(frozen=True)
+class ComparedSignal:
+    """What the search for missing physics compares between a recording and a simulation: `name`, its unit, and how it
+    comes from a sensor's components (n, m) in the axes of the car, given the rolling radius [m].
+
+    `floor` is the smallest standard deviation that is believed. A `drifting` signal is compared up to a constant and a
+    slope in each window, because it depends on a heading that nothing measures. A `shaken` one has in it what an uneven
+    road does to the body. From a `turning` one the integral of the yaw rate is taken off.
+    """
+
+    name: str
+    unit: str
+    make: Callable[[Vector, float], Vector]
+    floor: float
+    drifting: bool = False
+    shaken: bool = False
+    turning: bool = False
+
+
+@dataclass(frozen=True)
+class Response:
+    """How a car answers an input, by which one that is frozen is told from one that is held.
+
+    `component` is that of the rates and forces which answers, `by_speed` whether it does so times the speed; `least` is
+    the change [m/s²] that does not happen without one of the input. `words` name the input in a sentence.
+    """
+
+    component: int
+    by_speed: bool
+    least: float
+    words: str
+
+
+def component(index: int) -> Callable[[Vector, float], Vector]:
+    """The signal that is one of a sensor's components."""
+    return lambda value, radius: value[:, index]
 
 
 class SensorBase(Part):
-    """Where a sensor's messages come from and how far they can be trusted."""
+    """Where a sensor's messages come from and how far they can be trusted; as a class, all that its kind is.
 
+    A kind overrides what concerns it of the class attributes and methods. What it leaves out, nobody asks of it.
+    """
+
+    # Its messages.
     message: ClassVar[str] = ""  # message type
+    joints: ClassVar[Names] = ()  # names of the joints that may be in a JointState
+    geodetic: ClassVar[bool] = False  # True: `read` finds `east` and `north` [m] beside latitude and longitude
+    # What it measures.
+    place: ClassVar[int] = 100  # in lists of kinds, least first; those with the same by name
+    words: ClassVar[str] = ""  # what it gives, after "it needs"
+    tells: ClassVar[frozenset[Tells]] = frozenset()
+    components: ClassVar[tuple[Component, ...]] = ()  # those that mean something one by one
+    signals: ClassVar[tuple[ComparedSignal, ...]] = ()
+    # What it is to a filter.
     uses_acceleration: ClassVar[bool] = False  # True: the equation refers to the accelerations
-    is_input: ClassVar[bool] = False  # True: the values drive the model instead of correcting it
+    inputs: ClassVar[slice | None] = None  # of the model, which its values drive instead of correcting it
+    awaited: ClassVar[float] = 0.0  # [s] for which a filter that could start waits for the first message
+    # How its errors look.
+    sampling: ClassVar[Sampling | None] = None  # in a simulation; None: it gives nothing there
+    noisy: ClassVar[bool] = False  # True: noise makes equal messages in a row impossible
+    longest_still: ClassVar[float] = inf  # [s] for which a component may keep its value in a moving car …
+    longest_still_if_coarse: ClassVar[float] = 10.0  # [s] … if it takes few values
+    saturates: ClassVar[bool] = False  # True: components that stay at the end of their range are at its limit
+    response: ClassVar[Response | None] = None  # of the car to this input
 
     kind: str = Field(description="what it is")
     topic: str = Field(description="topic of its messages")
@@ -62,6 +145,39 @@ class SensorBase(Part):
         "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
     )
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=0.5)
+
+    @property
+    def is_input(self) -> bool:
+        """Whether the values drive the model instead of correcting it."""
+        return self.inputs is not None
+
+    @property
+    def on_map(self) -> bool:
+        """Whether it knows north."""
+        return bool(self.tells & _OF_THE_MAP)
+
+    @property
+    def tells_speed(self) -> bool:
+        """Whether it tells the car's speed."""
+        return not self.tells.isdisjoint({"rolling speed", "ground speed"})
+
+    @property
+    def tells_turning(self) -> bool:
+        """Whether it tells how the car turns."""
+        return not self.tells.isdisjoint({"steering", "rates and forces"})
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether a simulation needs it, or is compared with it: then one of its kind is enough."""
+        return bool(self.signals) or self.is_input
+
+    def longest(self, *, coarse: bool) -> float:
+        """For how long a component may keep its value in a moving car [s]; `coarse` if it takes few values."""
+        return max(self.longest_still, self.longest_still_if_coarse if coarse else 0.0)
+
+    def of_car(self, vehicle: Vehicle) -> SensorBase:
+        """The sensor with what it takes over from the car."""
+        return self
 
     def biases(self) -> tuple[Bias, ...]:
         """Errors to be estimated along with the state."""
@@ -86,6 +202,75 @@ class SensorBase(Part):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         """What the sensor would measure, (m,), as a function of a `Motion`."""
         raise NotImplementedError
+
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        """What its messages would say on a simulated drive, errors included."""
+        raise NotImplementedError
+
+    def disturbed(self, drive: SimulatedDrive) -> Vector:
+        """The truth of a simulated drive, (n, m), with biases and noise as stated here, and the known errors that
+        reading takes off."""
+        value = drive.truth + self.offsets()
+        for i, bias in enumerate(self.biases()):
+            value[:, i] += drive.bias * bias.deviation * drive.rng.standard_normal()
+        return value + self.deviations() * drive.rng.standard_normal(value.shape)
+
+    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
+        """Speed of a car at start [m/s] that a measurement (m,) tells, NaN if it is not known well; None if it tells
+        none."""
+        return None
+
+    def first_velocities(self, value: Vector) -> dict[int, float]:
+        """What a measurement (m,) tells of the other velocities at start: values by their place in `u` (coordinates.py,
+        rad/s or m/s)."""
+        return {}
+
+    def heading(self, value: Vector, variance: Vector) -> tuple[float, float] | None:
+        """Direction of the car on the map [rad] that a measurement (m,) with its variance (m,) tells by itself, and its
+        standard deviation."""
+        return None
+
+    def speeds(self, value: Vector, radii: Vector) -> Vector:
+        """Speeds of the car [m/s] that measurements (n, m) tell, (n,), NaN where absent; `radii` (4,) are the rolling
+        radii of its wheels [m]. Of kinds that tell a speed."""
+        raise NotImplementedError
+
+    def mean_speed(self, value: Vector, radius: float) -> Vector:
+        """The same with one rolling radius [m], and absent where any component is."""
+        raise NotImplementedError
+
+    def in_axes_of_car(self, value: Vector) -> Vector:
+        """Measurements (n, m) with vectors in the axes of the car, where the sensor is mounted in others."""
+        return value
+
+    def message_in_axes_of_car(self, columns: Values) -> dict[str, Any]:
+        """The same for the columns of a recorded channel: those that change."""
+        return {}
+
+    def on_bent_road(self, along: Vector, across: Vector, speed: Vector) -> Vector | None:
+        """What it reads besides, (n, m), where the road tilts the car along and across itself (n,) [rad/s] at a speed
+        (n,) [m/s]; None for nothing."""
+        return None
+
+
+class JointSensor(SensorBase):
+    """A sensor of as many numbers as it has `joints`, all in one field of a JointState; any of them may be absent."""
+
+    message: ClassVar[str] = "sensor_msgs/msg/JointState"
+    field: ClassVar[str]  # position, velocity or effort
+
+    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
+        by_name(names, self.joints, values.get(self.field), out)
+
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        value = drive.truth if self.is_input else self.disturbed(drive)
+        return joint_state(self.field, quantized(value, drive.quantum), self.joints)
+
+
+def joint_state(field: str, value: Vector, names: Names) -> Content:
+    """The columns of a JointState with values (n, joints) in one field."""
+    columns = {name: np.zeros((len(value), 0)) for name in ("position", "velocity", "effort")}
+    return Content({**columns, field: value}, names)
 
 
 def covariance_diagonal(flat: Vector | None, size: int) -> Vector | None:

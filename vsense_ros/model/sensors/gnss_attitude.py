@@ -8,16 +8,30 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, NoiseFromMessage, SensorBase, Values, Vector, covariance_diagonal
+from vsense_ros.model.sensors.base import (
+    Names,
+    NoiseFromMessage,
+    SensorBase,
+    Tells,
+    Values,
+    Vector,
+    covariance_diagonal,
+)
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Motion
+    from vsense_ros.model.motion import Motion
 
 
 class GnssAttitude(SensorBase):
-    """Yaw in the map [rad], as cosine and sine so that no wrap is needed."""
+    """Yaw in the map [rad], as cosine and sine so that no wrap is needed.
+
+    Cosine and sine mean nothing one by one, so it has no components. A simulation has one antenna, and gives none.
+    """
 
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
+    place: ClassVar[int] = 7
+    words: ClassVar[str] = "a GNSS heading"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"heading"})
 
     kind: Literal["gnss_attitude"] = "gnss_attitude"
     topic: str = "gps/attitude"
@@ -46,5 +60,9 @@ class GnssAttitude(SensorBase):
             variance[:] = diagonal[2]
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        heading = motion.q[5] + mounting[0]
+        heading = motion.yaw + mounting[0]
         return ca.vertcat(ca.cos(heading), ca.sin(heading))
+
+    def heading(self, value: Vector, variance: Vector) -> tuple[float, float] | None:
+        cosine, sine = value
+        return float(np.arctan2(sine, cosine) - self.yaw), float(np.sqrt(variance.max()))

@@ -6,29 +6,43 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
+import pymap3d
 
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
+    Component,
     Names,
     NoiseFromMessage,
     Position,
     SensorBase,
+    Tells,
     Values,
     Vector,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Motion
+    from vsense_ros.model.motion import Motion
 
 
 class GnssPosition(SensorBase):
     """East and north of the map's origin [m].
 
-    The observer adds `east` and `north` to the fields of the message, which carries latitude and longitude.
+    Whoever reads its messages adds `east` and `north` to their fields, which are latitude and longitude.
     """
 
     message: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
+    geodetic: ClassVar[bool] = True
+    place: ClassVar[int] = 5
+    words: ClassVar[str] = "a GNSS position"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"position"})
+    components: ClassVar[tuple[Component, ...]] = (
+        Component("east", "GNSS position to the east"),
+        Component("north", "GNSS position to the north"),
+    )
+    # Steps of latitude, longitude [deg] and height [m].
+    sampling: ClassVar[Sampling | None] = Sampling(100, 0, 100, (2**-27, 2**-27, 2**-10), own_clock=True)
 
     kind: Literal["gnss_position"] = "gnss_position"
     topic: str = "gps/fix"
@@ -53,4 +67,23 @@ class GnssPosition(SensorBase):
             variance[:] = diagonal
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        return (motion.q[0:3] + motion.attitude @ mounting)[0:2]
+        return (motion.position + motion.attitude @ mounting)[0:2]
+
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        east, north = self.disturbed(drive).T
+        height = drive.position[:, 2] + self.position[2] + 2 * self.noise * drive.rng.standard_normal(len(drive))
+        geodetic = np.column_stack(pymap3d.enu2geodetic(east, north, height, *drive.origin))
+        latitude, longitude, altitude = (
+            quantized(column, quantum)[:, None] for column, quantum in zip(geodetic.T, drive.quantum, strict=True)
+        )
+        return Content(
+            {
+                "status": np.zeros((len(drive), 1)),
+                "service": np.ones((len(drive), 1)),
+                "latitude": latitude,
+                "longitude": longitude,
+                "altitude": altitude,
+                "position_covariance": drive.repeated(np.diag(np.square([1, 1, 2]) * self.noise**2).ravel()),
+                "position_covariance_type": drive.repeated([2]),  # the diagonal is known
+            }
+        )

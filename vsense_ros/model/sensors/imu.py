@@ -6,32 +6,60 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.model import spatial
+from vsense_ros.model.coordinates import YAW_RATE
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Attitude,
     Bias,
+    ComparedSignal,
+    Component,
     Deviations,
     Names,
     NoiseFromMessage,
     Position,
     SensorBase,
+    Tells,
     Triple,
     Values,
     Vector,
+    component,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Motion
+    from vsense_ros.model.motion import Motion
+
+RATES, FORCES = slice(0, 3), slice(3, 6)  # of the components
 
 
 class Imu(SensorBase):
     """Three gyros [rad/s] and three accelerometers [m/s²]; any of the six may be absent (NaN)."""
 
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
+    place: ClassVar[int] = 1
+    words: ClassVar[str] = "inertial measurements"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"rates and forces"})
+    components: ClassVar[tuple[Component, ...]] = (
+        *(Component(name, name) for name in ("roll rate", "pitch rate", "yaw rate")),
+        *(Component(name, f"{name} acceleration") for name in ("longitudinal", "lateral", "vertical")),
+    )
+    signals: ClassVar[tuple[ComparedSignal, ...]] = (
+        ComparedSignal("longitudinal_acceleration", "m/s²", component(3), 0.05),
+        ComparedSignal("lateral_acceleration", "m/s²", component(4), 0.05),
+        ComparedSignal("vertical_acceleration", "m/s²", component(5), 0.1, shaken=True),
+        ComparedSignal("roll_rate", "rad/s", component(0), 0.004, shaken=True),
+        ComparedSignal("pitch_rate", "rad/s", component(1), 0.004, shaken=True),
+        ComparedSignal("yaw_rate", "rad/s", component(2), 0.002),
+    )
     uses_acceleration: ClassVar[bool] = True
+    sampling: ClassVar[Sampling | None] = Sampling(4, 0, 1, (2**-12,) * 3 + (2**-9,) * 3)
+    noisy: ClassVar[bool] = True
+    longest_still: ClassVar[float] = 1.0
+    saturates: ClassVar[bool] = True
 
     kind: Literal["imu"] = "imu"
     topic: str = "imu/data"
@@ -69,8 +97,9 @@ class Imu(SensorBase):
     force_bias_drift: float = parameter("m/s²", "change of the bias in one second", ge=0, default=1e-4)
 
     def biases(self) -> tuple[Bias, ...]:
-        rates = tuple(Bias(f"gyro_bias_{axis}", self.rate_bias, self.rate_bias_drift) for axis in "xyz")
-        forces = tuple(Bias(f"accelerometer_bias_{axis}", self.force_bias, self.force_bias_drift) for axis in "xyz")
+        rate, force = (self.rate_bias, self.rate_bias_drift), (self.force_bias, self.force_bias_drift)
+        rates = tuple(Bias(f"gyro_bias_{axis}", *rate, unit="rad/s") for axis in "xyz")
+        forces = tuple(Bias(f"accelerometer_bias_{axis}", *force, unit="m/s²") for axis in "xyz")
         return rates + forces
 
     def mounting(self) -> Vector:
@@ -85,8 +114,8 @@ class Imu(SensorBase):
         return np.array([*self.rate_offset, *self.force_offset])
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        out[:3] = values["angular_velocity"]
-        out[3:] = values["linear_acceleration"]
+        out[RATES] = values["angular_velocity"]
+        out[FORCES] = values["linear_acceleration"]
         for part, field in _COVARIANCES:
             flat = values.get(field)
             if flat is None or not len(flat):
@@ -100,10 +129,57 @@ class Imu(SensorBase):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return equation(motion, biases, mounting)
 
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        value = quantized(self.disturbed(drive), drive.quantum)
+        rate, force = np.diag(np.square(self.rate_noise)).ravel(), np.diag(np.square(self.force_noise)).ravel()
+        return Content(
+            {
+                "orientation": drive.repeated([0, 0, 0, 1]),
+                "orientation_covariance": drive.repeated([-1, *[0] * 8]),  # there is no orientation
+                "angular_velocity": value[:, RATES],
+                "angular_velocity_covariance": drive.repeated(rate),
+                "linear_acceleration": value[:, FORCES],
+                "linear_acceleration_covariance": drive.repeated(force),
+            }
+        )
+
+    def first_velocities(self, value: Vector) -> dict[int, float]:
+        return {YAW_RATE: float(value[2])} if np.isfinite(value[2]) else {}
+
+    def in_axes_of_car(self, value: Vector) -> Vector:
+        if not any(self.attitude):
+            return value
+        return np.hstack([self._turned(value[:, part]) for part in (RATES, FORCES)])
+
+    def message_in_axes_of_car(self, columns: Values) -> dict[str, Vector]:
+        if not any(self.attitude):
+            return {}
+        return {field: self._turned(columns[field]) for field in ("angular_velocity", "linear_acceleration")}
+
+    def on_bent_road(self, along: Vector, across: Vector, speed: Vector) -> Vector | None:
+        """Rates, and what keeps the car on a path that is bent upwards."""
+        flat = np.zeros_like(along)
+        rates, force = np.column_stack([across, -along, flat]), np.column_stack([flat, flat, speed * along])
+        to_car = self._to_axes_of_car()
+        return np.hstack([rates @ to_car, force @ to_car])
+
+    def _to_axes_of_car(self) -> Vector:
+        """What turns vectors (3) in the axes of the sensor into those of the car, (3, 3)."""
+        return np.asarray(Rotation.from_euler("xyz", self.attitude).as_matrix())
+
+    def _turned(self, vectors: Vector) -> Vector:
+        """Vectors (n, 3) in the axes of the sensor in those of the car. Of a component that is absent (NaN) the car's
+        component of which it is the largest part is absent as well; to the others it adds nothing."""
+        turn = self._to_axes_of_car()
+        absent = np.isnan(vectors)
+        found = np.where(absent, 0.0, vectors) @ turn.T
+        found[absent[:, np.argmax(np.abs(turn), axis=1)]] = np.nan
+        return np.asarray(found)
+
 
 _COVARIANCES = (
-    (slice(0, 3), "angular_velocity_covariance"),
-    (slice(3, 6), "linear_acceleration_covariance"),
+    (RATES, "angular_velocity_covariance"),
+    (FORCES, "linear_acceleration_covariance"),
 )
 
 
@@ -116,9 +192,8 @@ def equation(motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
     force_scale, square, odd_square = mounting[10:13], mounting[13:16], mounting[16:19]
     by_force = ca.reshape(mounting[19:28], 3, 3).T
     to_sensor = spatial.rotation_rpy(mounting[3], mounting[4], mounting[5]).T
-    velocity, rates = motion.u[0:3], motion.u[3:6]
-    acceleration = motion.udot[0:3] + ca.cross(rates, velocity)
-    acceleration = acceleration + ca.cross(motion.udot[3:6], arm) + ca.cross(rates, ca.cross(rates, arm))
+    rates, turning = motion.rates, motion.angular_acceleration
+    acceleration = motion.acceleration + ca.cross(turning, arm) + ca.cross(rates, ca.cross(rates, arm))
     leaning = spatial.rotation_x(roll_gain * motion.roll).T
     force = to_sensor @ leaning @ (acceleration - motion.gravity)
     read = (1 + scale) * (to_sensor @ rates) + by_force @ force

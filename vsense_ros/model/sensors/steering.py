@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from math import pi
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from vsense_ros.model.coordinates import STEERING
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector
+from vsense_ros.model.sensors.base import Names, Response, SensorBase, Tells, Values, Vector, joint_state
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
 
-INPUT = slice(0, 1)
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Vehicle
+
+INPUT = slice(STEERING, STEERING + 1)
+
+# Of a simulated one at the steering wheel (Leung 2010, table B.1): as an input of the model it has no noise in the
+# vehicle file.
+SIMULATED_NOISE = 1.0 * pi / 180
+SIMULATED_BIAS = 5.0 * pi / 180
 
 
 class Steering(SensorBase):
     """Road-wheel angle [rad]; where only the steering wheel is measured, the vehicle's ratio converts it."""
 
     message: ClassVar[str] = "sensor_msgs/msg/JointState"
-    is_input: ClassVar[bool] = True
+    joints: ClassVar[Names] = ("steering_wheel", "road_wheel_front")
+    place: ClassVar[int] = 3
+    words: ClassVar[str] = "a steering angle"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"steering"})
+    inputs: ClassVar[slice | None] = INPUT
+    awaited: ClassVar[float] = 5.0
+    sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-10,))
+    # More than this lateral acceleration cornering does not bring about.
+    response: ClassVar[Response | None] = Response(2, by_speed=True, least=1.5, words="the steering angle is")
 
     kind: Literal["steering"] = "steering"
     topic: str = "vehicle/steering"
     ratio: float | None = parameter("-", "steering-wheel over road-wheel angle; default: the vehicle's", default=None)
     gain: float = parameter("-", "true road-wheel angle over the reported one", gt=0, lt=10, default=1.0)
     limit: float = parameter("rad", "road-wheel angles beyond this are refused", gt=0, default=0.9)
+
+    def of_car(self, vehicle: Vehicle) -> SensorBase:
+        return self if self.ratio is not None else self.model_copy(update={"ratio": vehicle.physics.steering.ratio})
 
     def deviations(self) -> Vector:
         return np.zeros(1)
@@ -38,3 +60,11 @@ class Steering(SensorBase):
             out[0] = self.gain * position[names.index("steering_wheel")] / self.ratio
         if abs(out[0]) > self.limit:
             out[0] = np.nan
+
+    def simulated(self, drive: SimulatedDrive) -> Content:
+        """Of the steering wheel. Raises `ValueError` where nobody knows the ratio."""
+        if self.ratio is None:
+            raise ValueError("a steering sensor without a ratio cannot be simulated; `of_car` gives it the vehicle's")
+        angle = self.ratio * drive.truth + drive.bias * SIMULATED_BIAS * drive.rng.standard_normal()
+        angle = angle + SIMULATED_NOISE * drive.rng.standard_normal(angle.shape)
+        return joint_state("position", quantized(angle, drive.quantum), ("steering_wheel",))

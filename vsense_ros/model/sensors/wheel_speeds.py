@@ -7,29 +7,75 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from vsense_ros.model.coordinates import SPIN, WHEELS
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
+from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Tells, Vector
+from vsense_ros.model.sensors.simulated import Sampling
 
 if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Motion
+    from vsense_ros.model.motion import Motion
+    from vsense_ros.model.vehicle import Vehicle
 
-NAMES = ("wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr")
+NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
+LOADED = 0.98  # rolling radius of a tyre under a car over its unloaded one, about
 
 
-class WheelSpeeds(SensorBase):
+def _mean_speed(value: Vector, radius: float) -> Vector:
+    return np.asarray(radius * value.mean(axis=1))
+
+
+def _difference_front(value: Vector, radius: float) -> Vector:
+    return radius * (value[:, 0] - value[:, 1])
+
+
+def _difference_rear(value: Vector, radius: float) -> Vector:
+    return radius * (value[:, 2] - value[:, 3])
+
+
+def _difference_axles(value: Vector, radius: float) -> Vector:
+    return radius * (value[:, 0] + value[:, 1] - value[:, 2] - value[:, 3]) / 2
+
+
+class WheelSpeeds(JointSensor):
     """Spin speeds [rad/s]; any wheel may be absent."""
 
-    message: ClassVar[str] = "sensor_msgs/msg/JointState"
+    joints: ClassVar[Names] = NAMES
+    field: ClassVar[str] = "velocity"
+    place: ClassVar[int] = 2
+    words: ClassVar[str] = "wheel speeds"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"rolling speed"})
+    components: ClassVar[tuple[Component, ...]] = tuple(Component(w, f"speed of the wheel {w}") for w in WHEELS)
+    signals: ClassVar[tuple[ComparedSignal, ...]] = (
+        ComparedSignal("speed", "m/s", _mean_speed, 0.05),
+        ComparedSignal("wheel_difference_front", "m/s", _difference_front, 0.02),
+        ComparedSignal("wheel_difference_rear", "m/s", _difference_rear, 0.02),
+        ComparedSignal("wheel_difference_axles", "m/s", _difference_axles, 0.02),
+    )
+    sampling: ClassVar[Sampling | None] = Sampling(10, 1, 2, (2**-6,))
+    longest_still: ClassVar[float] = 2.0
 
     kind: Literal["wheel_speeds"] = "wheel_speeds"
     topic: str = "vehicle/wheel_speeds"
     noise: float = parameter("rad/s", "standard deviation", gt=0, default=0.05)
 
     def deviations(self) -> Vector:
-        return np.full(4, self.noise)
-
-    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        by_name(names, NAMES, values.get("velocity"), out)
+        return np.full(len(self.joints), self.noise)
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        return motion.u[10:14]
+        return motion.spin
+
+    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
+        return float(np.nanmean(value) * vehicle.physics.rear.unloaded_radius * LOADED)
+
+    def first_velocities(self, value: Vector) -> dict[int, float]:
+        return {SPIN.start + i: spin for i, spin in enumerate(value.tolist()) if np.isfinite(spin)}
+
+    def speeds(self, value: Vector, radii: Vector) -> Vector:
+        """The median of the wheels that are there."""
+        rolling, found = value * radii, np.full(len(value), np.nan)
+        present = np.isfinite(rolling).any(axis=1)
+        found[present] = np.nanmedian(rolling[present], axis=1)
+        return found
+
+    def mean_speed(self, value: Vector, radius: float) -> Vector:
+        return _mean_speed(value, radius)

@@ -6,25 +6,31 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from vsense_ros.model.coordinates import TORQUES
 from vsense_ros.model.parameter import parameter
-from vsense_ros.model.sensors.base import Names, SensorBase, Values, Vector, by_name
+from vsense_ros.model.sensors.base import JointSensor, Names, Response, Tells, Vector
+from vsense_ros.model.sensors.simulated import Sampling
 from vsense_ros.model.sensors.wheel_speeds import NAMES
 
-INPUT = slice(1, 5)
+INPUT = TORQUES
 
 
-class WheelTorques(SensorBase):
+class WheelTorques(JointSensor):
     """Drive minus brake torque at each wheel [N m]; without this sensor the torques are estimated."""
 
-    message: ClassVar[str] = "sensor_msgs/msg/JointState"
-    is_input: ClassVar[bool] = True
+    joints: ClassVar[Names] = NAMES
+    field: ClassVar[str] = "effort"
+    place: ClassVar[int] = 4
+    words: ClassVar[str] = "wheel torques"
+    tells: ClassVar[frozenset[Tells]] = frozenset({"torques"})
+    inputs: ClassVar[slice | None] = INPUT
+    sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-4,))
+    # More than this specific force along the car neither cornering nor a slope brings about.
+    response: ClassVar[Response | None] = Response(3, by_speed=False, least=2.5, words="the wheel torques are")
 
     kind: Literal["wheel_torques"] = "wheel_torques"
     topic: str = "vehicle/wheel_torques"
     noise: float = parameter("N m", "standard deviation of the slowly varying error of each torque", gt=0, default=20.0)
 
     def deviations(self) -> Vector:
-        return np.zeros(4)
-
-    def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
-        by_name(names, NAMES, values.get("effort"), out)
+        return np.zeros(len(self.joints))

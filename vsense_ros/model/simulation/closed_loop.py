@@ -46,15 +46,15 @@ Driver = Callable[[float, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What the car did, n instants; coordinates and their units as in `model.car`."""
+    """What the car did, n instants; coordinates and their units as in `model.coordinates`."""
 
     t: Array  # (n,) [s]
     q: Array  # (n, 14)
     u: Array  # (n, 14)
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
-    inputs: Array  # (n, 5) as model.car.INPUTS, those of the step that begins here
-    disturbances: Array | None = None  # (n, 4) as model.car.DISTURBANCES; zeros if not given
+    inputs: Array  # (n, 5) as model.coordinates.INPUTS, those of the step that begins here
+    disturbances: Array | None = None  # (n, 4) as model.coordinates.DISTURBANCES; zeros if not given
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
@@ -117,8 +117,8 @@ def simulate(
     """Drive a car for `duration` [s] in steps of `step` [s], and keep every `keep_every`-th instant from the first on.
 
     `q`, `u` (14) is the state at the beginning (default: standing in the design position), `force` (14) a constant
-    generalized force beyond the model's, `disturbances` (4) road and offsets as in `model.car.DISTURBANCES`, to which
-    the vehicle's effects add the slopes of their roads.
+    generalized force beyond the model's, `disturbances` (4) road and offsets as in
+    `model.coordinates.DISTURBANCES`, to which the vehicle's effects add the slopes of their roads.
     Raises `FloatingPointError` where the motion leaves what the coordinates can describe (a pitch of 90°).
     """
     start_q, start_u = rolling_straight(vehicle)

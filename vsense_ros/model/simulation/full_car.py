@@ -1,4 +1,4 @@
-"""The car with all its bodies on its own: as `model.simulate`, with the same drivers and the same trajectories."""
+"""The car with all its bodies on its own: as `closed_loop`, with the same drivers and the same trajectories."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ NEAR = 1e-6  # opening of the linkages [m] before the last iteration: after it t
 class FullCarPlant:
     """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
 
-    `q`, `u`, `udot` (14) are those of `model.car` at the present time; write `force` (14, generalized forces beyond the
-    model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean road-wheel angle
-    that it takes at design height.
+    `q`, `u`, `udot` (14) are those of `model.coordinates` at the present time; write `force` (14, generalized forces
+    beyond the model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean
+    road-wheel angle that it takes at design height.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ def simulate_full_car(
     force: Array | None = None,
     disturbances: Array | None = None,
 ) -> Trajectory:
-    """As `model.simulate.simulate`, for a vehicle with a `linkage` section.
+    """As `closed_loop.simulate`, for a vehicle with a `linkage` section.
 
     The driver is asked for the inputs at the end of each step. Raises `InputError` where a step does not converge or
     the rack cannot follow the driver.

@@ -32,8 +32,8 @@ class Inputs:
     """What drives a run, one row for each of n steps."""
 
     step: float  # [s]
-    inputs: Array  # (n, 5) in the middle of each step, as model.car.INPUTS
-    disturbances: Array  # (n, 4) as model.car.DISTURBANCES
+    inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS
+    disturbances: Array  # (n, 4) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are
@@ -49,7 +49,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Motion:
+class StateHistory:
     """Every `keep`-th state of a run, (rows, 14) each; rows that the run did not reach are NaN."""
 
     t: Array  # (rows,) from the beginning of the run [s]
@@ -80,11 +80,11 @@ class OpenLoop:
         self._compiled = _compiled(car)
         self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
-    def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> Motion:
+    def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> StateHistory:
         """One run alone, which costs as much as several side by side."""
         return self.runs([Run(q, u, inputs, parameters)])[0]
 
-    def runs(self, runs: Sequence[Run]) -> list[Motion]:
+    def runs(self, runs: Sequence[Run]) -> list[StateHistory]:
         """Of each run its motion; all of them have steps of the same length, else `ValueError`."""
         if len({run.inputs.step for run in runs}) > 1:
             raise ValueError("runs side by side need steps of the same length")
@@ -101,13 +101,13 @@ class OpenLoop:
             self._compiled.run([runs[i] for i in together], [found[i] for i in together], self.keep, self._place)
         return found
 
-    def _motion(self, run: Run) -> Motion:
+    def _motion(self, run: Run) -> StateHistory:
         rows = (len(run.inputs) + self.keep - 1) // self.keep
         q, u, udot = (np.full((rows, COORDINATES), np.nan) for _ in range(3))
         internal_state = np.full(self.car.internal_state.numel(), np.nan)
-        return Motion(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
+        return StateHistory(np.arange(rows, dtype=float) * self.keep * run.inputs.step, q, u, udot, internal_state)
 
-    def _run_plain(self, run: Run, motion: Motion) -> None:
+    def _run_plain(self, run: Run, motion: StateHistory) -> None:
         inputs, kept = run.inputs, (motion.q, motion.u, motion.udot)
         now_q, now_u, parameters = (np.array(known, dtype=float) for known in (run.q, run.u, run.parameters))
         internal_state = _beginning(run, len(motion.internal_state))
@@ -179,7 +179,7 @@ class _Compiled:
     function: ctypes._FuncPointer
     lanes: int
 
-    def run(self, runs: Sequence[Run], motions: Sequence[Motion], keep: int, place: Mapping[str, int]) -> None:
+    def run(self, runs: Sequence[Run], motions: Sequence[StateHistory], keep: int, place: Mapping[str, int]) -> None:
         """At most as many runs as there are lanes; fills their motions."""
         steps = np.array([len(run.inputs) for run in runs] + [0] * (self.lanes - len(runs)), dtype=np.int64)
         longest, h = int(steps.max()), runs[0].inputs.step

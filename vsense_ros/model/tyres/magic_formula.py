@@ -296,28 +296,33 @@ class MagicFormula(Tyre):
             raise ValueError(
                 f"smallest_load {self.smallest_load:g} N is not below largest_load {self.largest_load:g} N"
             )
-        x, y = self.longitudinal, self.lateral
-        if y.pdy1 == 0:
+        if self.lateral.pdy1 == 0:
             raise ValueError("pdy1 is 0: no lateral friction")
-        nominal = self.scaling.lfzo * self.nominal_load
-        dpi = (self.inflation_pressure - self.nominal_pressure) / self.nominal_pressure
-        sign = math.copysign(1, y.pdy1)
         for load in (self.smallest_load, self.largest_load):
-            dfz = (load - nominal) / nominal
-            for name, value in (
-                ("the longitudinal friction pdx1 + pdx2·dfz", x.pdx1 + x.pdx2 * dfz),
-                ("the slip stiffness pkx1 + pkx2·dfz", x.pkx1 + x.pkx2 * dfz),
-                ("the lateral friction pdy1 + pdy2·dfz", sign * (y.pdy1 + y.pdy2 * dfz)),
-            ):
-                if value <= 0:
-                    raise ValueError(
-                        f"{name} changes its sign on the way to a load of {load:g} N; "
-                        "narrow the range from smallest_load to largest_load (FZMIN, FZMAX)"
-                    )
-        steepest = self.largest_camber**2
+            self._check_load(load)
+        self._check_camber()
+        self._check_pressure()
+        return self
+
+    def _check_load(self, load: float) -> None:
+        x, y, nominal = self.longitudinal, self.lateral, self.scaling.lfzo * self.nominal_load
+        dfz = (load - nominal) / nominal
         for name, value in (
-            ("longitudinal friction", 1 - x.pdx3 * steepest),
-            ("lateral friction", 1 - y.pdy3 * steepest),
+            ("the longitudinal friction pdx1 + pdx2·dfz", x.pdx1 + x.pdx2 * dfz),
+            ("the slip stiffness pkx1 + pkx2·dfz", x.pkx1 + x.pkx2 * dfz),
+            ("the lateral friction pdy1 + pdy2·dfz", math.copysign(1, y.pdy1) * (y.pdy1 + y.pdy2 * dfz)),
+        ):
+            if value <= 0:
+                raise ValueError(
+                    f"{name} changes its sign on the way to a load of {load:g} N; "
+                    "narrow the range from smallest_load to largest_load (FZMIN, FZMAX)"
+                )
+
+    def _check_camber(self) -> None:
+        x, y = self.longitudinal, self.lateral
+        for name, value in (
+            ("longitudinal friction", 1 - x.pdx3 * self.largest_camber**2),
+            ("lateral friction", 1 - y.pdy3 * self.largest_camber**2),
             ("cornering stiffness", 1 - y.pky3 * self.largest_camber),
         ):
             if value <= 0:
@@ -325,6 +330,10 @@ class MagicFormula(Tyre):
                     f"the {name} vanishes before the inclination reaches {self.largest_camber:g} rad; "
                     "lower largest_camber (CAMMAX)"
                 )
+
+    def _check_pressure(self) -> None:
+        x, y = self.longitudinal, self.lateral
+        dpi = (self.inflation_pressure - self.nominal_pressure) / self.nominal_pressure
         for name, value in (
             ("longitudinal friction", 1 + x.ppx3 * dpi + x.ppx4 * dpi**2),
             ("slip stiffness", 1 + x.ppx1 * dpi + x.ppx2 * dpi**2),
@@ -336,7 +345,6 @@ class MagicFormula(Tyre):
                     f"the {name} vanishes at an inflation_pressure of {self.inflation_pressure:g} Pa; "
                     f"the tyre was measured at {self.nominal_pressure:g} Pa"
                 )
-        return self
 
     def _conditions(self, load: Scalar, friction: Scalar) -> _Conditions:
         """Load and pressure against their nominal values, and the friction of road and tyre."""

@@ -1,0 +1,58 @@
+"""Filters by name: the same ones in the command, in the node and in a program."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from drives import feed, messages
+from vsense_ros.cli import main
+from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.observer import sensors_of
+
+
+def test_all_filters_are_listed_with_what_they_estimate() -> None:
+    told = CliRunner().invoke(main, ["filters"], terminal_width=200).output
+    for family in FILTERS:
+        assert family.name in told
+
+
+def test_an_unknown_filter_is_refused_with_those_that_there_are(vehicle: Vehicle) -> None:
+    with pytest.raises(InputError, match=r"no filter 'errorekf', did you mean 'error_ekf'\?.*spi"):
+        FILTERS["errorekf"]
+    result = CliRunner().invoke(main, ["run", "bags/step_steer", "--vehicle", "prototype_model", "--filter", "magic"])
+    assert result.exit_code == 2
+    assert "there is no filter 'magic'" in result.output
+
+
+def test_an_spi_without_parameters_to_estimate_is_refused(vehicle: Vehicle) -> None:
+    with pytest.raises(
+        InputError, match=r"lists none; name some in observer\.parameters, or take the filter error_ekf"
+    ):
+        FILTERS["spi"].make(vehicle, sensors_of(vehicle))
+
+
+def test_a_full_car_without_linkages_is_refused(vehicle: Vehicle) -> None:
+    around = vehicle.observer.surroundings.model_copy(update={"radius_error": 0.0, "radius_error_drift": 0.0})
+    settings = vehicle.observer.model_copy(update={"surroundings": around})
+    bare = vehicle.model_copy(update={"linkage": None, "observer": settings})
+    with pytest.raises(InputError, match="linkage"):
+        FILTERS["full_error_ekf"].make(bare, sensors_of(bare))
+
+
+def test_the_continuous_filter_put_back_does_the_same_again(vehicle: Vehicle, lane_change: Recording) -> None:
+    observer = feed(Observer(vehicle, lane_change.map_origin, FILTERS["cekf"].make), messages(lane_change, until=0.3))
+    f, ends = observer.filter, []
+    kept = f.memory.copy()
+    for _ in range(2):
+        f.memory[:] = kept
+        f.predict(0.004)
+        f.correct("imu", np.array([0.0, 0.0, 0.1, 0.1, 0.2, 9.8]), np.full(6, 0.01))
+        f.predict(0.004)
+        ends.append(f.memory.copy())
+    assert np.array_equal(*ends)

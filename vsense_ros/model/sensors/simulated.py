@@ -1,0 +1,53 @@
+"""What a sensor needs to know of a simulated drive in order to say what its messages would have been."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """When a sensor measures and when its message arrives, all in ms; steps of its values."""
+
+    period: int
+    phase: int  # of the first measurement
+    delay: int  # until arrival
+    quantum: tuple[float, ...]  # of each component; one for all if single
+    own_clock: bool = False  # True: it measures at its own instants, even where all others measure together
+
+
+class Content(NamedTuple):
+    """The messages of a sensor: columns by field, one row for each message, and names of joints."""
+
+    columns: dict[str, Array]
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SimulatedDrive:
+    """A simulated drive at the n instants at which a sensor measures."""
+
+    truth: Array  # (n, m) what a perfect sensor would give
+    position: Array  # (n, 3) of `cog` on the map [m]
+    origin: tuple[float, float, float]  # of the map: latitude, longitude [deg], height [m]
+    rng: np.random.RandomState  # from which errors are drawn
+    bias: float  # 1, or 0 for sensors without biases
+    quantum: Array  # steps of the values
+
+    def __len__(self) -> int:
+        return len(self.truth)
+
+    def repeated(self, row: list[float] | Array) -> Array:
+        """A column that says the same in every message."""
+        return np.tile(np.asarray(row, dtype=float), (len(self), 1))
+
+
+def quantized(value: Array, quantum: Array | float) -> Array:
+    """Nearest multiple of a power of two, exact in binary."""
+    return np.rint(value / quantum) * quantum + 0.0  # no negative zeros
