@@ -37,7 +37,7 @@ def arguments(vehicle: Vehicle, name: str) -> list[np.ndarray]:
 def bound(car: Car, vehicle: Vehicle, name: str, compiled: bool) -> Kernel:
     function = FUNCTIONS[name](car)
     if compiled:
-        (function,) = codegen.compiled(f"benchmark_{name}", [function], expand=True)
+        (function,) = codegen.compiled(f"benchmark_{name}", [function])
         if not function.is_a("External", False):
             pytest.skip("needs a C compiler and VSENSE_COMPILE other than 0")
     return Kernel(function, arguments(vehicle, name))

@@ -18,7 +18,8 @@ from click.testing import CliRunner
 from vsense_ros import codegen
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.cli import main
-from vsense_ros.codegen.c99 import c_function, number
+from vsense_ros.codegen.c99 import c_function
+from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, check
 from vsense_ros.files.vehicle import load_vehicle

@@ -10,6 +10,26 @@ from vsense_ros.codegen.compile import (
     expanded,
     function,
     library,
+    loaded,
+    vector_math,
 )
+from vsense_ros.codegen.native import Corners
+from vsense_ros.codegen.native import source as native_source
+from vsense_ros.codegen.side_by_side import Alike
 
-__all__ = ["FLAGS", "Entry", "Kernel", "cache_folder", "compiled", "compiler", "expanded", "function", "library"]
+__all__ = [
+    "FLAGS",
+    "Alike",
+    "Corners",
+    "Entry",
+    "Kernel",
+    "cache_folder",
+    "compiled",
+    "compiler",
+    "expanded",
+    "function",
+    "library",
+    "loaded",
+    "native_source",
+    "vector_math",
+]

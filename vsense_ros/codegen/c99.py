@@ -6,13 +6,15 @@ functions that describe each function. Here a function is what an engineer would
 
 from __future__ import annotations
 
-import math
+import re
 import textwrap
 from collections.abc import Sequence
 
 import casadi as ca
 
 from vsense_ros import codegen
+from vsense_ros.codegen import native
+from vsense_ros.codegen.forms import number
 
 _OPERATIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -50,26 +52,27 @@ _OPERATIONS = {
 }
 
 
-def number(value: float) -> str:
-    """A number as C reads it back, to the last bit."""
-    if math.isnan(value):
-        return "NAN"
-    if math.isinf(value):
-        return "INFINITY" if value > 0 else "-INFINITY"
-    return repr(float(value))
-
-
 def wrapped(text: str, indent: str = "") -> str:
     """A line of C as several of at most 120 characters; the first begins where it is put, behind `indent`."""
     lines = textwrap.wrap(text, 120, initial_indent=indent, subsequent_indent=indent + "    ")
     return "\n".join(lines).removeprefix(indent)
 
 
-def c_function(function: ca.Function, results: Sequence[str]) -> str:
-    """A static C99 function that does what `function` does; its arguments and then `results` name its parameters.
+def c_function(function: ca.Function, results: Sequence[str], name: str = "") -> str:
+    """A static C99 function that does what `function` does, with its name if none is given; its arguments and then
+    `results` name its parameters. If it multiplies matrices which other functions make, those come before it.
 
-    Matrices are column-major, results dense. Raises `NotImplementedError` for an operation that C's library lacks.
+    Matrices are column-major and have the elements that CasADi stores. Raises `NotImplementedError` for an operation
+    that C's library lacks.
     """
+    operations = {function.instruction_id(k) for k in range(function.n_instructions())}
+    if ca.OP_MTIMES in operations and native.multiplies(function):
+        return _matrices(function, results, name or function.name())
+    return _straight(function, results, name or function.name())
+
+
+def _straight(function: ca.Function, results: Sequence[str], name: str) -> str:
+    """A function of scalars."""
     f = codegen.expanded(function)
     arguments = [f.name_in(i) for i in range(f.n_in())]
     body: list[str] = []
@@ -88,19 +91,82 @@ def c_function(function: ca.Function, results: Sequence[str]) -> str:
             body.append(f"w{outputs[0]} = {expression};")
         else:
             raise NotImplementedError(f"{f.name()}: CasADi operation {operation} has no counterpart in C99 here")
-    parameters = [f"const double *{name}" for name in arguments] + [f"double *{name}" for name in results]
-    shapes = [f"{name}[{function.nnz_in(i)}]" for i, name in enumerate(arguments)]
-    made = [
-        f"{name}[{rows}]" if columns == 1 else f"{name}[{rows} x {columns}]"
-        for name, (rows, columns) in zip(results, (function.size_out(i) for i in range(f.n_out())), strict=True)
-    ]
     work = [f"w{i}" for i in range(f.sz_w())]
+    declared = [f"double {', '.join(work[i : i + 16])};" for i in range(0, len(work), 16)]
+    unused = [f"(void){argument};" for i, argument in enumerate(arguments) if i not in used]
+    return _written(function, results, name, [*declared, *unused, *body])
+
+
+def _written(function: ca.Function, results: Sequence[str], name: str, body: Sequence[str]) -> str:
+    """The text of a function with these statements."""
+    arguments = [function.name_in(i) for i in range(function.n_in())]
+    parameters = [f"const double *{argument}" for argument in arguments] + [f"double *{result}" for result in results]
+    shapes = [f"{argument}[{function.nnz_in(i)}]" for i, argument in enumerate(arguments)]
+    made = [_shape(result, function.sparsity_out(i)) for i, result in enumerate(results)]
     lines = [
         wrapped(f"/* {', '.join(shapes)} -> {', '.join(made)} */"),
-        wrapped(f"static void {f.name()}({', '.join(parameters)}) {{"),
-        *(f"    double {', '.join(work[i : i + 16])};" for i in range(0, len(work), 16)),
-        *(f"    (void){name};" for i, name in enumerate(arguments) if i not in used),
-        *(f"    {line}" for line in body),
+        wrapped(f"static void {name}({', '.join(parameters)}) {{"),
+        *(wrapped(f"    {line}") for line in body),
         "}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _shape(name: str, sparsity: ca.Sparsity) -> str:
+    rows, columns = sparsity.shape
+    if not sparsity.is_dense():
+        return f"{name}[{sparsity.nnz()} of {rows} x {columns}]"
+    return f"{name}[{rows}]" if columns == 1 else f"{name}[{rows} x {columns}]"
+
+
+def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
+    """A function that calls others and multiplies what they make."""
+    before: list[str] = []
+    body: list[str] = []
+    names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
+    for i in range(function.n_instructions()):
+        operation, read = function.instruction_id(i), function.instruction_input(i)
+        write, made = function.instruction_output(i), [f"m{i}_{k}" for k in range(len(function.instruction_output(i)))]
+        given = [names[k] for k in read] if operation != ca.OP_INPUT else []
+        if operation == ca.OP_OUTPUT:
+            body.append(
+                f"for (int i = 0; i < {function.nnz_out(write[0])}; i++) {results[write[0]]}[i] = {given[0]}[i];"
+            )
+            continue
+        if operation == ca.OP_INPUT:
+            made = [function.name_in(read[0])]
+        elif operation == ca.OP_CONST:
+            made = [""]
+        elif operation == ca.OP_HORZSPLIT:
+            ends = [function.instruction_MX(i).get_output(k).nnz() for k in range(len(made))]
+            made = [f"({given[0]} + {sum(ends[:k])})" for k in range(len(ends))]
+        elif operation == ca.OP_CALL:
+            called = function.instruction_MX(i).which_function()
+            before.append(c_function(called, [called.name_out(k) for k in range(called.n_out())], f"{name}_{i}"))
+            body += [f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(made)]
+            body.append(f"{name}_{i}({', '.join([x or '0' for x in given] + made)});")
+        else:
+            begin, left, right = given
+            body += _product(function.instruction_MX(i), begin, left, right, made[0])
+        names |= dict(zip(write, made, strict=True))
+    used = {name for line in body for name in re.findall(r"\w+", line)}
+    unused = (function.name_in(i) for i in range(function.n_in()) if function.name_in(i) not in used)
+    return "\n".join([*before, _written(function, results, name, [*body, *(f"(void){word};" for word in unused)])])
+
+
+def _product(result: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
+    """A dense matrix times one that may be sparse, plus what is there to `begin` with, column by column."""
+    rows, columns = result.shape
+    sparsity = result.dep(2).sparsity()
+    return [
+        f"static const short {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
+        f"static const short {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
+        f"double {name}[{rows * columns}];",
+        f"for (int j = 0; j < {columns}; j++) {{",
+        f"double sum[{rows}];",
+        f"for (int i = 0; i < {rows}; i++) sum[i] = {f'{begin}[{rows} * j + i]' if begin else '0'};",
+        f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++)",
+        f"    for (int i = 0; i < {rows}; i++) sum[i] += {left}[{rows} * {name}_rows[k] + i] * {right}[k];",
+        f"for (int i = 0; i < {rows}; i++) {name}[{rows} * j + i] = sum[i];",
+        "}",
+    ]

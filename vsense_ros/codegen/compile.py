@@ -26,6 +26,8 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
+from vsense_ros.codegen import native
+
 # Below -O2 GCC leaves the upper halves of vector registers dirty, after which the functions of libm run at a quarter of
 # their speed on some processors.
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
@@ -103,27 +105,37 @@ def expanded(function: ca.Function) -> ca.Function:
     return function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
 
 
-def compiled(name: str, functions: Sequence[ca.Function], *, expand: bool = False) -> list[ca.Function]:
-    """The same functions, compiled together into one library where that is possible, else as they are.
-
-    The virtual machine is quickest with matrix products as one instruction each (CasADi's MX), a compiler with straight
-    code: with `expand` matrix expressions become scalars before. Those with a linear solver inside cannot.
-    """
+def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
+    """The same functions, compiled together into one library where that is possible, else as they are."""
     if compiler() is None:
         return list(functions)
-    generator = ca.CodeGenerator("model.c", {"with_header": False})
+    ours: list[ca.Function] = []
+    others = ca.CodeGenerator("others.c", {"with_header": False})
     for function in functions:
-        generator.add(expanded(function) if expand else function)
-    built = library(name, generator.dump())
+        (ours.append if native.can_write(function) else others.add)(function)
+    text = native.source(ours) + (others.dump() if len(ours) < len(functions) else "")
+    return loaded(name, text, functions) or list(functions)
+
+
+def vector_math() -> tuple[str, ...]:
+    """Flags with which simd.c uses sine and the like for vectors: glibc on x86 has them."""
+    present = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
+    return ("-DVECTOR_MATH", "-lmvec") if present else ()
+
+
+def loaded(name: str, source: str, functions: Sequence[ca.Function]) -> list[ca.Function] | None:
+    """What C `source` makes of these functions, in a library that is compiled if it is not yet in the cache; None where
+    that is impossible."""
+    built = library(name, source, vector_math())
     if built is None:
-        return list(functions)
+        return None
     try:
-        loaded = [ca.external(function.name(), str(built)) for function in functions]
+        made = [ca.external(function.name(), str(built)) for function in functions]
     except RuntimeError as error:  # a cache on a file system from which nothing may be executed, or a damaged file
         log.warning("%s cannot be loaded, continuing without compiled code: %s", built, str(error).splitlines()[-1])
-        return list(functions)
-    _libraries.update(dict.fromkeys(loaded, built))
-    return loaded
+        return None
+    _libraries.update(dict.fromkeys(made, built))
+    return made
 
 
 class Entry(ctypes.Structure):

@@ -1,4 +1,4 @@
-/* Arithmetic on LANES numbers at once, which stand in lanes side by side: what lanes.py writes is made of these.
+/* Arithmetic on LANES numbers at once, which stand in lanes side by side: simd.py and native.py write what is made of it.
  *
  * The vector types are those of GCC and Clang, for any processor; a truth is 1 or 0 in a lane, as CasADi has it. With
  * VECTOR_MATH the compiler is told that the C library has sine and the like for whole vectors (glibc: -lmvec).
@@ -6,7 +6,8 @@
 #include <math.h>
 #include <string.h>
 
-#if defined(__AVX512F__)
+#if defined(LANES)
+#elif defined(__AVX512F__)
 #define LANES 8
 #elif defined(__AVX__)
 #define LANES 4
@@ -15,6 +16,7 @@
 #endif
 
 typedef double lanes __attribute__((vector_size(8 * LANES)));
+typedef double apart __attribute__((vector_size(8 * LANES), aligned(8), may_alias)); /* anywhere in memory */
 typedef long long mask __attribute__((vector_size(8 * LANES)));
 
 #if defined(VECTOR_MATH) && !defined(__clang__)
@@ -61,7 +63,10 @@ static inline lanes sign_of(lanes x) { return one_where(x > 0) - one_where(x < 0
         return x;                                                   \
     }
 #pragma GCC diagnostic ignored "-Wunused-function"
-EACH(lanes_sqrt, sqrt)
+static inline lanes lanes_sqrt(lanes x) {
+    for (int i = 0; i < LANES; i++) x[i] = sqrt(x[i]);
+    return x;
+}
 EACH(lanes_sin, sin)
 EACH(lanes_cos, cos)
 EACH(lanes_tan, tan)

@@ -6,28 +6,16 @@ does with one instruction. Several runs, with inputs of their own, fill it.
 
 from __future__ import annotations
 
-import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 
 import casadi as ca
 
-# What C has to say for an operation of CasADi's.
-_OPERATIONS = {
-    ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}",
-    ca.OP_INV: "1 / {0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "{0} + {0}",
-    ca.OP_FABS: "size_of({0})", ca.OP_SIGN: "sign_of({0})", ca.OP_FMIN: "smaller({0}, {1})",
-    ca.OP_FMAX: "greater({0}, {1})", ca.OP_LT: "one_where({0} < {1})", ca.OP_LE: "one_where({0} <= {1})",
-    ca.OP_EQ: "one_where({0} == {1})", ca.OP_NE: "one_where({0} != {1})", ca.OP_NOT: "one_where({0} == 0)",
-    ca.OP_AND: "one_where(({0} != 0) & ({1} != 0))", ca.OP_OR: "one_where(({0} != 0) | ({1} != 0))",
-    ca.OP_IF_ELSE_ZERO: "zero_unless({0} != 0, {1})",
-    **{
-        getattr(ca, f"OP_{name.upper()}"): f"lanes_{name}({{0}})"
-        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
-    },
-    ca.OP_ATAN2: "lanes_atan2({0}, {1})", ca.OP_POW: "lanes_pow({0}, {1})", ca.OP_CONSTPOW: "lanes_pow({0}, {1})",
-}  # fmt: skip
+from vsense_ros.codegen.forms import VECTOR, number
+from vsense_ros.codegen.values import CONSTANT, INPUT, Values, values_of
+
 # Statements in one C function: compilers take more than twice the time for twice as many.
 PART = 500
 
@@ -59,24 +47,24 @@ class _Value:
 def _function(function: ca.Function) -> str:
     name, values = function.name(), _values(function)
     parts = [range(begin, min(begin + PART, len(values))) for begin in range(0, len(values), PART)]
-    last_needed: dict[int, int] = {}  # number of the part
-    for number, part in enumerate(parts):
-        last_needed |= dict.fromkeys((k for i in part for k in values[i].operands), number)
+    last_needed: dict[int, int] = {}  # place of the part
+    for place, part in enumerate(parts):
+        last_needed |= dict.fromkeys((k for i in part for k in values[i].operands), place)
     places: dict[int, int] = {}  # in `work`, of values that outlive their part
     free: list[int] = []
     bodies, most = [], 0
-    for number, part in enumerate(parts):
-        lasting = {i for i in part if last_needed.get(i, 0) > number and not values[i].again}
+    for place, part in enumerate(parts):
+        lasting = {i for i in part if last_needed.get(i, 0) > place and not values[i].again}
         for i in lasting:
             places[i] = free.pop() if free else most
             most = max(most, places[i] + 1)
         bodies.append(
-            f"static __attribute__((noinline)) void {name}_{number}"
+            f"static __attribute__((noinline)) void {name}_{place}"
             f"(const lanes *const *in, lanes *const *out, lanes *work) {{\n{_body(values, part, lasting, places)}}}\n"
         )
-        over = [i for i in places if last_needed[i] == number]
+        over = [i for i in places if last_needed[i] == place]
         free += [places.pop(i) for i in over]
-    calls = "".join(f"    {name}_{number}(in, out, work);\n" for number in range(len(parts)))
+    calls = "".join(f"    {name}_{place}(in, out, work);\n" for place in range(len(parts)))
     return (
         f"enum {{ {name.upper()}_WORK = {most} }};\n{''.join(bodies)}"
         f"static void {name}(const lanes *const *in, lanes *const *out, lanes *work) {{\n{calls}}}\n"
@@ -111,40 +99,27 @@ def _body(values: Sequence[_Value], part: range, lasting: set[int], places: Mapp
 
 
 def _values(function: ca.Function) -> list[_Value]:
-    """What the instructions make, each value once. Vector units divide slowly: what divides is inverted once, and
-    multiplies."""
-    if not function.is_a("SXFunction", False):
-        raise ValueError(f"{function.name()} is not straight code on scalars; expand it first")
+    """What the statements make; a result is written as soon as it is known."""
+    values = values_of(function)
+    results: dict[int, list[str]] = defaultdict(list)
+    for result, element, value in values.results:
+        results[value].append(f"out[{result}][{element}]")
     found: list[_Value] = []
-    present: dict[int, int] = {}  # what CasADi's variables hold
-    inverse: dict[int, int] = {}  # numbers of what divides, and of their inverses
-
-    def new(text: str, *operands: int, out: str = "") -> int:
-        found.append(_Value(text, operands, out))
-        return len(found) - 1
-
-    for i in range(function.n_instructions()):
-        operation, read = function.instruction_id(i), function.instruction_input(i)
-        write = function.instruction_output(i)
-        if operation == ca.OP_INPUT:
-            present[write[0]] = new(f"in[{read[0]}][{read[1]}]")
-        elif operation == ca.OP_OUTPUT:
-            new("{0}", present[read[0]], out=f"out[{write[0]}][{write[1]}]")
-        elif operation == ca.OP_CONST:
-            present[write[0]] = new(f"all({_constant(function.instruction_constant(i))})")
-        elif operation == ca.OP_DIV:
-            numerator, divisor = (present[k] for k in read)
-            if divisor not in inverse:
-                inverse[divisor] = new("1 / {0}", divisor)
-            present[write[0]] = new("{0} * {1}", numerator, inverse[divisor])
-        elif operation in _OPERATIONS:
-            present[write[0]] = new(_OPERATIONS[operation], *(present[k] for k in read))
-        else:
-            raise ValueError(f"{function.name()} has an operation that lanes do not know, CasADi's number {operation}")
+    places: list[int] = []
+    for i in range(len(values.operations)):
+        made = _value(function, values, i)
+        places.append(len(found))
+        found.append(replace(made, operands=tuple(places[operand] for operand in made.operands)))
+        found += [_Value("{0}", (places[i],), out) for out in results[i]]
     return found
 
 
-def _constant(value: float) -> str:
-    if math.isnan(value):
-        return "NAN"
-    return repr(value) if math.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
+def _value(function: ca.Function, values: Values, i: int) -> _Value:
+    operation = values.operations[i]
+    if operation == INPUT:
+        return _Value("in[{}][{}]".format(*values.places[i]))
+    if operation == CONSTANT:
+        return _Value(f"all({number(values.constants[i])})")
+    if operation not in VECTOR:
+        raise ValueError(f"{function.name()} has an operation that lanes do not know, CasADi's number {operation}")
+    return _Value(VECTOR[operation], values.operands[i])

@@ -14,7 +14,8 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.codegen.c99 import c_function, number, wrapped
+from vsense_ros.codegen.c99 import c_function, wrapped
+from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps

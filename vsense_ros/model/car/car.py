@@ -23,7 +23,14 @@ import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.car.contact import Contact, contact
-from vsense_ros.model.car.suspension import HubMotion, straight_guide, table_guide
+from vsense_ros.model.car.suspension import (
+    Coefficients,
+    HubMotion,
+    coefficients,
+    coefficients_in_one_form,
+    straight_guide,
+    table_guide,
+)
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
@@ -63,6 +70,9 @@ from vsense_ros.model.vehicle import Axle, Vehicle
 STIFFENING = 1.5  # slope that time steps assume, over the tyre's steepest: without a margin remnants of slip stay
 REACTING = (2.0, 1.0)  # speeds of sliding where time steps begin to stiffen a car with its wheel, and do so fully [m/s]
 STEADY = (0.25, 0.5)  # speeds of sliding where time steps begin to foresee how a car goes on, and do so fully [m/s]
+# Of each wheel its side, 1 on the left and -1 on the right; of each axle whether it is steered; of each axle 1 ahead of
+# `cog` and -1 behind it. Besides values of parameters, nothing else differs between the equations of the corners.
+PLACEMENT = (1.0, -1.0, 1.0, -1.0, 1.0, 0.0, 1.0, -1.0)
 LEAST_STIFFNESS = 1.0  # [N/rad] of a tyre that has left the road
 
 
@@ -103,7 +113,7 @@ class Corner:
 
     index: int
     axle: Axle  # with symbols in place of its numbers
-    side: int  # 1 on the left, -1 on the right
+    side: ca.SX  # 1 on the left, -1 on the right
     centre: ca.SX  # of the wheel in the design position (3×1) [m]
     static_load: Scalar  # [N]
     loaded_radius: Scalar  # under that load [m]
@@ -115,7 +125,7 @@ class Corner:
     @property
     def opposite(self) -> int:
         """The other wheel of the axle."""
-        return self.index + self.side
+        return self.index ^ 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +142,22 @@ class Car:
 
     Two vehicles with the same kinds of tyres, the same suspension tables and the same effects share one `Car`, and so
     its compiled code. `internal_state` holds those of the effects that depend on the past: a time step leaves it as it
-    is, `next_internal_state` moves it on between steps.
+    is, `next_internal_state` moves it on between steps. With `corners_alike` the corners have the same equations, down
+    to each operation: what they differ in are then symbols, `placement`, that stand for the numbers `placed`.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, corners_alike: bool = False) -> None:
+        self._vehicle = vehicle
+        self._tables = vehicle.suspension
+        self._coefficients: dict[str, Coefficients] = {}
+        self.placed: tuple[float, ...] = PLACEMENT  # what `placement` stands for
+        self.placement = ca.SX(ca.DM(PLACEMENT))
+        if self._tables is not None:
+            self._coefficients = {axle: coefficients(self._tables, axle) for axle in ("front", "rear")}
+        if corners_alike:
+            self._make_corners_alike()
         self.parameter_names = tuple(name for name, _ in numbers(vehicle.physics))
         self.p, self.parameters = symbols(vehicle.physics)
-        self._tables = vehicle.suspension
         self.q: ca.SX = ca.SX.sym("q", COORDINATES)
         self.u: ca.SX = ca.SX.sym("u", COORDINATES)
         self.force = ca.SX.sym("force", COORDINATES)  # generalized forces beyond the model's
@@ -151,6 +170,27 @@ class Car:
             self.internal_state[end - len(effect.internal_state) : end]
             for effect, end in zip(present, ends, strict=True)
         )
+
+    def _make_corners_alike(self) -> None:
+        """Symbols take the place of what the corners differ in."""
+        symbols: list[ca.SX] = []
+
+        def symbol(value: float) -> ca.SX:
+            self.placed += (value,)
+            symbols.append(ca.SX.sym("placement"))
+            return symbols[-1]
+
+        self.placed = ()
+        for value in PLACEMENT:
+            symbol(value)
+        if self._tables is not None:
+            self._coefficients = coefficients_in_one_form(self._tables, symbol)
+        self.placement = ca.vertcat(*symbols)
+
+    @cached_property
+    def corners_alike(self) -> Car:
+        """The same car, with corners that have the same equations down to each operation."""
+        return Car(self._vehicle, corners_alike=True)
 
     @property
     def internal_state_slices(self) -> dict[str, slice]:
@@ -171,9 +211,9 @@ class Car:
         weight = chassis.mass * GRAVITY
         corners = []
         for i in range(len(WHEELS)):
-            front, side = i < 2, 1 - 2 * (i % 2)
+            front, side, ahead = i < 2, self.placement[i], self.placement[6 + i // 2]
             axle = self.parameters.front if front else self.parameters.rear
-            arm = chassis.cog_to_front_axle if front else -chassis.cog_to_rear_axle
+            arm = ahead * (chassis.cog_to_front_axle if front else chassis.cog_to_rear_axle)
             other = chassis.cog_to_rear_axle if front else chassis.cog_to_front_axle
             static_load = weight * other / self._wheelbase / 2
             loaded_radius = axle.unloaded_radius - static_load / axle.tyre_stiffness
@@ -201,8 +241,10 @@ class Car:
     def _steered(self, corner: Corner, angle: ca.SX) -> ca.SX:
         """Angle of a wheel on a straight guide for a mean `angle` of the front wheels [rad]: from parallel to full
         Ackermann."""
-        if not corner.front:
+        steered = self.placement[4 + corner.index // 2]
+        if steered.is_zero():
             return ca.SX(0)
+        angle = steered * angle
         share, tangent = self.parameters.steering.ackermann, ca.tan(angle)
         turning = ca.atan2(self._wheelbase * tangent, self._wheelbase - corner.side * corner.axle.track / 2 * tangent)
         return (1 - share) * angle + share * turning
@@ -211,7 +253,7 @@ class Car:
         """How the hub moves at a `travel` [m] and a mean `angle` of the front wheels [rad]."""
         if self._tables is not None:
             axle = "front" if corner.front else "rear"
-            return table_guide(self._tables, axle, corner.side, corner.centre, travel, angle)
+            return table_guide(self._tables, self._coefficients[axle], corner.side, corner.centre, travel, angle)
         # A wheel whose contact point moves along this line has its lateral force act at the roll centre.
         slope = 2 * corner.axle.roll_centre_height / corner.axle.track
         direction = ca.vertcat(0, ca.SX(corner.side * slope), 1) / ca.sqrt(1 + slope**2)

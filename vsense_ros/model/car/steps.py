@@ -8,13 +8,15 @@ against wheel slip (`Car.stiffening`): a change of rank four, made within the st
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Hashable
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Car, kinematics, motion_of
+from vsense_ros.model.car.car import PLACEMENT, Car, kinematics, motion_of
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
@@ -36,10 +38,24 @@ GAMMA = 1 - 2**-0.5  # makes ROS2 L-stable
 
 _STATE_NAMES = ("q", "u", "force", "disturbances", "inputs", "p", "internal_state")
 _STATE_SIZES = (len(DYNAMIC_COORDINATES), COORDINATES, len(DISTURBANCES))  # of what `linearize` derives by
+# Arguments with a row for each coordinate.
+_BY_COORDINATE = frozenset(
+    ("q", "u", "force", "acceleration", "columns", "rate", "plain", "first_q", "first_u", "right_q", "rate_u")
+)
 
 
 def _arguments(car: Car) -> list[ca.SX]:
-    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state]
+    placement = [] if car.placement.is_constant() else [car.placement]
+    return [car.q, car.u, car.force, car.disturbances, car.inputs, car.p, car.internal_state, *placement]
+
+
+def _names(car: Car) -> list[str]:
+    return [*_STATE_NAMES, "placement"][: len(_arguments(car))]
+
+
+def _symbols(car: Car) -> list[ca.MX]:
+    """The same for matrix expressions."""
+    return [ca.MX.sym(name, argument.shape) for name, argument in zip(_names(car), _arguments(car), strict=True)]
 
 
 def _dynamic(q: ca.SX) -> ca.SX:
@@ -48,7 +64,7 @@ def _dynamic(q: ca.SX) -> ca.SX:
 
 def dynamics_function(car: Car) -> ca.Function:
     """(q, u, force, disturbances, inputs, p, internal_state) → derivatives of u (14), wheel outputs (7×4)."""
-    return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _STATE_NAMES)
+    return codegen.function("dynamics", _arguments(car), [car.dynamics, car.wheel_outputs], _names(car))
 
 
 def linearize_function(car: Car) -> ca.Function:
@@ -57,21 +73,34 @@ def linearize_function(car: Car) -> ca.Function:
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
     the equations of motion, M ∂u̇ = -∂r with r(u̇, tyre forces) = 0, where the forces of each tyre depend on few
-    quantities. The virtual machine multiplies the sparse factors as matrices, in a third of the time that it would need
-    for their elements one by one.
+    quantities. Products of matrices stay products: the virtual machine and compilers are quick with them.
     """
-    state = [ca.MX.sym(name, argument.shape) for name, argument in zip(_STATE_NAMES, _arguments(car), strict=True)]
-    udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
-    jacobian = -inverse @ (direct + by_forces @ (by_motions @ motions + beside))
+    state = _symbols(car)
+    udot, inverse, missing, rates = _missing_function(car)(*state)
+    jacobian = ca.mac(inverse, missing, ca.MX.zeros(COORDINATES, sum(_STATE_SIZES)))
     by_q, by_u, by_disturbances = ca.horzsplit(jacobian, [0, *np.cumsum(_STATE_SIZES).tolist()])
-    results = [udot, *(ca.densify(m) for m in (by_q, by_u, by_disturbances, by_q @ rates))]
-    return ca.Function("linearize", state, results, _STATE_NAMES, [f"r{i}" for i in range(len(results))])
+    results = [udot, by_q, by_u, by_disturbances, ca.mac(by_q, rates, ca.MX.zeros(COORDINATES, COORDINATES))]
+    return ca.Function("linearize", state, results, _names(car), [f"r{i}" for i in range(len(results))])
+
+
+def _missing_function(car: Car) -> ca.Function:
+    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×25
+    and sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
+    state = _symbols(car)
+    udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
+    missing, by_state = direct, by_motions @ motions + beside
+    # A product for each tyre, which vectors do all at once, or one for the virtual machine.
+    tyres = [slice(None)] if car.placement.is_constant() else [slice(4 * i, 4 * i + 4) for i in range(len(WHEELS))]
+    for tyre in tyres:
+        missing += by_forces[:, tyre] @ by_state[tyre, :]
+    return ca.Function("missing", state, [udot, inverse, missing, rates], _names(car), ["r0", "r1", "r2", "r3"])
 
 
 def _factors_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u; inverse of the mass matrix; the missing force's derivative by the state `z` (dynamic
-    coordinates, u, disturbances) at given accelerations and tyre forces, and by tyre forces; the derivative of tyre
-    forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic coordinates by u.
+    """(…) → derivatives of u; inverse of the mass matrix; minus the missing force's derivative by the state `z`, which
+    is dynamic coordinates, u, disturbances, at given accelerations and tyre forces, and by tyre forces; the derivative
+    of tyre forces by tyre motions, of these by z, of tyre forces by z at given motions; rates of the dynamic
+    coordinates by u.
     """
 
     def by_state(expression: ca.SX) -> ca.SX:
@@ -81,7 +110,7 @@ def _factors_function(car: Car) -> ca.Function:
     arguments = _arguments(car)
     udot = ca.SX.sym("udot", COORDINATES)
     forces, motions = ca.SX.sym("forces", 4, len(WHEELS)), ca.SX.sym("motions", 5, len(WHEELS))
-    missing, tyres = car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
+    missing, tyres = -car.missing_force(udot, forces), ca.vec(car.tyre_forces(motions))
     parts = [by_state(missing), ca.jacobian(missing, ca.vec(forces)), ca.jacobian(tyres, ca.vec(motions))]
     in_parts = ca.Function("parts", [*arguments, udot, forces, motions], [*parts, by_state(tyres)])
     *parts, beside = in_parts(*arguments, car.dynamics, car.tyre_forces(car.tyre_motions), car.tyre_motions)
@@ -89,9 +118,9 @@ def _factors_function(car: Car) -> ca.Function:
     joints = (joint.start + corner for corner in range(len(WHEELS)) for joint in (SPIN, TRAVEL))
     order = [*joints, *range(TWIST.stop)]
     back = sorted(range(COORDINATES), key=order.__getitem__)
-    inverse = inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back]
+    inverse = ca.densify(inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back])
     rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
-    results = [car.dynamics, inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
+    results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
     return ca.Function("factors", arguments, results, {"cse": True})
 
 
@@ -100,38 +129,84 @@ def advance_function(car: Car) -> ca.Function:
 
     `inverse` is (I - γ h (∂f/∂u + γ h ∂f/∂q N))⁻¹ (14×14), `by_q` the Jacobian by the dynamic coordinates (14×7).
     """
-    h = ca.SX.sym("h")
-    inverse = ca.SX.sym("inverse", COORDINATES, COORDINATES)
-    by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
-    dynamics = ca.Function("f", _arguments(car), [car.dynamics])
-    q, u = car.q, car.u
-    rest = _arguments(car)[2:]
-    # Inverse of the stiffened matrix by Woodbury's identity.
-    responses, slopes, foreseen = car.stiffening
-    columns, rows = inverse @ responses, GAMMA * h * slopes
-    reduced = ca.SX.eye(len(WHEELS)) - rows @ columns
+    state, h = _symbols(car), ca.MX.sym("h")
+    inverse = ca.MX.sym("inverse", COORDINATES, COORDINATES)
+    by_q = ca.MX.sym("by_q", COORDINATES, len(DYNAMIC_COORDINATES))
+    (q, u), rest = state[:2], state[2:]
+    rate, rate_u, moved, responses, rows, known = _first_stage(car)(*state, h)
+    # Stages without the stiffening are plain; Woodbury's identity brings it in.
+    plain = ca.mac(inverse, ca.mac(by_q, moved, rate_u), ca.MX.zeros(COORDINATES))
+    given = {
+        "q": q,
+        "u": u,
+        "h": h,
+        "columns": ca.mac(inverse, responses, ca.MX.zeros(COORDINATES, len(WHEELS))),
+        "rows": rows,
+        "known": known,
+    }
+    first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
+    rate_u, first = _accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
+    right_q, right_u, moved = _called("second_stage", _second_stage, q=q, u=u, h=h, **first, rate_u=rate_u)
+    plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(COORDINATES))
+    results = _called("end", _end, **given, **first, reduced=reduced, right_q=right_q, plain=plain)
+    arguments = [*state, h, inverse, by_q]
+    return ca.Function("advance", arguments, results, [*_names(car), "h", "inverse", "by_q"], ["r0", "r1"])
 
-    def solve(right: ca.SX, known: ca.SX) -> ca.SX:
-        """A stage without the stiffening that its `known` part (4) would cause."""
-        plain = inverse @ right
-        return plain + columns @ solve_dominant(reduced, rows @ plain - known)
 
-    rate, rate_u = kinematics(q, u), dynamics(q, u, *rest)
-    # A second stage begins as minus the first: with opposite signs, whatever is known leaves the step of second order.
-    known = GAMMA * h * (foreseen @ rate_u)
-    first_u = solve(rate_u + GAMMA * h * (by_q @ _dynamic(rate)), known)
-    first_q = rate + GAMMA * h * kinematics(q, first_u)
-    middle_q, middle_u = q + h * first_q, u + h * first_u
-    right_q = kinematics(middle_q, middle_u) - 2 * first_q
-    right_u = dynamics(middle_q, middle_u, *rest) - 2 * first_u
-    second_u = solve(right_u + GAMMA * h * (by_q @ _dynamic(right_q)), -known)
-    second_q = right_q + GAMMA * h * kinematics(q, second_u)
-    return codegen.function(
-        "advance",
-        [*_arguments(car), h, inverse, by_q],
-        [q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)],
-        (*_STATE_NAMES, "h", "inverse", "by_q"),
+def _called(name: str, make: Callable[..., list[ca.SX]], **given: ca.MX) -> list[ca.MX]:
+    """What a function that `make` makes of symbols gives for these arguments."""
+    symbols = {word: ca.SX.sym(word, value.sparsity()) for word, value in given.items()}
+    results = [ca.densify(result) for result in make(**symbols)]
+    names = [f"r{i}" for i in range(len(results))]
+    function = ca.Function(name, list(symbols.values()), results, list(symbols), names, {"cse": True})
+    return list(function.call(list(given.values())))
+
+
+def _accelerations_function(car: Car) -> ca.Function:
+    """(…) → derivatives of u (14)."""
+    return ca.Function(
+        "accelerations", _arguments(car), [ca.densify(car.dynamics)], _names(car), ["udot"], {"cse": True}
     )
+
+
+def _first_stage(car: Car) -> ca.Function:
+    """(…, h) → derivatives of q and u; γ h times those of the dynamic coordinates; of the stiffening the responses
+    (14×4, sparse), γ h times the slopes (4×14, sparse), and what the rates at the step's beginning cause of it (4)."""
+    h = ca.SX.sym("h")
+    rate, (responses, slopes, foreseen) = kinematics(car.q, car.u), car.stiffening
+    known = GAMMA * h * (foreseen @ car.dynamics)
+    rates = [ca.densify(value) for value in (rate, car.dynamics, GAMMA * h * _dynamic(rate))]
+    results = [*rates, ca.sparsify(responses), ca.sparsify(GAMMA * h * slopes), ca.densify(known)]
+    names = ["rate", "rate_u", "moved", "responses", "rows", "known"]
+    return ca.Function("first_stage", [*_arguments(car), h], results, [*_names(car), "h"], names, {"cse": True})
+
+
+def _middle(
+    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, rate: ca.SX, plain: ca.SX
+) -> list[ca.SX]:
+    """First stage of q and u; q and u where the second is; the inverse of the matrix (4×4) to which Woodbury's identity
+    reduces the stiffened one."""
+    reduced = solve_dominant(ca.SX.eye(len(WHEELS)) - rows @ columns, ca.SX.eye(len(WHEELS)))
+    first_u = plain + columns @ (reduced @ (rows @ plain - known))
+    first_q = rate + GAMMA * h * kinematics(q, first_u)
+    return [first_q, first_u, q + h * first_q, u + h * first_u, reduced]
+
+
+def _second_stage(q: ca.SX, u: ca.SX, h: ca.SX, first_q: ca.SX, first_u: ca.SX, rate_u: ca.SX) -> list[ca.SX]:
+    """Right sides of the second stage of q and u, which begins as minus the first; γ h times those of the dynamic
+    coordinates."""
+    right_q = kinematics(q, u) - 2 * first_q
+    return [right_q, rate_u - 2 * first_u, GAMMA * h * _dynamic(right_q)]
+
+
+def _end(
+    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, reduced: ca.SX,
+    first_q: ca.SX, first_u: ca.SX, right_q: ca.SX, plain: ca.SX,
+) -> list[ca.SX]:  # fmt: skip
+    """q and u at the end. With opposite signs in both stages, whatever is known leaves the step of second order."""
+    second_u = plain + columns @ (reduced @ (rows @ plain + known))
+    second_q = right_q + GAMMA * h * kinematics(q, second_u)
+    return [q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)]
 
 
 def kinematics_function(car: Car) -> ca.Function:
@@ -146,16 +221,16 @@ def force_function(car: Car) -> ca.Function:
     acceleration = ca.SX.sym("acceleration", COORDINATES)
     return codegen.function(
         "force",
-        [car.q, car.inputs, car.disturbances, car.p, car.internal_state, acceleration],
+        [car.q, car.inputs, car.disturbances, car.p, car.internal_state, acceleration, *_arguments(car)[7:]],
         [car.inertia_times(acceleration)],
-        ("q", "inputs", "disturbances", "p", "internal_state", "acceleration"),
+        ("q", "inputs", "disturbances", "p", "internal_state", "acceleration", *_names(car)[7:]),
     )
 
 
 def internal_state_function(car: Car) -> ca.Function:
     """(…, h) → the internal state of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
-    return codegen.function("internal_state", [*_arguments(car), h], [car.next_internal_state(h)], (*_STATE_NAMES, "h"))
+    return codegen.function("internal_state", [*_arguments(car), h], [car.next_internal_state(h)], (*_names(car), "h"))
 
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
@@ -176,6 +251,16 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 @cache
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
+    functions = None if codegen.compiler() is None else _compiled(car)
+    return {f.name(): f for f in functions or _for_virtual_machine(car)}
+
+
+def _for_virtual_machine(car: Car) -> list[ca.Function]:
+    """The functions as CasADi runs them quickest: of a step in straight code, of the linearisation as matrices."""
+    return [codegen.expanded(f) if f.name() == "advance" else f for f in _functions(car)]
+
+
+def _functions(car: Car) -> list[ca.Function]:
     functions = [
         dynamics_function(car),
         linearize_function(car),
@@ -183,9 +268,45 @@ def model_functions(car: Car) -> dict[str, ca.Function]:
         kinematics_function(car),
         force_function(car),
     ]
-    if car.internal_state.numel():
-        functions.append(internal_state_function(car))
-    return {f.name(): f for f in codegen.compiled("car", functions, expand=True)}
+    return [*functions, internal_state_function(car)] if car.internal_state.numel() else functions
+
+
+def _compiled(car: Car) -> list[ca.Function] | None:
+    """The functions compiled, with what the corners have in common done for all four at once."""
+    alike = car.corners_alike
+    functions, corners = _functions(alike), codegen.Corners(_alike(alike), {"placement": alike.placed})
+    return codegen.loaded("car", codegen.native_source(functions, corners), functions)
+
+
+def _alike(car: Car) -> codegen.Alike:
+    """What the elements of arguments are at each corner: names without the wheel or axle, and which corner it is."""
+    generic = dict.fromkeys(WHEELS, "wheel") | dict.fromkeys(("front", "rear"), "axle")
+    parameters = [".".join(generic.get(w, w) for w in name.split(".")) for name in car.parameter_names]
+    parameters = [re.sub("_to_(front|rear)_axle", "_to_axle", name) for name in parameters]
+    internal = {
+        part.start + i: ((effect, i % (size // 4)), i // (size // 4)) if size % 4 == 0 else ((effect, i), None)
+        for effect, part in car.internal_state_slices.items()
+        for size in (part.stop - part.start,)
+        for i in range(size)
+    }
+
+    axle = (len(car.placed) - len(PLACEMENT)) // 2  # numbers of an axle's tables
+
+    def alike(argument: str, element: int) -> tuple[Hashable, int | None]:
+        if argument == "p":
+            return parameters[element], None
+        if argument == "placement":
+            return (argument, (element - len(PLACEMENT)) % axle if element >= len(PLACEMENT) else -1), None
+        if argument == "internal_state":
+            return internal[element]
+        if argument == "inputs" and element:
+            return "torque", element - 1
+        column, row = divmod(element, COORDINATES)
+        if argument in _BY_COORDINATE and row >= TRAVEL.start:
+            return (argument, column, (row - TRAVEL.start) // 4), (row - TRAVEL.start) % 4
+        return (argument, element), None
+
+    return alike
 
 
 @cache

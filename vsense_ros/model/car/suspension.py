@@ -6,7 +6,7 @@ derivatives by the travel: what the joint between chassis and hub needs. Everyth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,6 +21,7 @@ HIGHEST_DEGREE = 12
 ROUNDING = 1e-6  # what a table may differ by from the design position where it must go through it
 
 Polynomial = tuple[tuple[float, ...], ...]
+Coefficients = dict[str, Sequence[Sequence[ca.SX | float]]]  # of an axle's columns, by name
 
 
 def _column(unit: str, description: str) -> Polynomial:
@@ -129,11 +130,39 @@ def straight_guide(design: ca.SX, direction: ca.SX, travel: ca.SX, toe: ca.SX) -
     )
 
 
+def coefficients(tables: SuspensionTables, axle: str) -> Coefficients:
+    """Those of an axle's columns, by name."""
+    return {name: getattr(getattr(tables, axle), name) for name in AxleTable.model_fields}
+
+
+def coefficients_in_one_form(tables: SuspensionTables, symbol: Callable[[float], ca.SX]) -> dict[str, Coefficients]:
+    """Those of both axles, "front" and "rear", as polynomials with the same terms: filled up with zeros, and with a
+    `symbol` for each number where not both axles have a zero."""
+    found: dict[str, Coefficients] = {"front": {}, "rear": {}}
+    filled = {name: _filled(getattr(tables.front, name), getattr(tables.rear, name)) for name in AxleTable.model_fields}
+    for axle, of_axle in enumerate(found.values()):
+        for name, pair in filled.items():
+            used = np.any(pair, axis=0)
+            of_axle[name] = [
+                [symbol(pair[axle, i, j]) if used[i, j] else 0.0 for j in range(used.shape[1])]
+                for i in range(used.shape[0])
+            ]
+    return found
+
+
+def _filled(*polynomials: Polynomial) -> NDArray[np.float64]:
+    """Polynomials filled up with zeros to one shape."""
+    tables = [np.array(polynomial) for polynomial in polynomials]
+    rows, columns = (max(table.shape[axis] for table in tables) for axis in (0, 1))
+    return np.array([np.pad(t, [(0, rows - t.shape[0]), (0, columns - t.shape[1])]) for t in tables])
+
+
 def table_guide(
-    tables: SuspensionTables, axle: str, side: int, design: ca.SX, travel: ca.SX, steering: ca.SX
+    tables: SuspensionTables, axle: Coefficients, side: ca.SX, design: ca.SX, travel: ca.SX, steering: ca.SX
 ) -> HubMotion:
-    """The hub of a wheel, `side` 1 on the left and -1 on the right, as the tables move it from `design` (3×1) [m]."""
-    at = _evaluate(tables, getattr(tables, axle), travel, side * steering)
+    """The hub of a wheel, `side` 1 on the left and -1 on the right, as the tables with the coefficients of its `axle`
+    move it from `design` (3×1) [m]."""
+    at = _evaluate(tables, axle, travel, side * steering)
     x, y = at["x"], [side * v for v in at["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
     toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])
@@ -164,12 +193,12 @@ def table_guide(
 def _function(tables: SuspensionTables, axle: str) -> ca.Function:
     """(travel, steering) → rows of `SuspensionTables.columns`."""
     travel, steering = ca.SX.sym("travel"), ca.SX.sym("steering")
-    found = _evaluate(tables, getattr(tables, axle), travel, steering)
+    found = _evaluate(tables, coefficients(tables, axle), travel, steering)
     return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in found.values()))])
 
 
 def _evaluate(
-    tables: SuspensionTables, table: AxleTable, travel: ca.SX, steering: ca.SX
+    tables: SuspensionTables, table: Coefficients, travel: ca.SX, steering: ca.SX
 ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
     """Value, first and second derivative by the travel of each column."""
     low, high = tables.travel
@@ -179,8 +208,8 @@ def _evaluate(
     inside = within == along
     across = ca.fmin(ca.fmax(steering / tables.steering, -1), 1)
     columns = {}
-    for name in AxleTable.model_fields:
-        value, slope, curvature = _horner([_horner(row, across)[0] for row in getattr(table, name)], within)
+    for name, rows in table.items():
+        value, slope, curvature = _horner([_horner(row, across)[0] for row in rows], within)
         columns[name] = (
             value + slope * (along - within),
             slope / half,

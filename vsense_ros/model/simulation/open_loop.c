@@ -1,5 +1,5 @@
 /* Many steps of several cars side by side without a word of Python between them: the compiled twin of open_loop.py,
- * which says what it does. It follows lanes.c and what lanes.py wrote of the car's functions, in the same file.
+ * which says what it does. It follows simd.c and what simd.py wrote of the car's functions, in the same file.
  *
  * Arrays from outside have one element of all lanes after the other and may lie anywhere.
  */

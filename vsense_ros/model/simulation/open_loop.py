@@ -8,7 +8,6 @@ have lanes; without one the same loop runs in Python, one run after the other.
 from __future__ import annotations
 
 import ctypes
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -277,15 +276,9 @@ def _compiled(car: Car) -> _Compiled | None:
     if "internal_state" not in functions:
         written.append("#define INTERNAL_STATE_WORK 0\n#define internal_state(in, out, work)")
     written.append(resources.files("vsense_ros.model.simulation").joinpath("open_loop.c").read_text(encoding="utf-8"))
-    built = codegen.library("open_loop", "\n".join(written), _flags())
+    built = codegen.library("open_loop", "\n".join(written), codegen.vector_math())
     if built is None:
         return None
     library = ctypes.CDLL(str(built))
     library.open_loop.restype = None
     return _Compiled(library.open_loop, ctypes.c_longlong.in_dll(library, "lanes_at_once").value)
-
-
-def _flags() -> tuple[str, ...]:
-    """glibc on x86 has sine and the like for vectors."""
-    vectors = platform.machine() == "x86_64" and platform.libc_ver()[0] == "glibc"
-    return ("-DVECTOR_MATH", "-lmvec") if vectors else ()
