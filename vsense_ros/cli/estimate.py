@@ -68,6 +68,10 @@ def filters() -> None:
 
     `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
     writes errorEKF and SPI.
+
+    \b
+    Examples:
+      vsense filters
     """
     from vsense_ros.estimation.catalogue import table
     from vsense_ros.evaluate.terminal import console
