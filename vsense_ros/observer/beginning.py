@@ -12,7 +12,6 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 
-TELL_SPEED = {"wheel_speeds", "gnss_velocity"}
 _DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
 
 

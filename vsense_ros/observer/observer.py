@@ -18,22 +18,21 @@ from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.sensors import SensorBase
-from vsense_ros.model.sensors.steering import INPUT as STEERING_INPUT
-from vsense_ros.model.sensors.wheel_torques import INPUT as TORQUE_INPUT
+from vsense_ros.model.coordinates import SPIN
+from vsense_ros.model.sensors import KINDS, SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer import diagnostics
 from vsense_ros.observer.alignment import Alignment
-from vsense_ros.observer.beginning import TELL_SPEED, Beginning, Start
+from vsense_ros.observer.beginning import Beginning, Start
 from vsense_ros.observer.catalogue import MakeFilter, default_filter
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
-from vsense_ros.observer.state import FORWARD, SPIN_RATES, YAW_RATE
+from vsense_ros.observer.state import FORWARD, YAW_RATE, U
 
 Array = NDArray[np.float64]
 
-_INPUTS = {"steering": STEERING_INPUT, "wheel_torques": TORQUE_INPUT}
+_SPINS = range(SPIN.start, SPIN.stop)
 _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
 
 
@@ -152,14 +151,15 @@ class Observer:
     def _start(self, start: Start) -> None:
         filter, mean, events = self.filter, self.car.mean, start.events
         filter.start_rolling(start.speed)
-        # At rest, the noise of the wheels would be slip.
-        if (wheels := events.get("wheel_speeds")) is not None and start.speed > _MOVING:
-            np.copyto(mean[SPIN_RATES], wheels.value, where=np.isfinite(wheels.value))
-        if (imu := events.get("imu")) is not None and abs(imu.value[2]) < self.car.largest[YAW_RATE]:
-            mean[YAW_RATE] = imu.value[2]
-        for kind, part in _INPUTS.items():
-            if kind in events:
-                filter.inputs[part] = np.nan_to_num(events[kind].value)
+        for event in events.values():
+            sensor = self.intake.sensors[event.sensor]
+            if sensor.inputs is not None:
+                filter.inputs[sensor.inputs] = np.nan_to_num(event.value)
+            for place, velocity in sensor.first_velocities(event.value).items():
+                at = U.start + place
+                at_rest = place in _SPINS and start.speed <= _MOVING  # where the noise of the wheels would be slip
+                if abs(velocity) < self.car.largest[at] and not at_rest:
+                    mean[at] = velocity
         self.started, self._started_at = True, start.stamp
         if self.monitor is not None:
             self.monitor.forget()
@@ -253,7 +253,7 @@ class Observer:
 
 
 def _channel(name: str, sensor: SensorBase) -> Channel:
-    part = _INPUTS.get(sensor.kind)
+    part = sensor.inputs
     limit = sensor.gate**2 * len(sensor.deviations()) ** 0.5
     return Channel(name, limit, None if part is None else part.start)
 
@@ -264,15 +264,11 @@ def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
     Raises `InputError` if nothing among them could tell the car's speed, or its steering angle.
     """
     sensors = vehicle.sensing()
-    kinds = {s.kind for s in sensors.values()}
-    if not kinds & TELL_SPEED:
-        raise InputError(
-            f"{vehicle.name}: no sensor tells the car's speed; the vehicle file lists {sorted(kinds) or 'none'}, "
-            "one of wheel_speeds or gnss_velocity is needed"
-        )
-    if "steering" not in kinds and "imu" not in kinds:
-        raise InputError(
-            f"{vehicle.name}: no sensor tells how the car turns; the vehicle file lists {sorted(kinds)}, "
-            "one of steering or imu is needed"
-        )
+    kinds = sorted({s.kind for s in sensors.values()}) or "none"
+    for what, told in (("the car's speed", SensorBase.tells_speed), ("how the car turns", SensorBase.tells_turning)):
+        if not any(told.__get__(sensor) for sensor in sensors.values()):
+            able = " or ".join(name for name, kind in KINDS.items() if told.__get__(kind.model_construct()))
+            raise InputError(
+                f"{vehicle.name}: no sensor tells {what}; the vehicle file lists {kinds}, one of {able} is needed"
+            )
     return sensors

@@ -40,7 +40,6 @@ DISTURB = slice(FORCE.stop, FORCE.stop + len(DISTURBANCES))
 SLOPES = slice(DISTURB.start + GRADE, DISTURB.start + BANK + 1)  # of the road, along and across
 TWIST = slice(U.start + coordinates.TWIST.start, U.start + coordinates.TWIST.stop)  # velocity and rates of the body
 FORWARD, LATERAL, YAW_RATE = (U.start + i for i in (SPEED_X, SPEED_Y, coordinates.YAW_RATE))
-SPIN_RATES = slice(U.start + SPIN.start, U.start + SPIN.stop)
 _PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
 # Errors that those of the velocities depend on after a step.
 DYNAMIC = np.array(DYNAMIC_COORDINATES)

@@ -15,7 +15,6 @@ from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 if TYPE_CHECKING:
     from vsense_ros.model.vehicle import Vehicle
 
-INPUT = slice(STEERING, STEERING + 1)
 
 # Of a simulated one at the steering wheel (Leung 2010, table B.1): as an input of the model it has no noise in the
 # vehicle file.
@@ -31,7 +30,7 @@ class Steering(SensorBase):
     place: ClassVar[int] = 3
     words: ClassVar[str] = "a steering angle"
     tells: ClassVar[frozenset[Tells]] = frozenset({"steering"})
-    inputs: ClassVar[slice | None] = INPUT
+    inputs: ClassVar[slice | None] = slice(STEERING, STEERING + 1)
     awaited: ClassVar[float] = 5.0
     sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-10,))
     # More than this lateral acceleration cornering does not bring about.

@@ -12,8 +12,6 @@ from vsense_ros.model.sensors.base import JointSensor, Names, Response, Tells, V
 from vsense_ros.model.sensors.simulated import Sampling
 from vsense_ros.model.sensors.wheel_speeds import NAMES
 
-INPUT = TORQUES
-
 
 class WheelTorques(JointSensor):
     """Drive minus brake torque at each wheel [N m]; without this sensor the torques are estimated."""
@@ -23,7 +21,7 @@ class WheelTorques(JointSensor):
     place: ClassVar[int] = 4
     words: ClassVar[str] = "wheel torques"
     tells: ClassVar[frozenset[Tells]] = frozenset({"torques"})
-    inputs: ClassVar[slice | None] = INPUT
+    inputs: ClassVar[slice | None] = TORQUES
     sampling: ClassVar[Sampling | None] = Sampling(10, 2, 2, (2**-4,))
     # More than this specific force along the car neither cornering nor a slope brings about.
     response: ClassVar[Response | None] = Response(3, by_speed=False, least=2.5, words="the wheel torques are")
