@@ -18,12 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.bag import read_bag
+from vsense_ros.estimation.filter import Gaussian, Innovation
 from vsense_ros.evaluate.terminal import progress
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording, Sample
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
+from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.kalman import DYNAMIC, FORCE, GAIN_COLUMNS, SURROUND, Q, U
+from vsense_ros.observer.observer import sensors_of
 
 Array = NDArray[Any]
 
@@ -147,90 +151,74 @@ class Record:
             self.error = max(self.error, float(np.abs(np.sqrt(np.diag(p)) / deviation - 1).max()))
 
 
-class Watched(ErrorEkf):
-    """A filter whose transitions and measurements go to other forms as well."""
+class Watched(CarBlocks):
+    """The car with full matrices, whose transitions and measurements go to other forms as well."""
 
-    records: list[Record]
-    predictions = 0
-    _fresh = True
+    in_blocks = False
 
-    def watch(self, records: list[Record]) -> None:
-        self.records, self._fresh = records, True
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], records: list[Record]) -> None:
+        super().__init__(vehicle, sensors)
+        self.records, self.predictions, self._fresh = records, 0, True
+        self.jacobian = np.zeros((0, 0))
 
-    def start(self, speed: float) -> None:
-        super().start(speed)
+    def forget_forms(self) -> None:
+        """Their covariance is not that of the filter any more."""
         self._fresh = True
 
-    def place(self, index: int, value: float, deviation: float) -> None:
-        super().place(index, value, deviation)
-        self._fresh = True
-
-    def predict(self, h: float) -> None:
+    def propagate(self, f: Array, noise: Array) -> None:
         if self._fresh:
             for record in self.records:
                 record.form.start(self.covariance)
             self._fresh = False
-        super().predict(h)
-        noise = np.zeros(len(self.state))
-        process = self._process(h)
-        noise[FORCE.start :] = process.noise
-        transition = self._transition(h, process.decay)
+        super().propagate(f, noise)
         self.predictions += 1
+        self.give("predict", f, np.append(np.zeros(len(f) - len(noise)), noise))
+
+    def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
+        innovation, self.jacobian = super().sense(sensor, value)
+        return innovation, self.jacobian
+
+    def corrected(self, present: NDArray[np.bool_], variance: Array) -> None:
+        """The last measurement, some of whose components were there, has been used."""
+        if not self._fresh:
+            self.give("correct", self.jacobian[present], variance[present])
+
+    def give(self, operation: str, matrix: Array, vector: Array) -> None:
         for record in self.records:
-            self._apply(record, "predict", transition, noise)
+            if not record.lost:
+                _apply(record, operation, matrix.astype(record.form.kind), vector.astype(record.form.kind))
 
-    def correct(self, index: int, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        nis = super().correct(index, value, variance, limit, scale)
-        if 0 <= nis <= limit and not self._fresh:
-            jacobian = self._jacobian(index)
-            present = np.isfinite(value)
-            for record in self.records:
-                self._apply(record, "correct", jacobian[present], variance[present])
-        return nis
 
-    def _apply(self, record: Record, operation: str, matrix: Array, vector: Array) -> None:
-        if record.lost:
-            return
-        form = record.form
-        matrix, vector = matrix.astype(form.kind), vector.astype(form.kind)
-        begun = time.thread_time()
-        try:
-            with np.errstate(all="ignore"):
-                getattr(form, operation)(matrix, vector)
-        except np.linalg.LinAlgError:
-            record.lost = "H P Hᵀ + R not positive"
-        record.seconds += time.thread_time() - begun
+def _apply(record: Record, operation: str, matrix: Array, vector: Array) -> None:
+    begun = time.thread_time()
+    try:
+        with np.errstate(all="ignore"):
+            getattr(record.form, operation)(matrix, vector)
+    except np.linalg.LinAlgError:
+        record.lost = "H P Hᵀ + R not positive"
+    record.seconds += time.thread_time() - begun
 
-    def _transition(self, h: float, decay: Array) -> Array:
-        """(n, n): velocities first, then coordinates that follow the new velocities."""
-        n, k = len(self.state), self._kalman
-        velocities, coordinates = np.eye(n), np.eye(n)
-        velocities[U] = 0
-        velocities[U, GAIN_COLUMNS] = k.gain
-        coordinates[:6, 3:6] += h * k.by_angles
-        coordinates[:6, 14:20] += h * k.by_velocity
-        coordinates[6:14, 20:28] += h * np.eye(8)
-        slow = np.ones(n)
-        slow[FORCE.start :] = decay
-        return slow[:, None] * (coordinates @ velocities)
 
-    def _jacobian(self, index: int) -> Array:
-        """(m, n) of a sensor by the state."""
-        kernel = self._sense[index]
-        assert kernel is not None
-        _, by_q, by_u, by_udot, by_surroundings = kernel.results
-        h = np.zeros((len(by_q), len(self.state)))
-        h[:, Q], h[:, U], h[:, SURROUND] = by_q, by_u, by_surroundings
-        if self._uses_acceleration[index]:
-            model = self._kalman.model
-            h[:, DYNAMIC] += by_udot @ model.by_q
-            h[:, U] += by_udot @ model.by_u
-            h[:, FORCE] = by_udot
-            h[:, SURROUND] += by_udot @ model.by_surroundings
-        where = self.layout.biases[index]
-        if where.stop > where.start:
-            h[:, where] = np.eye(len(h))
-        return h
+class WatchedEkf(ErrorEkf):
+    """The errorEKF of a watched car."""
+
+    car: Watched
+
+    def start(self, belief: Gaussian) -> None:
+        super().start(belief)
+        self.car.forget_forms()
+
+    def set_element(self, index: int, value: float, deviation: float) -> None:
+        super().set_element(index, value, deviation)
+        self.car.forget_forms()
+
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        innovation = super().correct(sensor, value, variance, limit, scale)
+        if innovation.accepted:
+            self.car.corrected(np.isfinite(innovation.whitened), variance)
+        return innovation
 
 
 def over_and_over(recording: Recording, topics: tuple[str, ...], laps: int) -> Iterator[Sample]:
@@ -256,14 +244,12 @@ def measure(laps: int) -> tuple[list[Record], float]:
     """All forms after so many laps, and how many predictions a second there were."""
     vehicle = load_vehicle(ROOT / "config/vehicles/prototype_model.yaml")
     recording = read_bag(ROOT / "bags/double_lane_change")
-    observer = Observer(vehicle, recording.map_origin, Watched)
     reference = Record(SquareRoot(np.float64))
     forms = [kind(np.float64) for kind in (Textbook, Symmetrised, Joseph, Whitened)]
     forms += [kind(np.float32) for kind in (Textbook, Symmetrised, Joseph, Whitened, SquareRoot)]
     records = [reference, *(Record(form) for form in forms)]
-    ekf = observer.filter
-    assert isinstance(ekf, Watched)
-    ekf.watch(records)
+    car = Watched(vehicle, sensors_of(vehicle), records)
+    observer = Observer(vehicle, recording.map_origin, lambda *_: WatchedEkf(car))
     following = recording.start + LAP * SECOND
     with progress(f"{laps * LAP} s in {len(records)} forms") as done:
         for sample in over_and_over(recording, tuple(observer.topics), laps):
@@ -273,7 +259,7 @@ def measure(laps: int) -> tuple[list[Record], float]:
                 following += LAP * SECOND
             observer.add(sample)
     _look(records)
-    return records, ekf.predictions / (laps * LAP)
+    return records, car.predictions / (laps * LAP)
 
 
 def _look(records: list[Record]) -> None:
@@ -322,7 +308,7 @@ far above the roundings: a form that guards the sign has nothing to guard here, 
 
 So the observer keeps the covariance itself, in double precision, and subtracts whitened outer products, `P - W Wᵀ`,
 which are symmetric to the last bit; after a prediction what is computed once stands on both sides. With the structure
-of the car's matrices this is `vsense_ros/observer/car_blocks.py` and, compiled, `car_blocks.c`.
+of the car's matrices this is `vsense_ros/observer/car_blocks.c`, and with full ones `car_blocks.py`.
 
 `test/observer/test_observer.py` holds the observer to it: symmetric to the last bit and positive definite, without a
 trend, over ten minutes with GNSS and over ten minutes in a tunnel.
