@@ -132,4 +132,32 @@ def simplification(vehicle: str, out: Path) -> None:
     click.echo(document)
 
 
-COMMANDS = (demo, genesis, thesis, simplification)
+@click.command()
+@click.option(
+    "--vehicle", metavar="FILE", default="prototype_model", show_default=True, help="Vehicle file, or its name."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/sampling"), show_default=True, help="Folder.")
+def sampling(vehicle: str, out: Path) -> None:
+    """Compare a continuous filter with discrete ones where sensors are slow.
+
+    Takes some minutes. Writes sampling_rates.json and sampling_rates.png.
+
+    \b
+    Examples:
+      vsense sampling
+      vsense sampling --vehicle rav4 --out out/rav4
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import sampling_rates as job
+
+    car = load_car(vehicle)
+    with progress("filters at several rates") as done:
+        results = job.measure(car, done)
+    out.mkdir(parents=True, exist_ok=True)
+    job.write(results, out / "sampling_rates.json")
+    picture = job.draw(results, out / "sampling_rates.png")
+    console().print(job.table(results))
+    say(f"Picture in {picture}.")
+
+
+COMMANDS = (demo, genesis, thesis, simplification, sampling)
