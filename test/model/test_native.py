@@ -131,3 +131,17 @@ def test_what_has_no_counterpart_is_left_to_casadi():
     assert not native.can_write(ca.Function("rounded", [x], [ca.floor(x)]))
     m, v = ca.MX.sym("m", 4, 4), ca.MX.sym("v", 4)
     assert not native.can_write(ca.Function("solve", [m, v], [ca.solve(m, v, "qr")]))
+
+
+def test_matrices_of_zeros_are_results_parts_and_factors_like_any_other():
+    inner = ca.Function("inner", [A], [2 * A[:, 0]])
+    nothing = ca.MX.zeros(6, 3)
+    parts = ca.horzsplit(ca.densify(nothing), [0, 1, 3])
+    function = ca.Function(
+        "nothing", [A, B], [inner(A), ca.densify(nothing), ca.densify(parts[1]), A @ B], {"cse": True}
+    )
+    a, b = np.arange(36.0).reshape(6, 6), np.arange(18.0).reshape(6, 3)
+    for found, expected in zip(
+        built(function)(a, b), (2 * a[:, :1], np.zeros((6, 3)), np.zeros((6, 2)), a @ b), strict=True
+    ):
+        assert_allclose(np.array(found), expected)

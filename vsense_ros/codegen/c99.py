@@ -14,7 +14,7 @@ import casadi as ca
 
 from vsense_ros import codegen
 from vsense_ros.codegen import native
-from vsense_ros.codegen.forms import number
+from vsense_ros.codegen.forms import number, zeros
 
 _OPERATIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -130,7 +130,8 @@ def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
         given = [names[k] for k in read] if operation != ca.OP_INPUT else []
         if operation == ca.OP_OUTPUT:
             body.append(
-                f"for (int i = 0; i < {function.nnz_out(write[0])}; i++) {results[write[0]]}[i] = {given[0]}[i];"
+                f"for (int i = 0; i < {function.nnz_out(write[0])}; i++) "
+                f"{results[write[0]]}[i] = {f'{given[0]}[i]' if given[0] else '0'};"
             )
             continue
         if operation == ca.OP_INPUT:
@@ -139,15 +140,17 @@ def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
             made = [""]
         elif operation == ca.OP_HORZSPLIT:
             ends = [function.instruction_MX(i).get_output(k).nnz() for k in range(len(made))]
-            made = [f"({given[0]} + {sum(ends[:k])})" for k in range(len(ends))]
+            made = [f"({given[0] or zeros(sum(ends))} + {sum(ends[:k])})" for k in range(len(ends))]
         elif operation == ca.OP_CALL:
             called = function.instruction_MX(i).which_function()
             before.append(c_function(called, [called.name_out(k) for k in range(called.n_out())], f"{name}_{i}"))
             body += [f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(made)]
             body.append(f"{name}_{i}({', '.join([x or '0' for x in given] + made)});")
         else:
+            product = function.instruction_MX(i)
             begin, left, right = given
-            body += _product(function.instruction_MX(i), begin, left, right, made[0])
+            left, right = left or zeros(product.dep(1).nnz()), right or zeros(product.dep(2).nnz())
+            body += _product(product, begin, left, right, made[0])
         names |= dict(zip(write, made, strict=True))
     used = {name for line in body for name in re.findall(r"\w+", line)}
     unused = (function.name_in(i) for i in range(function.n_in()) if function.name_in(i) not in used)

@@ -35,3 +35,8 @@ def number(value: float) -> str:
     if math.isnan(value):
         return "NAN"
     return repr(float(value)) if math.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
+
+
+def zeros(count: int) -> str:
+    """That many zeros, where C wants to know where they are."""
+    return f"(const double[{max(count, 1)}]){{0}}"

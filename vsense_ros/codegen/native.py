@@ -15,7 +15,7 @@ from importlib import resources
 
 import casadi as ca
 
-from vsense_ros.codegen.forms import SCALAR, VECTOR, number
+from vsense_ros.codegen.forms import SCALAR, VECTOR, number, zeros
 from vsense_ros.codegen.side_by_side import CORNERS, Alike, Four, Kind, Packing, Step, packed
 from vsense_ros.codegen.values import CONSTANT, INPUT, values_of
 
@@ -234,7 +234,7 @@ def _matrices(function: ca.Function, name: str, written: _Written) -> str:
         write, made = function.instruction_output(i), [f"m{i}_{k}" for k in range(len(function.instruction_output(i)))]
         if operation == ca.OP_OUTPUT:
             size = function.nnz_out(write[0])
-            lines.append(f"memcpy(out[{write[0]}], {names[read[0]]}, {size} * sizeof(double));")
+            lines.append(f"memcpy(out[{write[0]}], {names[read[0]] or zeros(size)}, {size} * sizeof(double));")
             continue
         if operation == ca.OP_INPUT:
             made = [f"in[{read[0]}]" if read[0] not in known else "0"]
@@ -243,13 +243,16 @@ def _matrices(function: ca.Function, name: str, written: _Written) -> str:
         elif operation == ca.OP_HORZSPLIT:
             whole = function.instruction_MX(i)
             ends = [whole.get_output(k).nnz() for k in range(len(made))]
-            made = [f"({names[read[0]]} + {sum(ends[:k])})" for k in range(len(ends))]
+            whole_name = names[read[0]] or zeros(sum(ends))
+            made = [f"({whole_name} + {sum(ends[:k])})" for k in range(len(ends))]
         elif operation == ca.OP_CALL:
             called = function.instruction_MX(i).which_function()
             lines += _call(called, written.name(called), [names[k] for k in read], made)
         else:
+            product = function.instruction_MX(i)
             begin, left, right = (names[k] for k in read)
-            lines += _product(function.instruction_MX(i), begin, left, right, made[0])
+            left, right = left or zeros(product.dep(1).nnz()), right or zeros(product.dep(2).nnz())
+            lines += _product(product, begin, left, right, made[0])
         names |= dict(zip(write, made, strict=True))
     text = "\n".join((*lines, "(void)in;\n}\n"))
     return f"static void {name}_of(const double *const *in, double *const *out) {{\n{text}"
@@ -257,8 +260,7 @@ def _matrices(function: ca.Function, name: str, written: _Written) -> str:
 
 def _call(called: ca.Function, name: str, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
     sizes = [max(called.nnz_out(k), 1) for k in range(called.n_out())]
-    zeros = (f"(const double[{max(called.nnz_in(k), 1)}]){{0}}" for k in range(called.n_in()))
-    given = (argument or zero for argument, zero in zip(arguments, zeros, strict=True))
+    given = (argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments))
     names = f"{', '.join(given)}", f"{', '.join(results)}"
     return [
         *(f"double {result}[{size}];" for result, size in zip(results, sizes, strict=True)),

@@ -83,9 +83,8 @@ def table(results: list[Result]) -> Table:
         for words in SIGNALS.values():
             made.add_column(f"{FILTERS[name].title}\n{words}", justify="right")
     for period in PERIODS:
-        cells = [
-            f"{one.rmse[s]:.3g}" for name in COMPARED for s in SIGNALS for one in results if _is(one, name, period)
-        ]
+        found = {one.filter: one.rmse for one in results if one.period == period}
+        cells = [f"{found[name][signal]:.3g}" for name in COMPARED for signal in SIGNALS]
         made.add_row(f"{1000 / period:g} Hz", *cells)
     return made
 
