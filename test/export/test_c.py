@@ -345,6 +345,16 @@ def test_sensors_that_c_cannot_tell_apart_are_refused(vehicle: Vehicle, tmp_path
         c.write(twice, tmp_path)
 
 
+def test_a_filter_that_is_not_written_as_c_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    for name, words in (("ukf", "exists in Python alone"), ("spi", "lists none"), ("magic", "no filter 'magic'")):
+        arguments = ["export", "c", "prototype_model", "--output", str(tmp_path), "--filter", name]
+        result = CliRunner().invoke(main, arguments)
+        assert result.exit_code == 2
+        assert words in result.output
+    estimating_mass = estimating(vehicle, {"chassis.mass": EstimatedParameter(deviation=100.0)})
+    assert not c.with_filter(estimating_mass, "error_ekf").observer.parameters
+
+
 def test_a_vehicle_that_no_observer_could_follow_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
     blind = vehicle.model_copy(update={"sensors": {"imu": vehicle.sensors["imu"]}})
     with pytest.raises(InputError, match="no sensor tells the car's speed"):

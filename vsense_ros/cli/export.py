@@ -27,8 +27,9 @@ def export() -> None:
 @click.option(
     "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
 )
+@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
-def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path | None) -> None:
+def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, check: Path | None) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
     The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated.
@@ -49,6 +50,8 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], check: Path |
     car = load_car(vehicle)
     if sensors:
         car = c.with_sensors(car, sensors)
+    if chosen is not None:
+        car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
     with waiting("writing C"):
         files = c.write(car, output)

@@ -8,7 +8,7 @@ the same instants. The filters know the car as it is: what differs is how they t
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,19 +46,21 @@ class Result:
     rmse: dict[str, float]
 
 
-def measure(vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None) -> list[Result]:
-    """All filters at all periods. Raises `InputError` for a vehicle without one of the sensors."""
+def measure(
+    vehicle: Vehicle, progress: Callable[[float], None] = lambda share: None, periods: Sequence[int] = PERIODS
+) -> list[Result]:
+    """All filters at all `periods` [ms]. Raises `InputError` for a vehicle without one of the sensors."""
     kinds = {sensor.kind for sensor in vehicle.sensors.values()}
     if missing := [kind for kind in _SENSORS if kind not in kinds]:
         raise InputError(f"{vehicle.name}: the comparison of sampling rates needs a sensor of kind {missing[0]}")
     own = {name: sensor for name, sensor in vehicle.sensors.items() if sensor.kind in _SENSORS}
     car = vehicle.model_copy(update={"sensors": own})
     trajectory, results = drive(MANOEUVRE, car), []
-    for i, period in enumerate(PERIODS):
+    for i, period in enumerate(periods):
         recording = record(trajectory, car, seed=0, name=MANOEUVRE, biased=False, every=period)
         for j, name in enumerate(COMPARED):
             results.append(Result(name, period, _errors(recording, car, name)))
-            progress((i * len(COMPARED) + j + 1) / (len(PERIODS) * len(COMPARED)))
+            progress((i * len(COMPARED) + j + 1) / (len(periods) * len(COMPARED)))
     return results
 
 
@@ -98,13 +100,18 @@ def draw(results: list[Result], path: Path) -> Path:
             for name, colour in COMPARED.items():
                 mine = [one for one in results if one.filter == name]
                 rates = [1000 / one.period for one in mine]
-                axes.loglog(rates, [one.rmse[signal] for one in mine], "o-", color=colour, label=FILTERS[name].title)
+                axes.semilogx(rates, [one.rmse[signal] for one in mine], "o-", color=colour, label=FILTERS[name].title)
             axes.set_title(f"RMSE of the {words}", loc="left")
             axes.set_xlabel("rate of all sensors [Hz]")
             axes.set_xticks([1000 / period for period in PERIODS], [f"{1000 / period:g}" for period in PERIODS])
             axes.minorticks_off()
+            axes.set_ylim(bottom=0.0)
         figure.axes[0].legend()
-        figure.suptitle("Double lane change: a filter that holds a measurement until the next one", x=0.01, ha="left")
+        figure.suptitle(
+            "Double lane change: the continuous filter lets a measurement act until the next one comes",
+            x=0.01,
+            ha="left",
+        )
         figure.savefig(path, dpi=110)
     return path
 

@@ -26,11 +26,11 @@ from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import SURVEYED
-from vsense_ros.observer.catalogue import spi
+from vsense_ros.observer.catalogue import FILTERS, spi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
-from vsense_ros.observer.spi import FILTERS
+from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
 from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
 
 Array = NDArray[np.float64]
@@ -175,6 +175,21 @@ def with_sensors(vehicle: Vehicle, names: Sequence[str]) -> Vehicle:
     return vehicle.model_copy(update={"sensors": kept})
 
 
+def with_filter(vehicle: Vehicle, name: str) -> Vehicle:
+    """The vehicle as this filter of the catalogue observes it. Raises `InputError` for one that is not written as C, or
+    that does not fit the vehicle."""
+    family = FILTERS[name]
+    if family.name not in ("error_ekf", "spi"):
+        raise InputError(f"the filter {name} exists in Python alone; error_ekf and spi are written as C")
+    if family.name == "spi" and not vehicle.observer.parameters:
+        raise InputError(
+            f"{vehicle.name}: the SPI estimates parameters, and the vehicle file lists none; name some in "
+            "observer.parameters, or take the filter error_ekf"
+        )
+    kept = vehicle.observer.parameters if family.name == "spi" else {}
+    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": kept})})
+
+
 def identifier(name: str) -> str:
     """A name as C allows it behind a prefix; without two underscores in a row, which CasADi refuses."""
     return re.sub(r"[\W_]+", "_", name.lower(), flags=re.ASCII).strip("_")
@@ -230,7 +245,7 @@ class _Contents:
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
-        kind_of_filter = FILTERS[self.vehicle.observer.parameter_filter]
+        kind_of_filter = PARAMETER_FILTERS[self.vehicle.observer.parameter_filter]
         self.filter: ParameterFilter | None = None
         self.learning: list[ca.Function] = []
         if columns:
