@@ -24,7 +24,7 @@ from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.estimation.linearised import Operations
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions, sensor_functions
-from vsense_ros.model.coordinates import COORDINATES, INPUTS
+from vsense_ros.model.coordinates import ATTITUDE, COORDINATES, INPUTS, POSE
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_operations import CarOperations, Process
@@ -234,9 +234,9 @@ class CarBlocks:
         f[U] = 0.0
         f[U, GAIN_COLUMNS] = self.gain
         by_angles, by_velocity = self.kinematics.results
-        f[:6, 3:6] += h * by_angles
-        f[:6] += h * by_velocity @ f[TWIST]
-        f[6 : Q.stop] += h * f[TWIST.stop : U.stop]
+        f[POSE, ATTITUDE] += h * by_angles
+        f[POSE] += h * by_velocity @ f[TWIST]
+        f[POSE.stop : Q.stop] += h * f[TWIST.stop : U.stop]
         f[_SLOW:, _SLOW:] = np.diag(decay)
         return f
 
