@@ -198,6 +198,7 @@ class _Twin(CarFilter):
     def linearize(self) -> None:
         parts = self.other.parts
         if "surveyed" in parts and not np.array_equal(parts["surveyed"], self.car.surveyed):
+            parts["inputs"][:] = self.inputs
             self.other.survey()  # the road was looked up, at the end of which is a linearisation
             self.difference.surveyed += 1
             self.own.linearize()
