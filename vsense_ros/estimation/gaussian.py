@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Filter, Gaussian
@@ -93,16 +94,19 @@ def whiten(residual: Array, total: Array, across: Array) -> Whitened:
     """
     present = np.isfinite(residual)
     whitened = np.full(len(residual), np.nan)
-    total, across, found = total[np.ix_(present, present)], across[present], residual[present]
-    if not found.size:
-        return Whitened(present, whitened, total, across, -1.0)
-    try:
-        factor = np.asarray(np.linalg.cholesky(total), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    found = residual
+    if not present.all():
+        total, across, found = total[np.ix_(present, present)], across[present], residual[present]
+        if not found.size:
+            return Whitened(present, whitened, total, across, -1.0)
+    # LAPACK itself: NumPy and SciPy spend more time on looking at such small matrices than on their decomposition.
+    factor, failed = lapack.dpotrf(total, lower=True)
+    if failed or not isfinite(factor.item(-1)):
         return Whitened(present, whitened, np.full_like(total, np.nan), across, np.nan)
-    both = solve_triangular(factor, np.column_stack([across, found]), lower=True, check_finite=False)
-    whitened[present] = both[:, -1]
-    return Whitened(present, whitened, factor, both[:, :-1], float(both[:, -1] @ both[:, -1]))
+    inverse = lapack.dtrtri(factor, lower=True)[0]
+    weights, projected = inverse.dot(found), inverse.dot(across)
+    whitened[present] = weights
+    return Whitened(present, whitened, factor, projected, float(weights.dot(weights)))
 
 
 def check_variances(sensor: str, value: Array, variance: Array) -> None:

@@ -26,6 +26,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.kalman import COMPONENTS
 from vsense_ros.observer.spi import FILTERS, Spi, numbers_kept
 from vsense_ros.observer.state import FORCE, Prior, layout
 
@@ -99,6 +100,9 @@ class Exported:
             name: self._function(f"correct_{c.identifier(name)}", number, [address] * 3 + [number] * 2)
             for name in exported.correcting
         }
+        # Copying into these is quicker than asking an array for its address.
+        self._value, self._variance = np.zeros(COMPONENTS), np.zeros(COMPONENTS)
+        self._measured = self._value.ctypes.data, self._variance.ctypes.data
         self.start(0.0)
 
     def _function(self, name: str, result: Any, arguments: list[Any]) -> Any:
@@ -136,9 +140,9 @@ class Exported:
         return bool(self._predict(self._struct, h))
 
     def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float = 1.0) -> float:
-        call = self._correct[sensor]
-        value, variance = (np.ascontiguousarray(a, dtype=float) for a in (value, variance))
-        return float(call(self._struct, value.ctypes.data, variance.ctypes.data, limit, scale))
+        call, m = self._correct[sensor], len(value)
+        self._value[:m], self._variance[:m] = value, variance
+        return float(call(self._struct, *self._measured, limit, scale))
 
     def survey(self) -> bool:
         assert self._survey is not None, "its file knows no road"
