@@ -26,7 +26,7 @@ from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import SURVEYED
-from vsense_ros.observer.catalogue import FILTERS, spi
+from vsense_ros.observer.catalogue import FILTERS, require_parameters, spi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
@@ -181,13 +181,10 @@ def with_filter(vehicle: Vehicle, name: str) -> Vehicle:
     family = FILTERS[name]
     if family.name not in ("error_ekf", "spi"):
         raise InputError(f"the filter {name} exists in Python alone; error_ekf and spi are written as C")
-    if family.name == "spi" and not vehicle.observer.parameters:
-        raise InputError(
-            f"{vehicle.name}: the SPI estimates parameters, and the vehicle file lists none; name some in "
-            "observer.parameters, or take the filter error_ekf"
-        )
-    kept = vehicle.observer.parameters if family.name == "spi" else {}
-    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": kept})})
+    if family.name == "spi":
+        require_parameters(vehicle)
+        return vehicle
+    return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
 
 
 def identifier(name: str) -> str:

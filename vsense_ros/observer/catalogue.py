@@ -66,14 +66,18 @@ def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | No
 
 
 def _room(vehicle: Vehicle, sensors: dict[str, SensorBase]) -> int:
-    """For an SPI. Raises `InputError` for a vehicle file that lists no parameters."""
-    settings = vehicle.observer.parameters
-    if not settings:
+    """For an SPI."""
+    require_parameters(vehicle)
+    return numbers_kept(layout(sensors).size, len(vehicle.observer.parameters))
+
+
+def require_parameters(vehicle: Vehicle) -> None:
+    """Raises `InputError` for a vehicle file that lists no parameters, which an SPI needs."""
+    if not vehicle.observer.parameters:
         raise InputError(
             f"{vehicle.name}: the SPI estimates parameters, and the vehicle file lists none; name some in "
             "observer.parameters, or take the filter error_ekf"
         )
-    return numbers_kept(layout(sensors).size, len(settings))
 
 
 _WHOLE = ("coordinates", "velocities", "disturbances", "biases of the sensors")

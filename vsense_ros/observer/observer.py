@@ -28,7 +28,7 @@ from vsense_ros.observer.catalogue import MakeFilter, default_filter
 from vsense_ros.observer.estimate import Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
-from vsense_ros.observer.state import FORWARD, YAW_RATE, U
+from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ class Observer:
         """Whether velocity, yaw rate and side slip are known well enough to be used."""
         if not self.started or not self.heading_known:
             return False
-        deviation = np.sqrt(self.filter.belief().covariance.diagonal()[[FORWARD, FORWARD + 1, YAW_RATE]])
+        deviation = np.sqrt(self.filter.belief().covariance.diagonal()[[FORWARD, LATERAL, YAW_RATE]])
         return bool(self.stamp - self._started_at > 1e9 and np.all(deviation < (0.5, 0.5, 0.02)))
 
     def watch(self, limits: Limits | None = None, on_statistics: Callable[[int, Array], None] | None = None) -> Monitor:
