@@ -115,9 +115,9 @@ class Problem:
 
     def jacobian(self, sensed: list[Array], accelerations: bool = True, biased: bool = True) -> Array:
         """Dense (m, n) Jacobian of a sensor by the state, by the chain rule."""
-        _, by_q, by_u, by_udot, by_surroundings = sensed
+        _, by_q, by_u, by_udot, by_disturbances = sensed
         h = np.zeros((len(by_q), N))
-        h[:, Q], h[:, U], h[:, DISTURB] = by_q, by_u, by_surroundings
+        h[:, Q], h[:, U], h[:, DISTURB] = by_q, by_u, by_disturbances
         if accelerations:
             h += by_udot @ self.through()
         if biased:

@@ -52,7 +52,7 @@ _ARGUMENTS = {
     "udot": "v->udot",
     "acceleration": "filter->model.error + SLOW",
 }
-_LINEARIZATION = ("udot", "by_q", "by_u", "by_surroundings", "by_q_rates")
+_LINEARIZATION = ("udot", "by_q", "by_u", "by_disturbances", "by_q_rates")
 _RESULTS = {
     "dynamics": ("acceleration", "by_wheel"),
     "linearize": tuple(f"v->{name}" for name in _LINEARIZATION),
@@ -61,7 +61,7 @@ _RESULTS = {
     "force": ("filter->added",),
     "internal_state": ("filter->remembered",),
 }
-_SENSED = ("expected", "by_q", "by_u", "by_udot", "by_surroundings")
+_SENSED = ("expected", "by_q", "by_u", "by_udot", "by_disturbances")
 
 _FIELDS = {
     "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
@@ -71,7 +71,7 @@ _FIELDS = {
     "udot": "the last linearisation: derivatives of the velocities",
     "by_q": "... by z, roll, pitch and the travels, column-major",
     "by_u": "... by the velocities",
-    "by_surroundings": "... by the surroundings",
+    "by_disturbances": "... by the disturbances",
     "by_q_rates": "by_q times the rates of these coordinates by the velocities",
     "parameters": "of the vehicle",
     "estimates": "of parameters, which stand in `parameters` too",
@@ -79,7 +79,7 @@ _FIELDS = {
     "sensitivity": "of the estimated state to them, column-major",
     "information": "on them in the measurements since the start",
     "by_estimates": "the accelerations by them, column-major",
-    "usual": "what the states behind the velocities go back to; slopes may be changed where a map tells them",
+    "reversion_mean": "what the states behind the velocities go back to; slopes may be changed where a map tells them",
     "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
     "process_length": "for which decay and noise were made [10 us]",
     "decay": "of the states behind the velocities in a step",
@@ -159,7 +159,7 @@ class Observer:
             **{name: linearize.nnz_out(i) for i, name in enumerate(_LINEARIZATION)},
             "parameters": len(car.parameter_names),
             **(learned if count else {}),
-            "usual": size - U.stop,
+            "reversion_mean": size - U.stop,
             **({"surveyed": SURVEYED} if self.map_origin is not None else {}),
             "process_length": 1,
             "decay": size - U.stop,
@@ -291,7 +291,7 @@ class _Contents:
             "start_variance": _table(prior.deviation**2),
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
-            "usual": _table(prior.reversion_mean[U.stop :]),
+            "reversion_mean": _table(prior.reversion_mean[U.stop :]),
             "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),

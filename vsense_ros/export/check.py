@@ -177,7 +177,7 @@ class _Twin(CarFilter):
         common = car.mean.size + car.inputs.size + car.covariance.size + car.effects.size + car.linearization.size
         common += car.parameters.size + kept
         self.other.memory[:common] = self.memory[:common]
-        parts["usual"][:] = car.reversion_mean
+        parts["reversion_mean"][:] = car.reversion_mean
         if "surveyed" in parts:
             parts["surveyed"][:] = car.surveyed
         self.difference.placed += 1

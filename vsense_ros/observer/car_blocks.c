@@ -2,24 +2,24 @@
  * calls them by car_history.c, and for that of `vsense export c`. On top of ../estimation/algebra.c.
  *
  * Jacobians come column-major from the model's functions. MODEL is the number of coordinates; the state begins with
- * coordinates, velocities, accelerations (MODEL each) and SURROUND surroundings, then come biases.
+ * coordinates, velocities, accelerations (MODEL each) and DISTURB disturbances, then come biases.
  *
  * The transition of the velocities' errors involves only the coordinates that forces depend on, the velocities, the
- * accelerations and the surroundings; the coordinates follow the velocities by a nearly diagonal map; everything else
+ * accelerations and the disturbances; the coordinates follow the velocities by a nearly diagonal map; everything else
  * decays on its own. That is about 40,000 multiplications for 52 states instead of the 280,000 of F P F'.
  *
  * LEARNING is 1 where parameters may be estimated along with the state, else 0.
  */
 #define MODEL 14
 #define DYNAMIC 7
-#define SURROUND 4
+#define DISTURB 4
 #define SLOW (2 * MODEL) /* the first of the states that decay on their own */
-#define GAIN (DYNAMIC + MODEL + MODEL + SURROUND)
+#define GAIN (DYNAMIC + MODEL + MODEL + DISTURB)
 #define PADDED 16 /* MODEL, rounded up to whole vectors */
 
 /* What the algebra works on; all arrays stay where they are. */
 struct model {
-    const double *by_q, *by_u, *by_surroundings, *by_q_rates; /* 14 x 7, 14, 4, 14 */
+    const double *by_q, *by_u, *by_disturbances, *by_q_rates; /* 14 x 7, 14, 4, 14 */
     double *by_angles, *by_velocity;                          /* 6 x 3, 6 x 6 */
     double *inverse;                                          /* 14 x 14, column-major: (I - gamma h J)^-1 */
     double *gain; /* GAIN x PADDED: new errors of the velocities, a column each, by the old errors */
@@ -32,7 +32,7 @@ struct model {
 struct sensed {
     int components, uses_acceleration, first_bias, biases;
     const double *value, *variance;
-    double *expected, *by_q, *by_u, *by_udot, *by_surroundings;
+    double *expected, *by_q, *by_u, *by_udot, *by_disturbances;
 };
 
 /* Parameters that are estimated along with the state; parameter_filter.py says how. */
@@ -53,7 +53,7 @@ struct filter {
     void *owner; /* of whoever defines the functions below */
     struct model model;
     double *state, *effects;
-    const double *usual;                                   /* what states behind the velocities return to */
+    const double *reversion_mean;                                   /* what states behind the velocities return to */
     long long effects_size;                                /* 0: nothing to remember */
     double gamma;                                          /* of the time integration, ROS2 */
     double *length;                                        /* [s] of the step, argument of the functions */
@@ -156,7 +156,7 @@ static int transition(const struct model *model, double h, double gamma) {
     for (int i = 0; i < MODEL; i++) rows[i] = response[i];
     combine_rows(DYNAMIC, PADDED, gain[0], PADDED, MODEL, model->by_q, MODEL, 1, rows);
     combine_rows(MODEL, PADDED, gain[DYNAMIC], PADDED, MODEL, slope, MODEL, 1, rows);
-    combine_rows(SURROUND, PADDED, response[MODEL], PADDED, MODEL, model->by_surroundings, MODEL, 1, rows);
+    combine_rows(DISTURB, PADDED, response[MODEL], PADDED, MODEL, model->by_disturbances, MODEL, 1, rows);
     for (int i = 0; i < MODEL; i++) gain[DYNAMIC + i][i] += 1;
     return 1;
 }
@@ -181,7 +181,7 @@ static void propagate_velocities(const struct model *model) {
     const double *from[GAIN], *from_moved[GAIN];
     int k = 0;
     for (int i = 0; i < DYNAMIC; i++) from[k++] = p + dynamic_coordinates[i] * n;
-    for (int i = MODEL; i < 3 * MODEL + SURROUND; i++) from[k++] = p + i * n;
+    for (int i = MODEL; i < 3 * MODEL + DISTURB; i++) from[k++] = p + i * n;
     combine_rows(MODEL, n, rows[0], n, GAIN, model->gain, 1, PADDED, from);
     mirror(rows, p, MODEL);
     for (k = 0; k < GAIN; k++) from_moved[k] = from[k] + MODEL;
@@ -234,7 +234,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
         row[j] = sensed->by_q[j * m + i];
         row[MODEL + j] = sensed->by_u[j * m + i];
     }
-    for (int j = 0; j < SURROUND; j++) row[3 * MODEL + j] = sensed->by_surroundings[j * m + i];
+    for (int j = 0; j < DISTURB; j++) row[3 * MODEL + j] = sensed->by_disturbances[j * m + i];
     if (sensed->uses_acceleration)
         for (int k = 0; k < MODEL; k++) {
             const double f = sensed->by_udot[k * m + i];
@@ -242,7 +242,7 @@ static void sensed_row(const struct model *model, const struct sensed *sensed, i
             for (int j = 0; j < DYNAMIC; j++) row[dynamic_coordinates[j]] += f * model->by_q[j * MODEL + k];
             for (int j = 0; j < MODEL; j++) row[MODEL + j] += f * model->by_u[j * MODEL + k];
             row[2 * MODEL + k] = f;
-            for (int j = 0; j < SURROUND; j++) row[3 * MODEL + j] += f * model->by_surroundings[j * MODEL + k];
+            for (int j = 0; j < DISTURB; j++) row[3 * MODEL + j] += f * model->by_disturbances[j * MODEL + k];
         }
     if (sensed->biases) row[sensed->first_bias + i] = 1;
 }
@@ -259,7 +259,7 @@ static void tell(const struct model *model, int components, const int *component
 
 /* Adds what the error makes of the accelerations, with which the sensor that comes next is compared. */
 static void carry_on(const struct model *model) {
-    enum { all = DYNAMIC + MODEL + SURROUND };
+    enum { all = DYNAMIC + MODEL + DISTURB };
     const double *const error = model->error, *column[all];
     double factor[all];
     int count = 0;
@@ -271,8 +271,8 @@ static void carry_on(const struct model *model) {
         column[count] = model->by_u + j * MODEL;
         factor[count++] = error[MODEL + j];
     }
-    for (int j = 0; j < SURROUND; j++) {
-        column[count] = model->by_surroundings + j * MODEL;
+    for (int j = 0; j < DISTURB; j++) {
+        column[count] = model->by_disturbances + j * MODEL;
         factor[count++] = error[3 * MODEL + j];
     }
     for (int i = 0; i < MODEL; i++) model->udot[i] += error[2 * MODEL + i];
@@ -369,7 +369,7 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
     memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
     double *const slow = filter->state + SLOW;
-    for (int i = 0; i < n - SLOW; i++) slow[i] = filter->usual[i] + decay[i] * (slow[i] - filter->usual[i]);
+    for (int i = 0; i < n - SLOW; i++) slow[i] = filter->reversion_mean[i] + decay[i] * (slow[i] - filter->reversion_mean[i]);
 #if LEARNING
     if (filter->learning) spread(filter, decay);
 #endif

@@ -52,7 +52,7 @@ class CarOperations:
                 "inputs": car.inputs,
                 "largest": car.largest,
                 "effects": car.effects,
-                "usual": car.reversion_mean,
+                "reversion_mean": car.reversion_mean,
                 "length": car.h,
                 "remembered": remembered,
                 "coordinates": coordinates,

@@ -50,7 +50,7 @@ class _Filter(ctypes.Structure):
 
     _fields_ = [
         *(("owner", _ADDRESS), ("model", ModelStructure)),
-        *((name, _ADDRESS) for name in ("state", "effects", "usual")),
+        *((name, _ADDRESS) for name in ("state", "effects", "reversion_mean")),
         *(("effects_size", _COUNT), ("gamma", _NUMBER)),
         *((name, _ADDRESS) for name in ("length", "coordinates", "velocities", "remembered", "added", "learning")),
     ]

@@ -72,8 +72,8 @@ class FullCarParameterUkf(ParameterUkf, OnFullCars):
 
     def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
         """Theirs, and what errors of the disturbances add, in which the cars do not differ."""
-        by_surroundings, others = arguments[9], arguments[13]
-        return others + by_surroundings @ of_state[DISTURB, :]
+        by_disturbances, others = arguments[9], arguments[13]
+        return others + by_disturbances @ of_state[DISTURB, :]
 
     def deviations(self) -> tuple[ca.SX, ca.SX]:
         points = self.points(self.covariance)

@@ -40,7 +40,7 @@ class ModelStructure(ctypes.Structure):
     _fields_ = [
         (name, ctypes.c_void_p)
         for name in (
-            *("by_q", "by_u", "by_surroundings", "by_q_rates", "by_angles", "by_velocity"),
+            *("by_q", "by_u", "by_disturbances", "by_q_rates", "by_angles", "by_velocity"),
             *("inverse", "gain", "covariance", "error", "udot", "whitened", "factor"),
         )
     ]
@@ -52,7 +52,7 @@ class SensedStructure(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int) for name in ("components", "uses_acceleration", "first_bias", "biases")),
         *((name, ctypes.c_void_p) for name in ("value", "variance")),
-        *((name, ctypes.c_void_p) for name in ("expected", "by_q", "by_u", "by_udot", "by_surroundings")),
+        *((name, ctypes.c_void_p) for name in ("expected", "by_q", "by_u", "by_udot", "by_disturbances")),
     ]
 
 

@@ -30,8 +30,8 @@ class ParameterEkf(ParameterFilter):
         effect = ca.SX.sym("effect", COORDINATES, k)
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
         by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
-        by_surroundings = ca.SX.sym("by_surroundings", m, 4)
-        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_surroundings @ s[DISTURB, :]
+        by_disturbances = ca.SX.sym("by_disturbances", m, 4)
+        innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_disturbances @ s[DISTURB, :]
         if sensor.uses_acceleration:
             innovation += by_udot @ (self.through(s) + effect)
         if biases.stop > biases.start:
@@ -39,6 +39,6 @@ class ParameterEkf(ParameterFilter):
         root = ca.chol(self.covariance).T
         return ca.Function(
             "spread",
-            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_surroundings],
+            [*self.arguments, effect, bias, mounting, by_q, by_u, by_udot, by_disturbances],
             [ca.densify(innovation @ root), ca.densify(root)],
         )

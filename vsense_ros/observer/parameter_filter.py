@@ -52,7 +52,7 @@ class ParameterFilter(ABC):
         self.udot = ca.SX.sym("udot", COORDINATES)
         self.by_q = ca.SX.sym("by_q", COORDINATES, len(DYNAMIC))
         self.by_u = ca.SX.sym("by_u", COORDINATES, COORDINATES)
-        self.by_surroundings = ca.SX.sym("by_surroundings", COORDINATES, len(DISTURBANCES))
+        self.by_disturbances = ca.SX.sym("by_disturbances", COORDINATES, len(DISTURBANCES))
         self.sensitivity = ca.SX.sym("S", size, self.count)
         self.covariance = ca.SX.sym("M", self.count, self.count)
         self.others = ca.SX.sym("others", COORDINATES, self.elsewhere)
@@ -61,7 +61,7 @@ class ParameterFilter(ABC):
     def arguments(self) -> list[ca.SX]:
         """State, accelerations and their Jacobians, S, M, the memory of the effects, and accelerations of the cars that
         act elsewhere if there are any."""
-        model = [self.udot, self.by_q, self.by_u, self.by_surroundings]
+        model = [self.udot, self.by_q, self.by_u, self.by_disturbances]
         others = [self.others] if self.elsewhere else []
         return [*self.state, *model, self.sensitivity, self.covariance, self.car.internal_state, *others]
 
@@ -95,7 +95,7 @@ class ParameterFilter(ABC):
             self.by_q @ by[DYNAMIC.tolist(), :]
             + self.by_u @ by[U, :]
             + by[FORCE, :]
-            + self.by_surroundings @ by[DISTURB, :]
+            + self.by_disturbances @ by[DISTURB, :]
         )
 
     def predict(self) -> ca.Function:
@@ -146,10 +146,10 @@ class ParameterFilter(ABC):
             v[DYNAMIC.tolist(), :] += self.by_q.T @ accelerations
             v[U, :] += self.by_u.T @ accelerations
             v[FORCE, :] = accelerations
-            v[DISTURB, :] += self.by_surroundings.T @ accelerations
+            v[DISTURB, :] += self.by_disturbances.T @ accelerations
         if biases.stop > biases.start:
             v[biases, :] = weighted
-        model = [self.by_q, self.by_u, self.by_surroundings]
+        model = [self.by_q, self.by_u, self.by_disturbances]
         weigh = ca.Function(
             "weigh",
             [*model, variance, whitened, transposed, *by, y],

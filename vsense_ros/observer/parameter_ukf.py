@@ -74,12 +74,12 @@ class ParameterUkf(ParameterFilter):
         arguments = [ca.MX.sym("a", *a.shape) for a in self.arguments]
         deviation, of_state = self._deviations(arguments)
         accelerations = self.accelerations(arguments, deviation, of_state)
-        _, by_q, by_u, by_surroundings = arguments[6:10]
+        _, by_q, by_u, by_disturbances = arguments[6:10]
         known = ca.Function(
             "known",
-            [self.by_q, self.by_u, self.by_surroundings, self.sensitivity],
+            [self.by_q, self.by_u, self.by_disturbances, self.sensitivity],
             [ca.densify(self.through(self.sensitivity) - self.sensitivity[FORCE, :])],
-        )(by_q, by_u, by_surroundings, arguments[10])
+        )(by_q, by_u, by_disturbances, arguments[10])
         beyond = accelerations - known @ deviation
         weighted = ca.DM(np.diag(self.weights)) @ deviation.T
         m = ca.SX.sym("m", self.count, self.count)

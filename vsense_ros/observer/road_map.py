@@ -144,7 +144,7 @@ def places(rows: Rows, on_map: Map) -> Array:
 
 
 def slope_by_size(effect: RoadEffect) -> Array:
-    """What its usual slopes (2,) are for a size of one [rad]."""
+    """What its mean slopes (2,) are for a size of one [rad]."""
     return np.array(effect.model_copy(update={effect.size_name(): 1.0}).mean_slope, dtype=float)
 
 

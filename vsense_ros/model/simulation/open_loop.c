@@ -7,7 +7,7 @@
 #define DYNAMIC 7
 #define INPUTS 5
 #define WHEELS 4
-#define SURROUNDINGS 4
+#define DISTURBANCES 4
 #define SPIN 10
 
 typedef lanes anywhere __attribute__((aligned(sizeof(double))));
@@ -19,7 +19,7 @@ struct run {
     double h;
     const long long *steps;      /* of each lane: it stands still after them */
     const anywhere *q, *u;       /* where it begins */
-    const anywhere *inputs, *surroundings, *target, *gain, *varying; /* one row per step */
+    const anywhere *inputs, *disturbances, *target, *gain, *varying; /* one row per step */
     const anywhere *parameters;
     long long varied;            /* so many of the parameters vary … */
     const long long *places;     /* … which are these */
@@ -59,11 +59,11 @@ void open_loop(const struct run *r) {
     lanes work[of_work], parameters[PARAMETERS], memory[MEMORY + 1], remembered[MEMORY + 1];
     lanes q[COORDINATES], u[COORDINATES], force[COORDINATES], udot[COORDINATES];
     lanes next_q[COORDINATES], next_u[COORDINATES], inputs[INPUTS], before[INPUTS], between[INPUTS];
-    lanes surroundings[SURROUNDINGS], by_q[COORDINATES * DYNAMIC], by_u[COORDINATES * COORDINATES];
+    lanes disturbances[DISTURBANCES], by_q[COORDINATES * DYNAMIC], by_u[COORDINATES * COORDINATES];
     lanes by_q_rates[COORDINATES * COORDINATES], inverse[COORDINATES * COORDINATES];
     const lanes h = all(r->h), gh = GAMMA * h;
-    const lanes *in[10] = {q, u, force, surroundings, inputs, parameters, memory, &h, inverse, by_q};
-    const lanes *in_between[8] = {q, u, force, surroundings, between, parameters, memory, &h};
+    const lanes *in[10] = {q, u, force, disturbances, inputs, parameters, memory, &h, inverse, by_q};
+    const lanes *in_between[8] = {q, u, force, disturbances, between, parameters, memory, &h};
     lanes *linearized[4] = {udot, by_q, by_u, by_q_rates}, *advanced[2] = {next_q, next_u};
     long long alive[LANES], most = 0;
     for (int lane = 0; lane < LANES; lane++) {
@@ -80,7 +80,7 @@ void open_loop(const struct run *r) {
             any |= alive[lane];
         }
         if (!any) return;
-        for (int k = 0; k < SURROUNDINGS; k++) surroundings[k] = r->surroundings[SURROUNDINGS * i + k];
+        for (int k = 0; k < DISTURBANCES; k++) disturbances[k] = r->disturbances[DISTURBANCES * i + k];
         for (long long k = 0; k < r->varied; k++) parameters[r->places[k]] = r->varying[r->varied * i + k];
         const lanes behind = r->target[i] - (u[SPIN] + u[SPIN + 1] + u[SPIN + 2] + u[SPIN + 3]) / 4;
         for (int k = 0; k < INPUTS; k++) inputs[k] = r->inputs[INPUTS * i + k];
