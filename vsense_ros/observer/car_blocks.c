@@ -369,7 +369,8 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
     memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
     double *const slow = filter->state + SLOW;
-    for (int i = 0; i < n - SLOW; i++) slow[i] = filter->reversion_mean[i] + decay[i] * (slow[i] - filter->reversion_mean[i]);
+    const double *const mean = filter->reversion_mean;
+    for (int i = 0; i < n - SLOW; i++) slow[i] = mean[i] + decay[i] * (slow[i] - mean[i]);
 #if LEARNING
     if (filter->learning) spread(filter, decay);
 #endif
