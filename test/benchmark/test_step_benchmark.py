@@ -141,6 +141,17 @@ def test_error_ekf(benchmark: Any, vehicle: Vehicle) -> None:
     assert ekf.car.mean[14] == pytest.approx(SPEED, abs=0.5)
 
 
+def test_spi(benchmark: Any, vehicle: Vehicle) -> None:
+    """Two parameters, by exact derivatives."""
+    estimated = {"chassis.mass": {"deviation": 100.0}, "road.friction": {"deviation": 0.2, "lower": 0.1}}
+    raw = vehicle.model_dump()
+    raw["observer"] |= {"parameters": estimated, "parameter_filter": "ekf"}
+    known = Vehicle.model_validate(raw)
+    spi = FILTERS["spi"].make(known, sensors_of(known))
+    benchmark(observer_step(spi, known))
+    assert spi.car.mean[14] == pytest.approx(SPEED, abs=0.5)
+
+
 @pytest.mark.parametrize("flags", ["-std=c99 -O3", "-std=gnu99 -O3 -march=native"])
 def test_exported(benchmark: Any, vehicle: Vehicle, tmp_path: Path, flags: str) -> None:
     c.write(vehicle, tmp_path)

@@ -38,10 +38,8 @@ def test_an_spi_without_parameters_to_estimate_is_refused(vehicle: Vehicle) -> N
 
 
 def test_a_full_car_without_linkages_is_refused(vehicle: Vehicle) -> None:
-    around = vehicle.observer.surroundings.model_copy(update={"radius_error": 0.0, "radius_error_drift": 0.0})
-    settings = vehicle.observer.model_copy(update={"surroundings": around})
-    bare = vehicle.model_copy(update={"linkage": None, "observer": settings})
-    with pytest.raises(InputError, match="linkage"):
+    bare = vehicle.model_copy(update={"linkage": None})
+    with pytest.raises(InputError, match="made of the section linkage of the vehicle file, which is missing"):
         FILTERS["full_error_ekf"].make(bare, sensors_of(bare))
 
 

@@ -38,6 +38,11 @@ class FullCarBlocks(CarBlocks):
     def __init__(
         self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, extra: int = 0, prior: Prior | None = None
     ) -> None:
+        if vehicle.linkage is None:
+            raise InputError(
+                f"{vehicle.name}: the full car is made of the section linkage of the vehicle file, which is missing; "
+                "prototype_real has one to look at"
+            )
         if vehicle.observer.surroundings.radius_error > 0:
             raise InputError(
                 f"{vehicle.name}: the full car has no error of the tyre radius; set observer.surroundings.radius_error "
