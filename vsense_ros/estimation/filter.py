@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -145,6 +146,6 @@ class Filter(ABC):
 
     def give(self, given: Given) -> None:
         """Take values for inputs."""
-        value = given.value
-        part = self.inputs[given.first : given.first + len(value)]
-        np.copyto(part, value, where=np.isfinite(value))
+        for place, number in enumerate(given.value.tolist(), given.first):
+            if isfinite(number):
+                self.inputs[place] = number
