@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.gaussian import COMPONENTS
+from vsense_ros.observer.car_algebra import CarAlgebra, compiled_algebra
 from vsense_ros.observer.car_blocks import CarBlocks, Sensed
-from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, kalman
 from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Layout, Q, U
 
 Array = NDArray[np.float64]
@@ -73,10 +74,10 @@ class WithFullMatrices:
         return found.nis
 
 
-def in_c(blocks: RandomBlocks) -> CompiledKalman:
+def in_c(blocks: RandomBlocks) -> CarAlgebra:
     """The same compiled."""
     bound: Any = SimpleNamespace(**vars(blocks))
-    made = kalman(bound)
+    made = compiled_algebra(bound)
     assert made is not None
     for name in ("covariance", "gain", "inverse", "error", "by_angles", "by_velocity"):
         setattr(made, name, getattr(blocks, name))

@@ -68,6 +68,12 @@ class Given(NamedTuple):
     value: Array
 
 
+def largest_nis(gate: float, components: int) -> float:
+    """Normalized innovation squared up to which a measurement is believed that may be off by `gate` standard
+    deviations: its expectation grows with the components, its spread with their square root."""
+    return float(gate**2 * components**0.5)
+
+
 class Filter(ABC):
     """`memory` (s,) holds all that changes: whoever copies it and puts it back has the filter as it was, bit by bit."""
 

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Array, Measured
+from vsense_ros.estimation.filter import Array, Measured, largest_nis
 
 
 class Named:
@@ -123,7 +123,7 @@ class Measurement:
     def limit(self) -> float:
         """The largest normalized innovation squared that is believed: gate² √m, as wide for many components as for one
         in units of what is usual."""
-        return float(self.gate**2 * len(self.deviations) ** 0.5)
+        return largest_nis(self.gate, len(self.deviations))
 
     def measured(self, value: Sequence[float] | Array, variances: Array | None = None) -> Measured:
         """A value (m,) of this sensor, as a filter takes it: `filter.correct(*sensor.measured(value))`."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsense_ros.codegen.c99 import c_function, wrapped
 from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.reading import Map
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
@@ -400,7 +401,7 @@ class _Contents:
         mounting, deviations = sensor.mounting(), sensor.deviations()
         c_name = identifier(name)
         constants = f"sensor_{c_name}_mounting" if mounting.size else "0"
-        limit = sensor.gate**2 * len(deviations) ** 0.5
+        limit = largest_nis(sensor.gate, len(deviations))
         biases = f"v->state + {where.start}"
         results = tuple(f"to->{result}" for result in _SENSED)
         sensed = ", ".join(f"sensed->{result}" for result in _SENSED[1:])

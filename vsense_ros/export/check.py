@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Gaussian, Innovation
+from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.export import c
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
@@ -26,7 +27,6 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
-from vsense_ros.observer.kalman import COMPONENTS
 from vsense_ros.observer.spi import FILTERS, Spi, numbers_kept
 from vsense_ros.observer.state import FORCE, Prior, layout
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.filter import Given, Measured, Step
+from vsense_ros.observer.car_algebra import CarAlgebra, compiled_algebra
 from vsense_ros.observer.compiled_step import CompiledStep, Process, Replayed
-from vsense_ros.observer.kalman import CompiledKalman, kalman
 
 if TYPE_CHECKING:
     from vsense_ros.observer.car_blocks import CarBlocks
@@ -23,7 +23,7 @@ __all__ = ["CarOperations", "Process"]
 class CarOperations:
     """`Operations` of a car whose functions are compiled."""
 
-    def __init__(self, car: CarBlocks, algebra: CompiledKalman, compiled: CompiledStep) -> None:
+    def __init__(self, car: CarBlocks, algebra: CarAlgebra, compiled: CompiledStep) -> None:
         self._car, self.algebra, self.compiled = car, algebra, compiled
         self.whitened, self.factor = algebra.whitened, algebra.factor
         self._places = {name: sensed.index for name, sensed in car.sensed.items()}
@@ -31,7 +31,7 @@ class CarOperations:
     @classmethod
     def of(cls, car: CarBlocks) -> CarOperations | None:
         """None where there is no compiler."""
-        algebra = kalman(_Bound(car))
+        algebra = compiled_algebra(_Bound(car))
         if algebra is None:
             return None
         coordinates, velocities = (r.reshape(-1, order="F") for r in car.advanced.results)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.estimation.filter import Kept
+from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.kalman import COMPONENTS, CompiledKalman, ModelStructure, SensedStructure
+from vsense_ros.observer.car_algebra import CarAlgebra, ModelStructure, SensedStructure
 
 Array = NDArray[np.float64]
 
@@ -141,13 +142,13 @@ class CompiledStep:
 
     def __init__(
         self,
-        kalman: CompiledKalman,
+        algebra: CarAlgebra,
         live: _Live,
         sensors: Sequence[_Sensor | None],
         length: Array,
         keep: object,
     ) -> None:
-        library, integer = kalman.library, ctypes.c_int
+        library, integer = algebra.library, ctypes.c_int
         self._predict, self._measure = library.vsense_predict, library.vsense_measure
         self._step, self._move, self._replay = library.vsense_step, library.vsense_move, library.vsense_replay
         self._linearize = library.vsense_linearize
@@ -157,7 +158,7 @@ class CompiledStep:
         self._measure.restype = None
         self._move.argtypes = [_ADDRESS, _ADDRESS, integer, _NUMBER, _ADDRESS, _ADDRESS]
         self._replay.argtypes = [_ADDRESS, integer, ctypes.c_char_p, *[_ADDRESS] * 4]
-        self._kalman = kalman
+        self._algebra = algebra
         self._structures = live, sensors
         self._kept = [keep]
         self._length: Any = length.data
@@ -169,7 +170,7 @@ class CompiledStep:
     @classmethod
     def of(
         cls,
-        kalman: CompiledKalman,
+        algebra: CarAlgebra,
         kernels: Mapping[str, Kernel | None],
         arrays: Mapping[str, Array],
         sensors: Sequence[tuple[Kernel | None, bool, slice]],
@@ -181,14 +182,16 @@ class CompiledStep:
         if expect is None or None in entries.values():
             return None
         bound = [
-            None if kernel is None else _Sensor(index=i, sensed=kalman.bound(kernel.results, uses_acceleration, biases))
+            None
+            if kernel is None
+            else _Sensor(index=i, sensed=algebra.bound(kernel.results, uses_acceleration, biases))
             for i, (kernel, uses_acceleration, biases) in enumerate(sensors)
         ]
         addresses = {name: array.ctypes.data for name, array in arrays.items()}
         outer = {name: addresses.pop(name) for name in ("memory", "inputs", "largest")}
-        made = _Filter(model=kalman.structure, effects_size=arrays["effects"].size, gamma=GAMMA, **addresses)
+        made = _Filter(model=algebra.structure, effects_size=arrays["effects"].size, gamma=GAMMA, **addresses)
         live = _Live(filter=made, expect=ctypes.addressof(expect), size=arrays["memory"].size, **entries, **outer)
-        return cls(kalman, live, bound, arrays["length"], (arrays, expect))
+        return cls(algebra, live, bound, arrays["length"], (arrays, expect))
 
     def learn(
         self,
@@ -218,7 +221,7 @@ class CompiledStep:
         names = ("physical", "decay", "moved", "grown", "added")
         made = _Learning(
             *(count, drifts, columns.ctypes.data, _Known.of(arrays["learned"], count, size)),
-            gain=self._kalman.gain.ctypes.data,
+            gain=self._algebra.gain.ctypes.data,
             **{name: arrays[name].ctypes.data for name in names},
         )
         live.effect, live.spread = effect, spread

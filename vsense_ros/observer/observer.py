@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Given, Innovation
+from vsense_ros.estimation.filter import Given, Innovation, largest_nis
 from vsense_ros.estimation.intake import Intake, Timing, by_topic
 from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
@@ -254,7 +254,7 @@ class Observer:
 
 def _channel(name: str, sensor: SensorBase) -> Channel:
     part = sensor.inputs
-    limit = sensor.gate**2 * len(sensor.deviations()) ** 0.5
+    limit = largest_nis(sensor.gate, len(sensor.deviations()))
     return Channel(name, limit, None if part is None else part.start)
 
 

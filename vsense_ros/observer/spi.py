@@ -19,13 +19,13 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Gaussian, Given, Innovation, Measured, Step
+from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.compiled_step import CompiledStep, Learned
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.kalman import COMPONENTS
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.parameter_ukf import ParameterUkf

@@ -30,6 +30,7 @@ from vsense_ros.model.coordinates import (
     Z,
 )
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
+from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -125,7 +126,7 @@ def rolling_state(vehicle: Vehicle, speed: float) -> Array:
     state[Z] = physics.chassis.cog_height
     state[FORWARD] = speed
     for i, axle in enumerate((physics.front, physics.front, physics.rear, physics.rear)):
-        state[U][SPIN][i] = speed / (axle.unloaded_radius * 0.98)
+        state[U][SPIN][i] = speed / (axle.unloaded_radius * LOADED)
     return state
 
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros import codegen
+from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.observer.state import U
 
 Array = NDArray[np.float64]
-
-COMPONENTS = 16  # of a measurement, at most, in algebra.c
 
 
 class Blocks(Protocol):
@@ -56,7 +55,7 @@ class SensedStructure(ctypes.Structure):
     ]
 
 
-class CompiledKalman:
+class CarAlgebra:
     """The algebra on arrays that must stay where they are.
 
     Of the last measurement with m components `whitened` holds L⁻¹ r, the innovation r in independent units, NaN where
@@ -131,10 +130,10 @@ class CompiledKalman:
         self.value[:count], self.variance[:count] = value, variance
 
 
-def kalman(blocks: Blocks) -> CompiledKalman | None:
+def compiled_algebra(blocks: Blocks) -> CarAlgebra | None:
     """None where there is no compiler."""
     package = resources.files("vsense_ros")
     names = ("estimation/algebra.c", "observer/car_blocks.c", "observer/car_history.c")
     source = "\n".join(package.joinpath(name).read_text(encoding="utf-8") for name in names)
-    library = codegen.library("kalman", f"#define STATES {len(blocks.covariance)}\n#define LEARNING 1\n{source}")
-    return None if library is None else CompiledKalman(ctypes.CDLL(str(library)), blocks)
+    library = codegen.library("car_algebra", f"#define STATES {len(blocks.covariance)}\n#define LEARNING 1\n{source}")
+    return None if library is None else CarAlgebra(ctypes.CDLL(str(library)), blocks)
