@@ -104,29 +104,21 @@ def test_spi_step(benchmark: Any, kind: str, vehicle: Vehicle, lane_change: Reco
 
 @pytest.mark.benchmark(group="parts of a step")
 @pytest.mark.parametrize(
-    "part", ["linearize", "transition", "advance", "propagate", "correct by imu", "correct by wheel_speeds", "estimate"]
+    "part", ["linearize", "advance", "predict", "correct by imu", "correct by wheel_speeds", "estimate"]
 )
 def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
     ekf, car = observer.filter, observer.car
-    process = car.process(0.004)
     before = ekf.memory.copy()
-    car.h[0] = 0.004
     sensor = part.split()[-1] if part.startswith("correct") else "imu"
     variance = observer.sensors[sensor].deviations() ** 2
     value = -car.sense(sensor, np.zeros(len(variance)))[0]
-    algebra = None if car.compiled is None else car.compiled.algebra
     work: dict[str, Callable[[], object]] = {
         "linearize": car.linearize,
-        "transition": lambda: car.respond(0.004) if algebra is None else algebra.transition(0.004),
         "advance": car.advanced.call,
-        "propagate": lambda: (
-            car.propagate(car.transition(0.004, process.decay), process.noise)
-            if algebra is None
-            else algebra.propagate(0.004, process.decay, process.noise)
-        ),
+        "predict": lambda: ekf.predict(0.004),  # these two, and what they do to the covariance
         "estimate": lambda: estimate_samples(observer.snapshot()),
     }
-    work["transition"]()
+    ekf.predict(0.004)
 
     def restore() -> None:
         ekf.memory[:] = before

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
-from types import SimpleNamespace
+from importlib import resources
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.gaussian import COMPONENTS
-from vsense_ros.observer.car_algebra import CarAlgebra, compiled_algebra
+from vsense_ros.model.car.steps import GAMMA
 from vsense_ros.observer.car_blocks import CarBlocks, Sensed
+from vsense_ros.observer.car_operations import ModelStructure, SensedStructure
 from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Layout, Q, U
 
 Array = NDArray[np.float64]
@@ -44,7 +47,7 @@ class RandomBlocks(CarBlocks):
         self.forces: Any = _Returned([np.zeros((14, 1))])
         self.sensed = {}
         self.names, self.sensors, self.memory, self.inputs = (), (), np.zeros(0), np.zeros(0)
-        self.compiled = None
+        self.operations = None
 
 
 class WithFullMatrices:
@@ -74,15 +77,59 @@ class WithFullMatrices:
         return found.nis
 
 
-def in_c(blocks: RandomBlocks) -> CarAlgebra:
-    """The same compiled."""
-    bound: Any = SimpleNamespace(**vars(blocks))
-    made = compiled_algebra(bound)
-    assert made is not None
-    for name in ("covariance", "gain", "inverse", "error", "by_angles", "by_velocity"):
-        setattr(made, name, getattr(blocks, name))
-    made.model = blocks  # type: ignore[attr-defined]
-    return made
+_CALLS = """
+int transition_in(const struct model *model, double h, double gamma) { return transition(model, h, gamma); }
+void propagate_in(const struct model *model, double h, const double *decay, const double *noise) {
+    propagate(model, h, decay, noise);
+}
+double correct_in(const struct model *model, const struct sensed *sensed, double scale, double limit) {
+    return correct(model, sensed, scale, limit);
+}
+"""
+
+
+class InC:
+    """The same with car_blocks.c, operation by operation."""
+
+    def __init__(self, blocks: RandomBlocks) -> None:
+        self.model, self.covariance, self.inverse, self.error = blocks, blocks.covariance, blocks.inverse, blocks.error
+        self.gain, self.by_angles, self.by_velocity = blocks.gain, blocks.by_angles, blocks.by_velocity
+        self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
+        self._padded = np.zeros((len(GAIN_COLUMNS), 16))
+        self._arrays = [blocks.by_q, blocks.by_u, blocks.by_disturbances, blocks.by_q_rates, blocks.by_angles]
+        self._arrays += [blocks.by_velocity, blocks.inverse, self._padded, blocks.covariance, blocks.error, blocks.udot]
+        self._arrays += [self.whitened, self.factor]
+        self._structure = ModelStructure(*(array.ctypes.data for array in self._arrays))
+        self._address = ctypes.byref(self._structure)
+        self._library = _library()
+
+    def transition(self, h: float) -> None:
+        assert self._library.transition_in(self._address, h, GAMMA)
+        self.gain[:] = self._padded[:, : len(self.gain)].T
+
+    def propagate(self, h: float, decay: Array, noise: Array) -> None:
+        self._library.propagate_in(self._address, h, decay.ctypes.data, noise.ctypes.data)
+
+    def correct(
+        self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
+        limit: float,
+    ) -> float:  # fmt: skip
+        arrays = [np.ascontiguousarray(value), np.ascontiguousarray(variance), *sensed]
+        numbers = len(value), accelerations, biases.start, biases.stop - biases.start
+        structure = SensedStructure(*numbers, *(array.ctypes.data for array in arrays))
+        return float(self._library.correct_in(self._address, ctypes.byref(structure), scale, limit))
+
+
+def _library() -> ctypes.CDLL:
+    names = "estimation/algebra.c", "codegen/kernel.c", "observer/car_blocks.c", "observer/car_live.c"
+    parts = [resources.files("vsense_ros").joinpath(name).read_text(encoding="utf-8") for name in names]
+    path = codegen.library("car_algebra", "\n".join([f"#define STATES {N}\n#define LEARNING 1", *parts, _CALLS]))
+    assert path is not None
+    library, number, address = ctypes.CDLL(str(path)), ctypes.c_double, ctypes.c_void_p
+    library.transition_in.argtypes = [address, number, number]
+    library.propagate_in.argtypes, library.propagate_in.restype = [address, number, address, address], None
+    library.correct_in.argtypes, library.correct_in.restype = [address, address, number, number], number
+    return library
 
 
 @dataclass

@@ -9,7 +9,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from algebra import BIASES, N, WithFullMatrices, in_c, problem
+from algebra import BIASES, InC, N, WithFullMatrices, problem
 from vsense_ros import codegen
 from vsense_ros.observer.state import DYNAMIC, U
 
@@ -42,7 +42,7 @@ def assert_close(a: Array, b: Array, tolerance: float = 1e-12) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
     p = problem(seed)
-    ours, compiled = p.build(), p.build(in_c)
+    ours, compiled = p.build(), p.build(InC)
     decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
     sensed = p.sensed()
     value, variance = sensed[0][:, 0] + p.random.normal(size=6), p.random.uniform(0.1, 1, 6)
@@ -62,7 +62,7 @@ def test_the_compiled_algebra_equals_numpy(seed: int) -> None:
     assert_close(compiled.covariance, ours.covariance)
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_innovation_is_told_component_by_component_given_those_before(kind: Any, seed: int) -> None:
     p = problem(seed)
@@ -87,7 +87,7 @@ def test_the_innovation_is_told_component_by_component_given_those_before(kind: 
     assert_close(factor @ factor.T, total, 1e-9)
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     p = problem(seed)
@@ -102,7 +102,7 @@ def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     assert np.array_equal(k.covariance, k.covariance.T)
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 @pytest.mark.parametrize("accelerations", [True, False])
 @pytest.mark.parametrize("biased", [True, False])
 @pytest.mark.parametrize("seed", SEEDS)
@@ -130,7 +130,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     assert np.array_equal(k.covariance, k.covariance.T)
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 def test_a_measurement_beyond_the_gate_changes_nothing(kind: Any) -> None:
     p = problem(0)
     k = p.build(kind)
@@ -141,7 +141,7 @@ def test_a_measurement_beyond_the_gate_changes_nothing(kind: Any) -> None:
     assert not k.error.any()
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 def test_a_measurement_of_nothing_changes_nothing(kind: Any) -> None:
     p = problem(0)
     k = p.build(kind)
@@ -149,7 +149,7 @@ def test_a_measurement_of_nothing_changes_nothing(kind: Any) -> None:
     assert np.array_equal(k.covariance, p.covariance)
 
 
-@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(in_c, marks=needs_a_compiler)])
+@pytest.mark.parametrize("kind", [WithFullMatrices, pytest.param(InC, marks=needs_a_compiler)])
 def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> None:
     """The model moves the state and the filter its errors; on a linear model that is one and the same filter."""
     p = problem(3)

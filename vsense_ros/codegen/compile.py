@@ -139,7 +139,7 @@ def loaded(name: str, source: str, functions: Sequence[ca.Function]) -> list[ca.
 
 
 class Entry(ctypes.Structure):
-    """A compiled function with its arguments, results and working memory, for C: `struct kernel` of car_history.c."""
+    """A compiled function with its arguments, results and working memory, for C: `struct kernel` of kernel.c."""
 
     _fields_ = [(name, ctypes.c_void_p) for name in ("function", "arguments", "results", "integers", "numbers")]
 

@@ -8,10 +8,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from importlib import resources
-from pathlib import Path
-from struct import Struct
 from typing import Any
 
 import casadi as ca
@@ -21,8 +17,9 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Array, Gaussian, Given, Measured, Step
+from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.gaussian import COMPONENTS
+from vsense_ros.estimation.operations import ADDRESS, Operations, library, misfit, unknown_sensor
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -71,7 +68,7 @@ class Dense:
         return Dense(self.system, sensors, self.parameters.copy(), memory, functions)
 
     @property
-    def operations(self) -> DenseOperations | None:
+    def operations(self) -> Operations | None:
         """In C, or None without a compiler."""
         return self._operations
 
@@ -215,7 +212,7 @@ class _Sense:
 
     def __init__(self, function: ca.Function, at: Sequence[Array], measurement: Measurement) -> None:
         m = self.components = len(measurement.deviations)
-        self.name, self.value, self.variance = measurement.name, np.zeros(m), np.zeros(m)
+        self.name, self.value = measurement.name, np.zeros(m)
         self.kernel = Kernel(function, [*at, self.value])
         self.call = self.kernel.call
         found, by_error, self._used = self.kernel.results
@@ -229,12 +226,8 @@ class _Sense:
     def measured(self, value: Array) -> None:
         """Take a value. Raises `InputError` if it is not one of this sensor's."""
         if len(value) != self.components:
-            raise self.misfit(value)
+            raise misfit(self.name, self.components, value)
         self.value[:] = value
-
-    def misfit(self, value: Array) -> InputError:
-        """What to say of a value with another number of components."""
-        return InputError(f"a measurement of {self.name!r} has {self.components} components, but got {len(value)}")
 
 
 class _Kernels:
@@ -256,7 +249,7 @@ class _Kernels:
         """One sensor's. Raises `InputError` if there is none of this name."""
         found = self.sense.get(sensor)
         if found is None:
-            raise InputError(f"the filter has no sensor {sensor!r}; it has: {', '.join(self.sense) or 'none'}")
+            raise unknown_sensor(sensor, tuple(self.sense))
         return found
 
     def matrix(self) -> Array:
@@ -274,18 +267,17 @@ class _Kernels:
         return found.reshape(e, e)
 
 
-_ADDRESS, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double
-_EVENT = Struct("2P2d3q")  # `struct event` of ekf.c
+_COUNT = ctypes.c_longlong
 
 
-class _System(ctypes.Structure):
-    """`struct system` of ekf.c."""
+class _Live(ctypes.Structure):
+    """`struct live` of ekf.c."""
 
     _fields_ = [
         *((name, Entry) for name in ("transition", "retract")),
         *((name, _COUNT) for name in ("size", "numbers", "added")),
-        *((name, _ADDRESS) for name in ("memory", "mean", "covariance", "inputs", "h", "error", "whitened", "factor")),
-        *((name, _ADDRESS) for name in ("moved", "f", "q", "off", "largest", "row", "column", "place")),
+        *((name, ADDRESS) for name in ("memory", "mean", "covariance", "inputs", "h", "error", "whitened", "factor")),
+        *((name, ADDRESS) for name in ("moved", "f", "q", "off", "largest", "row", "column", "place")),
     ]
 
 
@@ -294,75 +286,25 @@ class _Sensor(ctypes.Structure):
 
     _fields_ = [
         *(("sense", Entry), ("components", _COUNT)),
-        *((name, _ADDRESS) for name in ("value", "variance", "residual", "by_error", "used")),
+        *((name, ADDRESS) for name in ("value", "residual", "by_error", "used")),
     ]
 
 
-class DenseOperations:
-    """What ekf.c does in one call each. The arrays of the filter must stay where they are."""
-
-    def __init__(self, library: ctypes.CDLL, dense: Dense, kernels: _Kernels) -> None:
-        self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
-        self._kernels, self._name = kernels, title(dense.system)
-        self._system = _system_structure(dense, kernels, self.whitened, self.factor)
-        self._sensors = {name: _sensor_structure(sense) for name, sense in kernels.sense.items()}
-        self._address = ctypes.addressof(self._system)
-        self._measured = {
-            name: (ctypes.addressof(structure), kernels.sense[name].value, kernels.sense[name].variance)
-            for name, structure in self._sensors.items()
-        }
-        self._predict, self._correct = library.vsense_predict, library.vsense_correct
-        self._advance, self._repeat = library.vsense_advance, library.vsense_repeat
-
-    def predict(self, h: float) -> None:
-        """As `Dense.step`."""
-        if not self._predict(self._address, h):
-            raise FloatingPointError(f"{self._name} cannot be moved by {h} s: its state would not be finite")
-
-    def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
-        """As `Filter.correct`; returns the normalized innovation squared."""
-        try:
-            address, values, variances = self._measured[sensor]
-        except KeyError:
-            self._kernels.of(sensor)
-            raise
-        if len(value) != len(values):
-            raise self._kernels.of(sensor).misfit(value)
-        values[:] = value
-        variances[:] = variance
-        return self._correct(self._address, address, limit, scale)
-
-    def advance(self, step: Step) -> bool:
-        """As `Filter.advance`."""
-        kept, steps, h = step
-        return bool(self._advance(self._address, kept.address, steps, h))
-
-    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
-        """As `Filter.repeat`."""
-        if not events:
-            return 0, False, []
-        rows, values, variances = [], [], []
-        for step, event in events:
-            kept, steps, h = (0, 0, 0.0) if step is None else (step.kept.address, step.steps, step.h)
-            value = np.asarray(event.value, dtype=float)
-            if isinstance(event, Measured):
-                self._kernels.of(event.sensor).measured(value)
-                rows.append(_EVENT.pack(self._measured[event.sensor][0], kept, h, event.limit, steps, 0, len(value)))
-            else:
-                rows.append(_EVENT.pack(0, kept, h, np.inf, steps, event.first, len(value)))
-            values.append(value)
-            variances.append(event.variance if isinstance(event, Measured) else value)
-        return self._run(rows, np.concatenate(values), np.concatenate(variances))
-
-    def _run(self, rows: list[bytes], values: Array, variances: Array) -> tuple[int, bool, list[float]]:
-        """Let events happen that are packed as C reads them."""
-        moved, nis = ctypes.c_int(), np.zeros(len(rows))
-        addresses = values.ctypes.data, variances.ctypes.data, nis.ctypes.data, ctypes.addressof(moved)
-        done = self._repeat(self._address, len(rows), b"".join(rows), *addresses)
-        return done, bool(moved.value), nis[: done + moved.value].tolist()
+def _compiled(dense: Dense, kernels: _Kernels) -> Operations | None:
+    """The operations of ekf.c, or None if the functions or these are not compiled."""
+    every = [kernels.transition, kernels.retract, *(sense.kernel for sense in kernels.sense.values())]
+    if any(kernel.entry() is None for kernel in every):
+        return None
+    compiled = library("ekf", kernels.functions.errors, "estimation/ekf.c")
+    if compiled is None:
+        return None
+    found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
+    sensors = {name: (_sensor(sense), sense.components) for name, sense in kernels.sense.items()}
+    impossible = f"{title(dense.system)} cannot be moved: its state would not be finite"
+    return Operations(compiled, _live(dense, kernels, *found), sensors, kernels.h, found, impossible)
 
 
-def _system_structure(dense: Dense, kernels: _Kernels, whitened: Array, factor: Array) -> _System:
+def _live(dense: Dense, kernels: _Kernels, whitened: Array, factor: Array) -> _Live:
     moved, f, q = (result.reshape(-1, order="F") for result in kernels.transition.results)
     functions = kernels.functions
     arrays: dict[str, Any] = {
@@ -376,7 +318,7 @@ def _system_structure(dense: Dense, kernels: _Kernels, whitened: Array, factor: 
         "q": q,
         "off": kernels.retract.results[0].reshape(-1, order="F"),
     }
-    made = _System(
+    made = _Live(
         transition=kernels.transition.entry(),
         retract=Entry() if dense.system.is_flat else kernels.retract.entry(),
         size=dense.memory.size,
@@ -388,37 +330,10 @@ def _system_structure(dense: Dense, kernels: _Kernels, whitened: Array, factor: 
     return made
 
 
-def _sensor_structure(sense: _Sense) -> _Sensor:
+def _sensor(sense: _Sense) -> _Sensor:
     found, by_error, used = (result.reshape(-1, order="F") for result in sense.kernel.results)
-    arrays = {"value": sense.value, "variance": sense.variance, "residual": found, "by_error": by_error, "used": used}
+    arrays = {"value": sense.value, "residual": found, "by_error": by_error, "used": used}
     addresses = {name: array.ctypes.data for name, array in arrays.items()}
     made = _Sensor(sense=sense.kernel.entry(), components=sense.components, **addresses)
     made.kept = arrays  # type: ignore[attr-defined]
     return made
-
-
-def _compiled(dense: Dense, kernels: _Kernels) -> DenseOperations | None:
-    """The operations of ekf.c, or None if the functions or these are not compiled."""
-    every = [kernels.transition, kernels.retract, *(sense.kernel for sense in kernels.sense.values())]
-    if any(kernel.entry() is None for kernel in every):
-        return None
-    library = _library(kernels.functions.errors)
-    return None if library is None else DenseOperations(library, dense, kernels)
-
-
-def _library(errors: int) -> ctypes.CDLL | None:
-    folder = resources.files("vsense_ros.estimation")
-    source = "".join((folder / name).read_text(encoding="utf-8") for name in ("algebra.c", "ekf.c"))
-    built = codegen.library("ekf", f"#define STATES {errors}\n{source}")
-    return None if built is None else _loaded(built)
-
-
-@lru_cache
-def _loaded(path: Path) -> ctypes.CDLL:
-    library, integer = ctypes.CDLL(str(path)), ctypes.c_int
-    library.vsense_predict.argtypes = [_ADDRESS, _NUMBER]
-    library.vsense_correct.argtypes = [_ADDRESS, _ADDRESS, _NUMBER, _NUMBER]
-    library.vsense_correct.restype = _NUMBER
-    library.vsense_advance.argtypes = [_ADDRESS, _ADDRESS, _COUNT, _NUMBER]
-    library.vsense_repeat.argtypes = [_ADDRESS, integer, ctypes.c_char_p, *[_ADDRESS] * 4]
-    return library

@@ -6,10 +6,10 @@ large to be written out and whose transition has a structure worth using.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
-from vsense_ros.estimation.filter import Array, Gaussian, Given, Measured, Step
+from vsense_ros.estimation.filter import Array, Gaussian
+from vsense_ros.estimation.operations import Operations
 
 
 class Linearised(Protocol):
@@ -46,23 +46,3 @@ class Linearised(Protocol):
     @property
     def operations(self) -> Operations | None:
         """The same in C, where it is compiled."""
-
-
-class Operations(Protocol):
-    """What C does in one call each, on the memory of a `Linearised`. `whitened` (16,) and `factor` (256,) are what the
-    last correction found, as in `Innovation`: of the first the m first elements count, of the other the m m first."""
-
-    whitened: Array
-    factor: Array
-
-    def predict(self, h: float) -> None:
-        """As `Linearised.step`."""
-
-    def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
-        """Correct, and return the normalized innovation squared: as `Filter.correct`."""
-
-    def advance(self, step: Step) -> bool:
-        """As `Filter.advance`."""
-
-    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
-        """As `Filter.repeat`."""

@@ -1,5 +1,5 @@
 /* Operations of the errorEKF of a multibody car, each of which exists here once: for the observer in Python, which
- * calls them by car_history.c, and for that of `vsense export c`. On top of ../estimation/algebra.c.
+ * calls them by car_live.c, and for that of `vsense export c`. On top of ../estimation/algebra.c.
  *
  * Jacobians come column-major from the model's functions. MODEL is the number of coordinates; the state begins with
  * coordinates, velocities, accelerations (MODEL each) and DISTURB disturbances, then come biases.

@@ -14,20 +14,19 @@ Without a compiler the same is done here with full matrices.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.codegen import Kernel
 from vsense_ros.estimation.filter import Gaussian
-from vsense_ros.estimation.linearised import Operations
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions, sensor_functions
 from vsense_ros.model.coordinates import ATTITUDE, COORDINATES, INPUTS, POSE
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.car_operations import CarOperations, Process
+from vsense_ros.observer.car_operations import SINGULAR, CarOperations
 from vsense_ros.observer.state import (
     DISTURB,
     DYNAMIC,
@@ -62,6 +61,21 @@ class Sensed:
     mounting: Array
 
 
+class Process(NamedTuple):
+    """Decay of the states behind the velocities within some time and variance that it adds to them, (n - 28,) each, and
+    where the two stand, one after the other."""
+
+    decay: Array
+    noise: Array
+    address: int
+
+    @classmethod
+    def of(cls, decay: Array, noise: Array) -> Process:
+        """With both in one array, as C reads them."""
+        both = np.array([decay, noise])
+        return cls(both[0], both[1], both.ctypes.data)
+
+
 class CarBlocks:
     """One vehicle with one set of sensors.
 
@@ -87,7 +101,7 @@ class CarBlocks:
         self._bind(self.car, sensors)
         self.largest = largest_state(self.layout.size)
         self._processes: dict[int, Process] = {}
-        self.compiled = CarOperations.of(self) if self.in_blocks else None
+        self.operations = CarOperations.of(self) if self.in_blocks else None
 
     def _allocate(self, extra: int) -> None:
         n = self.layout.size
@@ -145,10 +159,6 @@ class CarBlocks:
         names = car.parameter_names
         self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
-    @property
-    def operations(self) -> Operations | None:
-        return self.compiled
-
     def process(self, h: float) -> Process:
         """What happens within `h` [s] to the states behind the velocities.
 
@@ -161,7 +171,7 @@ class CarBlocks:
             prior = self.prior
             decay = np.exp(-h * prior.rate[_SLOW:])
             noise = prior.deviation[_SLOW:] ** 2 * (1 - decay**2) + prior.density[_SLOW:] * h
-            known = self._processes[length] = Process(decay, noise, decay.ctypes.data, noise.ctypes.data)
+            known = self._processes[length] = Process.of(decay, noise)
         return known
 
     # Beginning
@@ -221,7 +231,7 @@ class CarBlocks:
         try:
             inverse = np.linalg.inv(_UNIT - GAMMA * h * slope)
         except np.linalg.LinAlgError:
-            raise FloatingPointError("the model's Jacobian is singular") from None
+            raise FloatingPointError(SINGULAR) from None
         self.inverse[:] = inverse
         response = inverse @ (h * _UNIT + h * (0.5 - GAMMA) / GAMMA * (inverse - _UNIT))
         self.gain[:] = response @ np.hstack([self.by_q, slope, _UNIT, self.by_disturbances])

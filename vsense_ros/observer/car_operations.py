@@ -1,100 +1,253 @@
-"""What C does on the memory of `CarBlocks`, as `Ekf` calls it."""
+"""What C does on the memory of `CarBlocks`, in one call each: car_blocks.c and car_live.c, bound to its arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.estimation.filter import Given, Measured, Step
-from vsense_ros.observer.car_algebra import CarAlgebra, compiled_algebra
-from vsense_ros.observer.compiled_step import CompiledStep, Process, Replayed
+from vsense_ros.codegen import Entry, Kernel
+from vsense_ros.estimation.gaussian import COMPONENTS
+from vsense_ros.estimation.operations import ADDRESS, Operations, library
+from vsense_ros.model.car.steps import GAMMA
 
 if TYPE_CHECKING:
-    from vsense_ros.observer.car_blocks import CarBlocks
+    from vsense_ros.observer.car_blocks import CarBlocks, Sensed
 
 Array = NDArray[np.float64]
 
-__all__ = ["CarOperations", "Process"]
+SINGULAR = "the model's Jacobian is singular"
+_COUNT, _INTEGER = ctypes.c_longlong, ctypes.c_int
+_KNOWN = ("estimates", "covariance", "sensitivity", "information")
 
 
-class CarOperations:
-    """`Operations` of a car whose functions are compiled."""
+class ModelStructure(ctypes.Structure):
+    """`struct model` of car_blocks.c."""
 
-    def __init__(self, car: CarBlocks, algebra: CarAlgebra, compiled: CompiledStep) -> None:
-        self._car, self.algebra, self.compiled = car, algebra, compiled
-        self.whitened, self.factor = algebra.whitened, algebra.factor
-        self._places = {name: sensed.index for name, sensed in car.sensed.items()}
+    _fields_ = [
+        (name, ADDRESS)
+        for name in (
+            *("by_q", "by_u", "by_disturbances", "by_q_rates", "by_angles", "by_velocity"),
+            *("inverse", "gain", "covariance", "error", "udot", "whitened", "factor"),
+        )
+    ]
+
+
+class SensedStructure(ctypes.Structure):
+    """`struct sensed` of car_blocks.c."""
+
+    _fields_ = [
+        *((name, _INTEGER) for name in ("components", "uses_acceleration", "first_bias", "biases")),
+        *((name, ADDRESS) for name in ("value", "variance")),
+        *((name, ADDRESS) for name in ("expected", "by_q", "by_u", "by_udot", "by_disturbances")),
+    ]
+
+
+class _Known(ctypes.Structure):
+    """`struct known` of car_blocks.c."""
+
+    _fields_ = [(name, ADDRESS) for name in _KNOWN]
+
+    @classmethod
+    def of(cls, array: Array, count: int, size: int) -> _Known:
+        """What is known of `count` parameters beside a state of `size`, all of it in one array, in this order."""
+        ends = np.cumsum([0, count, count * count, size * count]) * array.itemsize
+        return cls(*(array.ctypes.data + int(end) for end in ends))
+
+
+class _Learning(ctypes.Structure):
+    """`struct learning` of car_blocks.c."""
+
+    _fields_ = [
+        *(("count", _COUNT), ("drifts", _COUNT), ("columns", ADDRESS), ("known", _Known)),
+        *((name, ADDRESS) for name in ("physical", "gain", "decay", "moved", "grown", "added")),
+    ]
+
+
+class _Filter(ctypes.Structure):
+    """`struct filter` of car_blocks.c."""
+
+    _fields_ = [
+        *(("owner", ADDRESS), ("model", ModelStructure)),
+        *((name, ADDRESS) for name in ("state", "effects", "reversion_mean")),
+        *(("effects_size", _COUNT), ("gamma", ctypes.c_double)),
+        *((name, ADDRESS) for name in ("length", "coordinates", "velocities", "remembered", "added", "learning")),
+    ]
+
+
+class _Live(ctypes.Structure):
+    """`struct live` of car_live.c."""
+
+    _fields_ = [
+        ("filter", _Filter),
+        *((name, Entry) for name in ("linearize", "kinematics", "advance", "force", "remember", "effect", "spread")),
+        *((name, ADDRESS) for name in ("expect", "seen", "learn")),
+        ("size", _COUNT),
+        *((name, ADDRESS) for name in ("memory", "inputs", "h", "largest")),
+    ]
+
+
+class _Sensor(ctypes.Structure):
+    """`struct sensor` of car_blocks.c."""
+
+    _fields_ = [
+        *(("index", _COUNT), ("sensed", SensedStructure), ("width", _COUNT)),
+        *((name, ADDRESS) for name in ("variance", "told_of", "gained", "told", "spread", "projected")),
+        *(("found", _Known), ("change", ADDRESS), ("accelerations", ADDRESS)),
+    ]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """How one sensor tells of parameters: the functions of a parameter filter, and what they are bound to."""
+
+    seen: Kernel
+    variance: Array  # (m,)
+    whitened: Array  # (m,) and
+    factor: Array  # (m m,) as the errorEKF's correction leaves them
+    told_of: Array  # Hᵀ R⁻¹ Y, (n, p)
+    projected: Array  # P times that, (n, p)
+    learn: Kernel
+    learned: Array  # its results: what the parameter filter knows now,
+    change: Array  # (n,) of the state, accelerations in place of the generalized forces,
+    udot: Array  # (14,) and change of the accelerations
+
+
+class CarOperations(Operations):
+    """Of a car whose functions are compiled."""
+
+    def __init__(
+        self,
+        compiled: ctypes.CDLL,
+        car: CarBlocks,
+        live: _Live,
+        sensors: Mapping[str, tuple[_Sensor, int]],
+        found: tuple[Array, Array],
+        keep: Sequence[object],
+    ) -> None:
+        super().__init__(compiled, live, sensors, car.h, found, SINGULAR)
+        self._car, self._bound, self._bound_sensors, self._kept = car, live, sensors, [*keep]
 
     @classmethod
     def of(cls, car: CarBlocks) -> CarOperations | None:
         """None where there is no compiler."""
-        algebra = compiled_algebra(_Bound(car))
-        if algebra is None:
+        kernels = {
+            "linearize": car.linearized,
+            "kinematics": car.kinematics,
+            "advance": car.advanced,
+            "force": car.forces,
+            **({} if car.remembered is None else {"remember": car.remembered}),
+        }
+        entries = {name: kernel.entry() for name, kernel in kernels.items()}
+        expect = _entries([car.sensed[name].kernel if name in car.sensed else None for name in car.sensors])
+        if expect is None or None in entries.values():
             return None
-        coordinates, velocities = (r.reshape(-1, order="F") for r in car.advanced.results)
-        remembered = np.zeros(0) if car.remembered is None else car.remembered.results[0].reshape(-1, order="F")
-        sensed = {known.index: known for known in car.sensed.values()}
-        compiled = CompiledStep.of(
-            algebra,
-            {
-                "linearize": car.linearized,
-                "kinematics": car.kinematics,
-                "advance": car.advanced,
-                "force": car.forces,
-                "remember": car.remembered,
-            },
-            {
-                "memory": car.memory,
-                "state": car.mean,
-                "inputs": car.inputs,
-                "largest": car.largest,
-                "effects": car.effects,
-                "reversion_mean": car.reversion_mean,
-                "length": car.h,
-                "remembered": remembered,
-                "coordinates": coordinates,
-                "velocities": velocities,
-                "added": car.forces.results[0].reshape(-1, order="F"),
-            },
-            [
-                (sensed[i].kernel, sensed[i].uses_acceleration, sensed[i].biases)
-                if i in sensed
-                else (None, False, slice(0, 0))
-                for i in range(len(car.sensors))
-            ],
+        compiled = library("car", len(car.mean), "observer/car_blocks.c", "observer/car_live.c", LEARNING=1)
+        if compiled is None:
+            return None
+        found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
+        made, kept = _filter(car, *found)
+        live = _Live(
+            filter=made,
+            **entries,
+            expect=ctypes.addressof(expect),
+            size=car.memory.size,
+            **{name: getattr(car, name).ctypes.data for name in ("memory", "inputs", "h", "largest")},
         )
-        return None if compiled is None else cls(car, algebra, compiled)
+        live.filter.owner = ctypes.addressof(live)
+        sensors = {name: (_sensor(sensed), len(sensed.kernel.results[0])) for name, sensed in car.sensed.items()}
+        return cls(compiled, car, live, sensors, found, [expect, *kept])
 
-    def predict(self, h: float) -> None:
-        self.compiled.step(h, self._car.process(h))
+    def process(self, h: float) -> int:
+        return self._car.process(h).address
 
-    def correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
-        return self.compiled.correct(self._places[sensor], value, variance, limit, scale)
+    def learn(
+        self,
+        kernels: tuple[Kernel, Kernel],
+        drifts: bool,
+        columns: NDArray[np.int64],
+        arrays: Mapping[str, Array],
+        sensors: Mapping[str, Learned],
+    ) -> bool:
+        """Estimate parameters too: `kernels` are effect and spread, `columns` those of the parameters in `physical`,
+        and `arrays` what is known of them, one after the other (`learned`), and as in `struct learning`.
+        False, and of no use any more, if any of it is not compiled."""
+        effect, spread = (kernel.entry() for kernel in kernels)
+        by_index = [sensors.get(name) for name in self._car.sensors]
+        seen = _entries([None if one is None else one.seen for one in by_index])
+        learn = _entries([None if one is None else one.learn for one in by_index])
+        if effect is None or spread is None or seen is None or learn is None:
+            return False
+        count, size = len(columns), len(arrays["added"]) // len(columns)
+        for name, learned in sensors.items():
+            sensor, _ = self._bound_sensors[name]
+            sensor.width = learned.told_of.shape[1]
+            for part in ("variance", "projected", "change", "told_of"):
+                setattr(sensor, part, getattr(learned, part).ctypes.data)
+            sensor.found, sensor.accelerations = _Known.of(learned.learned, count, size), learned.udot.ctypes.data
+        names = ("physical", "decay", "moved", "grown", "added")
+        made = _Learning(
+            *(count, drifts, columns.ctypes.data, _Known.of(arrays["learned"], count, size)),
+            gain=self._car.gain.ctypes.data,
+            **{name: arrays[name].ctypes.data for name in names},
+        )
+        live = self._bound
+        live.effect, live.spread = effect, spread
+        live.seen, live.learn = ctypes.addressof(seen), ctypes.addressof(learn)
+        live.filter.learning = ctypes.addressof(made)
+        self._kept += [made, columns, arrays, sensors, seen, learn]
+        return True
 
-    def advance(self, step: Step) -> bool:
-        return self.compiled.move(step.kept, step.steps, step.h, self._car.process(step.h))
 
-    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
-        plan, processes = [], []
-        for step, event in events:
-            way = (0, 0, 0.0) if step is None else (step.kept.address, step.steps, step.h)
-            processes.append(None if step is None else self._car.process(step.h))
-            if isinstance(event, Measured):
-                plan.append(Replayed(self._places[event.sensor], None, event.value, event.variance, event.limit, *way))
-            else:
-                plan.append(Replayed(0, event.first, event.value, event.value, np.inf, *way))
-        done, moved, nis = self.compiled.replay(plan, processes)
-        return done, moved, nis.tolist()
+def _filter(car: CarBlocks, whitened: Array, factor: Array) -> tuple[_Filter, list[Array]]:
+    """The arrays of a car as C knows them, and those of them that live nowhere else."""
+    coordinates, velocities = (r.reshape(-1, order="F") for r in car.advanced.results)
+    by_angles, by_velocity = car.kinematics.results
+    gain = np.zeros((car.gain.shape[1], 16))  # transposed and padded; that of the car is filled where it learns
+    remembered = np.zeros(0) if car.remembered is None else car.remembered.results[0].reshape(-1, order="F")
+    model: list[Array] = [
+        car.by_q,
+        car.by_u,
+        car.by_disturbances,
+        car.by_q_rates,
+        by_angles,
+        by_velocity,
+        car.inverse,
+        gain,
+    ]
+    model += [car.covariance, car.error, car.udot, whitened, factor]
+    arrays = {
+        "state": car.mean,
+        "effects": car.effects,
+        "reversion_mean": car.reversion_mean,
+        "length": car.h,
+        "coordinates": coordinates,
+        "velocities": velocities,
+        "remembered": remembered,
+        "added": car.forces.results[0].reshape(-1, order="F"),
+    }
+    made = _Filter(
+        model=ModelStructure(*(array.ctypes.data for array in model)),
+        effects_size=car.effects.size,
+        gamma=GAMMA,
+        **{name: array.ctypes.data for name, array in arrays.items()},
+    )
+    return made, [*model, *arrays.values()]
 
 
-class _Bound:
-    """The arrays of a car that the algebra works on."""
+def _sensor(sensed: Sensed) -> _Sensor:
+    """What C needs of a sensor's results, which must stay where they are."""
+    results, biases = sensed.kernel.results, sensed.biases
+    numbers = len(results[0]), sensed.uses_acceleration, biases.start, biases.stop - biases.start
+    return _Sensor(index=sensed.index, sensed=SensedStructure(*numbers, None, None, *(a.ctypes.data for a in results)))
 
-    def __init__(self, car: CarBlocks) -> None:
-        self.udot, self.by_q, self.by_u = car.udot, car.by_q, car.by_u
-        self.by_disturbances, self.by_q_rates = car.by_disturbances, car.by_q_rates
-        self.by_angles, self.by_velocity = car.kinematics.results
-        self.covariance, self.inverse, self.gain, self.error = car.covariance, car.inverse, car.gain, car.error
+
+def _entries(kernels: Sequence[Kernel | None]) -> ctypes.Array[Entry] | None:
+    """Of each sensor one, empty where it has none; None if one is not compiled."""
+    entries = [Entry() if kernel is None else kernel.entry() for kernel in kernels]
+    made = [entry for entry in entries if entry is not None]
+    return (Entry * len(made))(*made) if len(made) == len(entries) else None

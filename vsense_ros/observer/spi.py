@@ -24,7 +24,7 @@ from vsense_ros.model.car.car import Car
 from vsense_ros.model.coordinates import COORDINATES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.compiled_step import CompiledStep, Learned
+from vsense_ros.observer.car_operations import CarOperations, Learned
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_filter import ParameterFilter
@@ -97,8 +97,8 @@ class Spi(CarFilter):
         self._take_settings()
         self._share_memory()
         self._bind()
-        self._operations = car.compiled
-        if car.compiled is not None and not self._compile(car.compiled.compiled):
+        self._operations = car.operations
+        if car.operations is not None and not self._compile(car.operations):
             self._operations = self._state_filter._operations = None
         self._refuse_what_cannot_be_told()
 
@@ -121,7 +121,7 @@ class Spi(CarFilter):
         self.sensitivity = self._s.reshape(k, n).T
         self._others = np.zeros((self.equations.elsewhere, COORDINATES)).T  # accelerations of cars that act elsewhere
         self._decay = np.zeros(n - U.stop)
-        operations = self.car.compiled
+        operations = self.car.operations
         self._whitened = np.full(COMPONENTS, np.nan) if operations is None else operations.whitened
         self._factor = np.zeros(COMPONENTS * COMPONENTS) if operations is None else operations.factor
 
@@ -161,7 +161,7 @@ class Spi(CarFilter):
         told, change, udot = np.split(learned, [known, known + n])
         return Learned(sees, variance, whitened, factor, told_of, projected, learns, told, change, udot)
 
-    def _compile(self, compiled: CompiledStep) -> bool:
+    def _compile(self, operations: CarOperations) -> bool:
         """Let C do all this; False if any of it is not compiled."""
         moved, grown, added = (r.reshape(-1, order="F") for r in self._spread.results)
         arrays = {
@@ -174,8 +174,7 @@ class Spi(CarFilter):
             "grown": grown,
             "added": added,
         }
-        seen = [self._seen.get(name) for name in self.sensors]
-        return compiled.learn((self._effect, self._spread), self._drifts, self._columns, arrays, seen)
+        return operations.learn((self._effect, self._spread), self._drifts, self._columns, arrays, self._seen)
 
     def _refuse_what_cannot_be_told(self) -> None:
         """Drive a little and see what the sensors would tell if state and forces were known: no less can they tell.
