@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench thesis genesis blind bags clean
+.PHONY: help venv check test lint format demo bench thesis genesis road blind bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -63,6 +63,9 @@ blind: venv ## examine vsense explain: physics hidden in cars that are not our m
 
 thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
 	$(VENV)/bin/vsense thesis
+
+road: venv ## forces and attitudes on roads that are not flat, to out/road.json
+	$(VENV)/bin/vsense road
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags

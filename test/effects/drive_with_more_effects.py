@@ -32,7 +32,7 @@ def coasted(vehicle_file: Path, torque: float) -> float:
     vehicle = load_vehicle(vehicle_file)
     inputs = np.zeros((2000, 5))
     inputs[:, 1:] = torque
-    recorded = Inputs(0.005, inputs, np.zeros((2000, 4)))
+    recorded = Inputs(0.005, inputs, np.zeros((2000, 7)))
     drive = OpenLoop(car_of(vehicle), 1).run(*rolling_straight(vehicle, 20.0), recorded, vehicle.parameter_vector())
     return float(drive.u[-1, 0])
 

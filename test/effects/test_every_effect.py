@@ -87,7 +87,7 @@ def slalom(step: float = STEP) -> Inputs:
     inputs = np.zeros((n, 5))
     inputs[:, 0] = 0.04 * np.sin(2 * np.pi * 0.5 * middle)
     inputs[:, 1:] = 300 * np.cos(2 * np.pi * 0.2 * middle)[:, None]
-    return Inputs(step, inputs, np.zeros((n, 4)))
+    return Inputs(step, inputs, np.zeros((n, 7)))
 
 
 def driven(vehicle: Vehicle, changes: dict[str, float] | None = None, step: float = STEP, keep: int = 2):
@@ -186,7 +186,7 @@ def test_a_tyre_that_has_lost_pressure_corners_less_by_its_share_of_the_loss(bar
     q, u = rolling_straight(soft, 20.0)
     u[1] = 0.02  # 1 mrad of side slip: the linear range
     found, as_stiff = (
-        np.array(side(q, u, np.zeros(4), np.zeros(5), soft.with_parameters(changes).parameter_vector()))[0]
+        np.array(side(q, u, np.zeros(7), np.zeros(5), soft.with_parameters(changes).parameter_vector()))[0]
         for changes in ({}, {"effects.tyre_underinflation.cornering": 0.0})
     )
     assert found / as_stiff == pytest.approx([1, 1, 1, 1 - 0.5 * 0.4], rel=0.01)
@@ -202,7 +202,7 @@ def test_what_a_tyre_pushes_to_one_side_without_slip_fades_where_slip_uses_its_g
     u[1] = 20.0 * slip
     changes = {f"effects.tyre_conicity.{wheel}": 0.05 for wheel in WHEELS}
     without, with_it = (
-        np.array(outputs(q, u, np.zeros(4), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
+        np.array(outputs(q, u, np.zeros(7), np.zeros(5), pushing.with_parameters(c).parameter_vector()))
         for c in ({}, changes)
     )
     share = (with_it[0] - without[0]) / (0.05 * without[1])
@@ -220,7 +220,7 @@ def test_a_load_swings_as_a_pendulum_on_a_cart_of_whose_mass_it_is_part(bare):
     parameters = swinging.with_parameters({"effects.sloshing_load.mass": share * mass}).parameter_vector()
     for roll, place in ((0.0, 0.05), (0.03, 0.0)):
         q[3] = roll
-        after, force = (np.array(x).ravel() for x in moved(q, u, [place, 0.0], np.zeros(4), np.zeros(5), parameters))
+        after, force = (np.array(x).ravel() for x in moved(q, u, [place, 0.0], np.zeros(7), np.zeros(5), parameters))
         # Free on a cart its frequency is that of a fixed pendulum over √(1 - m/M); what holds a tilted body up from
         # below is a force to its side.
         across = (force[0] * np.cos(roll) + force[1] * np.sin(roll)) / mass

@@ -374,7 +374,7 @@ def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Pat
     assert CliRunner().invoke(main, [*arguments, *chosen]).exit_code == 0
     header = (tmp_path / "vsense.h").read_text(encoding="ascii")
     assert re.findall(r"double vsense_correct_(\w+)\(", header) == ["wheel_speeds"]
-    assert "VSENSE_STATES = 46" in header
+    assert "VSENSE_STATES = 49" in header
     result = CliRunner().invoke(main, [*arguments, "--sensor", "lidar"])
     assert result.exit_code == 2
     assert "has no sensor lidar; it has imu, wheel_speeds" in result.output

@@ -13,6 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import DISTURBANCES
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -74,7 +75,7 @@ def driven(
     inputs[:, 0] = angle(t)
     inputs[:, 1:] = np.outer(600.0 * 0.27 * acceleration(t) / 2, [front, front, 1 - front, 1 - front])
     loop, parameters = OpenLoop(car_of(vehicle), keep=1), vehicle.parameter_vector()
-    around = np.zeros((len(t), 4))
+    around = np.zeros((len(t), len(DISTURBANCES)))
     motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
     if bank is not np.zeros_like:  # of places where the car has been without it, which is metres beside them
         around[:, 1] = bank(motion.q[:, 0])

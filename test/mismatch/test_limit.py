@@ -101,8 +101,8 @@ def test_tyres_of_more_longitudinal_stiffness_slip_less_in_proportion():
         inputs[:, 1:] = 20.0
         loop = OpenLoop(car_of(vehicle), keep=1)
         start = rolling_straight(vehicle, 20.0)
-        u = loop.run(*start, Inputs(STEP, inputs, np.zeros((2000, 4))), vehicle.parameter_vector()).u[-1]
-        coasting = loop.run(*start, Inputs(STEP, 0 * inputs, np.zeros((2000, 4))), vehicle.parameter_vector()).u[-1]
+        u = loop.run(*start, Inputs(STEP, inputs, np.zeros((2000, 7))), vehicle.parameter_vector()).u[-1]
+        coasting = loop.run(*start, Inputs(STEP, 0 * inputs, np.zeros((2000, 7))), vehicle.parameter_vector()).u[-1]
         return float(
             np.mean(u[SPIN] * rolling_radii(vehicle) / u[X] - coasting[SPIN] * rolling_radii(vehicle) / coasting[X])
         )

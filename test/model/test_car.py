@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 from pinocchio_car import PIN_ORDER, VERTICAL, G, Twin
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.steps import dynamics_function
+from vsense_ros.model.coordinates import BANK_CHANGE, GRADE_CHANGE, RADIUS_ERROR, STEERING_OFFSET
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.tyres import TMeasy, TyreInput
@@ -39,10 +40,21 @@ def tyre_forces(tyre: TMeasy, *arguments: float) -> np.ndarray:
     return np.asarray(tyre_function(tyre)(vector(tyre), list(arguments)))[:, 0]
 
 
+def road_under(vehicle: Vehicle, wheel: int, q: np.ndarray, disturbances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal of the surface z = κ x²/2 + τ x y below a wheel, and a point of it, both in world coordinates."""
+    chassis, axle = vehicle.physics.chassis, (vehicle.physics.front, vehicle.physics.rear)[wheel // 2]
+    x = chassis.cog_to_front_axle if wheel < 2 else -chassis.cog_to_rear_axle
+    y = (1 - 2 * (wheel % 2)) * axle.track / 2
+    bend, twist = disturbances[[GRADE_CHANGE, BANK_CHANGE]]
+    turn, gradient = pin.exp3(VERTICAL * q[5]), np.array([bend * x + twist * y, twist * x])
+    normal = np.array([*-gradient, 1.0]) / np.sqrt(1 + gradient @ gradient)
+    return turn @ normal, np.array([*q[:2], 0.0]) + turn @ [x, y, bend * x**2 / 2 + twist * x * y]
+
+
 def expected_acceleration(vehicle: Vehicle, state: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of u (14), and outputs of the wheels (7×4), from world coordinates and Pinocchio."""
     q, u, disturbances, inputs, force = (state[k] for k in ("q", "u", "disturbances", "inputs", "force"))
-    twin = Twin.of(vehicle, inputs[0] - disturbances[2])
+    twin = Twin.of(vehicle, inputs[0] - disturbances[STEERING_OFFSET])
     model, data = twin.model, twin.data
     coordinates, v = twin.coordinates(q), u[PIN_ORDER]
     pin.forwardKinematics(model, data, coordinates, v)
@@ -54,28 +66,29 @@ def expected_acceleration(vehicle: Vehicle, state: dict[str, np.ndarray]) -> tup
     outputs = np.zeros((7, 4))
     for i, axle in enumerate(twin.axles):
         wheel = data.oMi[3 + 2 * i]
+        normal, on_plane = road_under(vehicle, i, q, disturbances)
         hub_velocity = pin.getVelocity(model, data, 2 + 2 * i, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         spindle = wheel.rotation[:, 1]
-        ahead = np.cross(spindle, VERTICAL)
+        ahead = np.cross(spindle, normal)
         ahead /= np.linalg.norm(ahead)
-        left = np.cross(VERTICAL, ahead)
+        left = np.cross(normal, ahead)
         down = np.cross(spindle, ahead)
-        loaded = -wheel.translation[2] / down[2]
+        loaded = normal @ (on_plane - wheel.translation) / (normal @ down)
         contact = wheel.translation + loaded * down
         velocity = hub_velocity.linear + np.cross(hub_velocity.angular, contact - wheel.translation)
-        unloaded = axle.unloaded_radius * (1 + disturbances[3])
-        load = axle.tyre_stiffness * (unloaded - loaded) - axle.tyre_damping * velocity[2]
+        unloaded = axle.unloaded_radius * (1 + disturbances[RADIUS_ERROR])
+        load = axle.tyre_stiffness * (unloaded - loaded) - axle.tyre_damping * (velocity @ normal)
         load = max(load, 0.0) if unloaded > loaded else 0.0
         effective = axle.dynamic_radius_factor * unloaded + (1 - axle.dynamic_radius_factor) * loaded
         rolling = effective * u[10 + i]
         force_x, force_y, moment, slip_x, slip_y = tyre_forces(
             axle.tyre, load, ahead @ velocity, left @ velocity, rolling, vehicle.physics.road.friction
         )
-        inclination = np.arccos(np.clip(spindle @ VERTICAL, -1, 1))
+        inclination = np.arccos(np.clip(spindle @ normal, -1, 1))
         outputs[:, i] = force_x, force_y, load, moment, slip_x, -np.arctan(slip_y), np.pi / 2 - inclination
         drop = axle.rolling_resistance * load * effective * rolling / np.hypot(rolling, axle.tyre.standstill_speed)
-        tyre_force = force_x * ahead + force_y * left + load * VERTICAL
-        tyre_moment = moment * VERTICAL - drop * spindle + np.cross(contact - wheel.translation, tyre_force)
+        tyre_force = force_x * ahead + force_y * left + load * normal
+        tyre_moment = moment * normal - drop * spindle + np.cross(contact - wheel.translation, tyre_force)
         external[3 + 2 * i] = pin.Force(wheel.rotation.T @ tyre_force, wheel.rotation.T @ tyre_moment)
         unsprung = (axle.hub_mass + axle.wheel_mass) * G
         other = i + 1 if i % 2 == 0 else i - 1
@@ -142,7 +155,7 @@ def test_the_mass_matrix_of_the_car_agrees_with_pinocchio(seed, vehicle, car, dr
 
     found = np.asarray(force(*(state[k] for k in ("q", "inputs", "disturbances", "p")), demand))[:, 0]
 
-    twin = Twin.of(vehicle, state["inputs"][0] - state["disturbances"][2])
+    twin = Twin.of(vehicle, state["inputs"][0] - state["disturbances"][STEERING_OFFSET])
     mass = pin.crba(twin.model, twin.data, twin.coordinates(state["q"]))
     mass = np.triu(mass) + np.triu(mass, 1).T
     expected = np.zeros(14)
@@ -160,7 +173,7 @@ def test_a_load_to_one_side_takes_its_inertia_with_it_as_in_pinocchio(share, veh
     )
     car, demand = Car(laden), ca.SX.sym("a", 14)
     force = ca.Function("force", [car.q, car.inputs, car.disturbances, car.p, demand], [car.inertia_times(demand)])
-    resting = np.zeros(14), np.zeros(5), np.zeros(4), laden.parameter_vector()
+    resting = np.zeros(14), np.zeros(5), np.zeros(7), laden.parameter_vector()
     found = np.column_stack([np.asarray(force(*resting, unit))[:, 0] for unit in np.eye(14)])
 
     twin = Twin.of(vehicle, 0.0)

@@ -83,7 +83,7 @@ def measure(car: Car) -> Callable[..., np.ndarray]:
     def value(
         sensor: SensorBase,
         state: tuple[np.ndarray, np.ndarray, np.ndarray],
-        disturbances: tuple[float, ...] = (0, 0, 0, 0),
+        disturbances: tuple[float, ...] = (0,) * 7,
         biases: np.ndarray | None = None,
     ) -> np.ndarray:
         biases = np.zeros(len(sensor.biases())) if biases is None else biases
@@ -100,7 +100,7 @@ def test_an_imu_at_rest_on_level_ground_feels_gravity_upwards(measure):
 
 def test_an_imu_that_stands_on_a_slope_feels_it(measure):
     rest = (np.zeros(14), np.zeros(14), np.zeros(14))
-    uphill, left_up = measure(Imu(), rest, (0.1, 0, 0, 0)), measure(Imu(), rest, (0, 0.05, 0, 0))
+    uphill, left_up = measure(Imu(), rest, (0.1, *[0] * 6)), measure(Imu(), rest, (0, 0.05, *[0] * 5))
     assert_allclose(uphill[3:], [G * np.sin(0.1), 0, G * np.cos(0.1)])
     assert_allclose(left_up[3:], [0, G * np.sin(0.05), G * np.cos(0.05)])
 
@@ -172,7 +172,7 @@ def test_an_antenna_is_where_its_lever_arm_says_and_moves_as_that_place_does(see
 def test_on_a_slope_the_map_sees_the_cosine_of_the_speed(measure):
     q, u = np.zeros(14), np.zeros(14)
     u[0] = 20.0
-    assert_allclose(measure(GnssVelocity(), (q, u, u), (0.1, 0, 0, 0)), [20 * np.cos(0.1), 0])
+    assert_allclose(measure(GnssVelocity(), (q, u, u), (0.1, *[0] * 6)), [20 * np.cos(0.1), 0])
 
 
 @relaxed

@@ -97,7 +97,7 @@ def driven(vehicle, steps: int, amplitude: float, speed: float = 20.0) -> Run:
     inputs = np.zeros((steps, 5))
     inputs[:, 0] = amplitude * np.sin(4 * middle)
     return Run(
-        *rolling_straight(vehicle, speed), Inputs(0.005, inputs, np.zeros((steps, 4))), vehicle.parameter_vector()
+        *rolling_straight(vehicle, speed), Inputs(0.005, inputs, np.zeros((steps, 7))), vehicle.parameter_vector()
     )
 
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from stepping import Stepper
-from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.car import Car, kinematics, road_kinematics
 from vsense_ros.model.car.steps import (
     advance_function,
     dynamics_function,
@@ -48,11 +48,11 @@ def sliding(vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_a_step_is_of_second_order_with_any_jacobian(vehicle, car, start, duration, steps, exact_jacobian):
     q, u, inputs = start(vehicle)
     dynamics = dynamics_function(car)
-    rate = ca.Function("rate", [car.q, car.u], [kinematics(car.q, car.u)])
+    rate = ca.Function("rate", [car.q, car.u], [kinematics(car.q, car.u, ca.SX.zeros(7))])
     p = vehicle.parameter_vector()
 
     def derivative(_: float, state: np.ndarray) -> np.ndarray:
-        udot = np.asarray(dynamics(state[:14], state[14:], np.zeros(14), np.zeros(4), inputs, p, [])[0])[:, 0]
+        udot = np.asarray(dynamics(state[:14], state[14:], np.zeros(14), np.zeros(7), inputs, p, [])[0])[:, 0]
         return np.concatenate([np.asarray(rate(state[:14], state[14:]))[:, 0], udot])
 
     exact = solve_ivp(derivative, (0, duration), np.concatenate([q, u]), "Radau", rtol=1e-9, atol=1e-10).y[:, -1]
@@ -112,28 +112,41 @@ def test_jacobians_of_the_dynamics_are_their_derivatives(seed, vehicle, car, dri
         assert_allclose(found / scale, difference / scale, atol=1e-4)
     elsewhere = [i for i in range(14) if i not in DYNAMIC_COORDINATES]
     assert_allclose(all_q[:, elsewhere], 0, atol=1e-2)  # place, heading and wheel angles change nothing
-    rates = np.asarray(ca.Function("r", [car.q, car.u], [ca.jacobian(kinematics(car.q, car.u), car.u)])(*_qu(state)))
+    rates = np.asarray(
+        ca.Function("r", [car.q, car.u, car.disturbances], [ca.jacobian(car.kinematics, car.u)])(*_qud(state))
+    )
     assert_allclose(by_q_rates, by_q @ rates[list(DYNAMIC_COORDINATES)], rtol=1e-9, atol=1e-9 * np.abs(by_q).max())
 
 
-def _qu(state: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    return state["q"], state["u"]
+def _qud(state: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return state["q"], state["u"], state["disturbances"]
 
 
 @relaxed
 @given(seed=seeds)
 def test_jacobians_of_the_kinematics_are_their_derivatives(seed, car, driving):
-    q, u = _qu(driving(seed))
-    rate = ca.Function("rate", [car.q, car.u], [kinematics(car.q, car.u)[:6]])
-    by_angles, by_u = (np.asarray(r) for r in kinematics_function(car)(q, u))
-    for i in range(6):
-        step = np.zeros(14)
-        step[i] = 1e-6
-        numeric = (np.asarray(rate(q, u + step)) - np.asarray(rate(q, u - step)))[:, 0] / 2e-6
-        assert_allclose(by_u[:, i], numeric, atol=1e-7)
-        if i >= 3:
-            numeric = (np.asarray(rate(q + step, u)) - np.asarray(rate(q - step, u)))[:, 0] / 2e-6
-            assert_allclose(by_angles[:, i - 3], numeric, atol=1e-6)
+    given = _qud(driving(seed))
+    state = [car.q, car.u, car.disturbances]
+    rate = ca.Function("rate", state, [car.kinematics[:6], road_kinematics(*state)])
+    by_angles, by_u, by_road, road, road_by_u, road_by_road = (np.asarray(r) for r in kinematics_function(car)(*given))
+
+    def differences(argument: int, elements: range) -> list[np.ndarray]:
+        found = []
+        for i in elements:
+            ends = []
+            for sign in (1, -1):
+                moved = [value.copy() for value in given]
+                moved[argument][i] += sign * 1e-6
+                ends.append(rate(*moved))
+            found.append([np.asarray(ahead - behind)[:, 0] / 2e-6 for ahead, behind in zip(*ends, strict=True)])
+        return [np.column_stack(columns) for columns in zip(*found, strict=True)]
+
+    assert_allclose(road, np.asarray(rate(*given)[1]), rtol=1e-12)
+    assert_allclose(by_angles, differences(0, range(3, 6))[0], atol=1e-6)
+    for found, expected in zip((by_u, road_by_u), differences(1, range(6)), strict=True):
+        assert_allclose(found, expected, atol=1e-7)
+    for found, expected in zip((by_road, road_by_road), differences(2, range(4)), strict=True):
+        assert_allclose(found, expected, atol=1e-6)
 
 
 @relaxed

@@ -239,7 +239,7 @@ def state_of(vehicle: Vehicle, seed: int, travel: float, steering: float) -> dic
         "q": q,
         "u": u,
         "force": random.normal(size=14) * np.array([500] * 6 + [100] * 8),
-        "disturbances": np.zeros(4),
+        "disturbances": np.zeros(7),
         "inputs": np.array([random.uniform(-steering, steering), *random.uniform(-800, 800, 4)]),
         "p": vehicle.parameter_vector(),
         "internal_state": np.zeros(0),
@@ -250,7 +250,7 @@ def expected_forces(bodies: Bodies, state: dict[str, np.ndarray]) -> tuple[np.nd
     """Generalized forces on the derivatives of q (14), rates of q (14), outputs of the wheels (7×4)."""
     q, u, inputs, vehicle = state["q"], state["u"], state["inputs"], bodies.vehicle
     symbol = ca.SX.sym("u", 14)
-    velocities = ca.Function("k", [bodies.q, symbol], [kinematics(bodies.q, symbol)])
+    velocities = ca.Function("k", [bodies.q, symbol], [kinematics(bodies.q, symbol, ca.SX.zeros(7))])
     to_rate = np.column_stack([np.asarray(velocities(q, unit))[:, 0] for unit in np.eye(14)])
     rate = to_rate @ u
     own = np.asarray(bodies.own_forces(q, inputs[0], rate))[:, 0]
@@ -292,7 +292,7 @@ def check(bodies: Bodies, dynamics: ca.Function, state: dict[str, np.ndarray]) -
     udot, wheels = (np.asarray(r) for r in dynamics(*state.values()))
     total, rate, outputs = expected_forces(bodies, state)
     symbols_ = ca.SX.sym("u", 14), ca.SX.sym("udot", 14)
-    velocities = kinematics(bodies.q, symbols_[0])
+    velocities = kinematics(bodies.q, symbols_[0], ca.SX.zeros(7))
     second = ca.jtimes(velocities, bodies.q, velocities) + ca.jtimes(velocities, symbols_[0], symbols_[1])
     acceleration = ca.Function("a", [bodies.q, *symbols_], [second])(state["q"], state["u"], udot)
     inertia = np.asarray(bodies.inertia_forces(state["q"], state["inputs"][0], rate, acceleration))[:, 0]
@@ -350,7 +350,7 @@ def linearize(tabled_car: Car) -> ca.Function:
 def test_its_jacobians_are_those_of_the_articulated_body_recursion(seed, height, tabled, linearize, differentiated):
     state = state_of(tabled, seed, 0.045, 0.3)
     state["q"][2] += height
-    state["disturbances"] = np.random.default_rng(seed).uniform(-0.02, 0.02, 4)
+    state["disturbances"] = np.random.default_rng(seed).uniform(-0.02, 0.02, 7) * [1, 1, 0.1, 0.1, 1, 1, 1]
     _, *found, _ = linearize(*state.values())
     for jacobian, expected in zip(found, differentiated(*state.values()), strict=True):
         rows = np.abs(np.asarray(expected)).max(axis=1, keepdims=True)
@@ -380,7 +380,7 @@ def test_energy_of_a_thrown_car_without_dampers_is_kept_to_second_order_of_the_s
     place = ca.Function("place", [bodies.q, bodies.steering], [bodies.places])
     potential = ca.Function("potential", [bodies.q, bodies.steering], [bodies.potential])
     speeds = ca.SX.sym("u", 14)
-    rate_of = ca.Function("rate", [bodies.q, speeds], [kinematics(bodies.q, speeds)])
+    rate_of = ca.Function("rate", [bodies.q, speeds], [kinematics(bodies.q, speeds, ca.SX.zeros(7))])
 
     def energy(q: np.ndarray, u: np.ndarray) -> float:
         step = 1e-6 * np.asarray(rate_of(q, u))[:, 0]

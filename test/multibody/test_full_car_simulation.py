@@ -95,7 +95,7 @@ def test_a_jump_of_the_steering_that_no_linkage_can_follow_is_refused(vehicle: V
 
 def test_uphill_it_slows_as_gravity_says(vehicle: Vehicle):
     q, u = rolling_straight(vehicle, 10.0)
-    grade = np.array([0.05, 0.0, 0.0, 0.0])
+    grade = np.array([0.05, *[0.0] * 6])
     level, uphill = (
         simulate_full_car(vehicle, lambda t, q, u: np.zeros(5), 0.8, step=0.004, q=q, u=u, disturbances=around)
         for around in (None, grade)

@@ -14,13 +14,14 @@ from vsense_ros import codegen
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.gaussian import COMPONENTS
 from vsense_ros.model.car.steps import GAMMA
-from vsense_ros.observer.car_blocks import CarBlocks, Sensed
+from vsense_ros.observer.car_blocks import CarBlocks, Process, Sensed
 from vsense_ros.observer.car_operations import ModelStructure, SensedStructure
-from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Layout, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, FORWARD, GAIN_COLUMNS, Layout, Q, U
 
 Array = NDArray[np.float64]
-N = 52
-BIASES = slice(46, 52)
+N = 55
+BIASES = slice(49, 55)
+SPEED = 12.0  # [m/s]
 
 
 class _Returned:
@@ -36,12 +37,13 @@ class _Returned:
 class RandomBlocks(CarBlocks):
     """`CarBlocks` of no car: linearisation and kinematics are given."""
 
-    def __init__(self, jacobians: list[Array], by_angles: Array, by_velocity: Array, covariance: Array) -> None:
+    def __init__(self, jacobians: list[Array], kinematics: list[Array], roughness: Array, covariance: Array) -> None:
         self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = jacobians
-        self.by_angles, self.by_velocity = by_angles, by_velocity
-        self.kinematics: Any = _Returned([by_angles, by_velocity])
+        self.kinematics: Any = _Returned(kinematics)
+        self.roughness, self.road_map = roughness, np.zeros((5, 10))
         self.layout = Layout((BIASES,), ("",) * N, N)
         self.mean, self.covariance = np.zeros(N), covariance
+        self.mean[FORWARD] = SPEED
         self.inverse, self.gain = np.zeros((14, 14), order="F"), np.zeros((14, len(GAIN_COLUMNS)))
         self.error = np.zeros(N)
         self.forces: Any = _Returned([np.zeros((14, 1))])
@@ -56,14 +58,16 @@ class WithFullMatrices:
     def __init__(self, blocks: RandomBlocks) -> None:
         self.blocks, self.model, self._ekf = blocks, blocks, Ekf(blocks)
         self.covariance, self.gain, self.inverse = blocks.covariance, blocks.gain, blocks.inverse
-        self.by_angles, self.by_velocity, self.error = blocks.by_angles, blocks.by_velocity, blocks.error
+        self.error = blocks.error
         self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
 
     def transition(self, h: float) -> None:
         self.blocks.respond(h)
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
-        self.blocks.propagate(self.blocks.transition(h, decay), noise)
+        self.blocks.mean[FORWARD] = SPEED  # which corrections have changed
+        more = self.blocks.map_road(h, Process(decay, noise, 0))
+        self.blocks.propagate(self.blocks.transition(h, decay), more)
 
     def correct(
         self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
@@ -79,8 +83,8 @@ class WithFullMatrices:
 
 _CALLS = """
 int transition_in(const struct model *model, double h, double gamma) { return transition(model, h, gamma); }
-void propagate_in(const struct model *model, double h, const double *decay, const double *noise) {
-    propagate(model, h, decay, noise);
+void propagate_in(const struct model *model, double h, double speed, const double *decay, const double *noise) {
+    propagate(model, h, speed, decay, noise);
 }
 double correct_in(const struct model *model, const struct sensed *sensed, double scale, double limit) {
     return correct(model, sensed, scale, limit);
@@ -93,11 +97,12 @@ class InC:
 
     def __init__(self, blocks: RandomBlocks) -> None:
         self.model, self.covariance, self.inverse, self.error = blocks, blocks.covariance, blocks.inverse, blocks.error
-        self.gain, self.by_angles, self.by_velocity = blocks.gain, blocks.by_angles, blocks.by_velocity
+        self.gain = blocks.gain
         self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
         self._padded = np.zeros((len(GAIN_COLUMNS), 16))
-        self._arrays = [blocks.by_q, blocks.by_u, blocks.by_disturbances, blocks.by_q_rates, blocks.by_angles]
-        self._arrays += [blocks.by_velocity, blocks.inverse, self._padded, blocks.covariance, blocks.error, blocks.udot]
+        self._arrays = [blocks.by_q, blocks.by_u, blocks.by_disturbances, blocks.by_q_rates]
+        self._arrays += [*blocks.kinematics.results, blocks.roughness, blocks.road_map]
+        self._arrays += [blocks.inverse, self._padded, blocks.covariance, blocks.error, blocks.udot]
         self._arrays += [self.whitened, self.factor]
         self._structure = ModelStructure(*(array.ctypes.data for array in self._arrays))
         self._address = ctypes.byref(self._structure)
@@ -108,7 +113,7 @@ class InC:
         self.gain[:] = self._padded[:, : len(self.gain)].T
 
     def propagate(self, h: float, decay: Array, noise: Array) -> None:
-        self._library.propagate_in(self._address, h, decay.ctypes.data, noise.ctypes.data)
+        self._library.propagate_in(self._address, h, SPEED, decay.ctypes.data, noise.ctypes.data)
 
     def correct(
         self, sensed: list[Array], accelerations: bool, biases: slice, value: Array, variance: Array, scale: float,
@@ -127,7 +132,7 @@ def _library() -> ctypes.CDLL:
     assert path is not None
     library, number, address = ctypes.CDLL(str(path)), ctypes.c_double, ctypes.c_void_p
     library.transition_in.argtypes = [address, number, number]
-    library.propagate_in.argtypes, library.propagate_in.restype = [address, number, address, address], None
+    library.propagate_in.argtypes, library.propagate_in.restype = [address, number, number, address, address], None
     library.correct_in.argtypes, library.correct_in.restype = [address, address, number, number], number
     return library
 
@@ -137,17 +142,17 @@ class Problem:
     """A random linear model of the car's structure, and a covariance."""
 
     jacobians: list[Array]
-    by_angles: Array
-    by_velocity: Array
+    kinematics: list[Array]
+    roughness: Array
     covariance: Array
     random: np.random.Generator
 
     def build(self, kind: Any = WithFullMatrices) -> Any:
-        return kind(RandomBlocks(self.jacobians, self.by_angles, self.by_velocity, self.covariance.copy()))
+        return kind(RandomBlocks(self.jacobians, self.kinematics, self.roughness, self.covariance.copy()))
 
     def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
         """What a sensor's function returns: expectation and Jacobians."""
-        widths = (1, 14, 14, 14, 4)
+        widths = (1, 14, 14, 14, 7)
         parts = [np.asfortranarray(self.random.normal(size=(m, width))) for width in widths]
         if not accelerations:
             parts[3][:] = 0
@@ -175,10 +180,11 @@ class Problem:
 
 def problem(seed: int) -> Problem:
     random = np.random.default_rng(seed)
-    jacobians = [np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (1, 7, 14, 4, 14)]
+    jacobians = [np.asfortranarray(random.normal(size=(14, width)) * 5) for width in (1, 7, 14, 7, 14)]
     root = random.normal(size=(N, N)) * 10 ** random.uniform(-2, 1, N)[:, None]
     covariance = root @ root.T + 1e-4 * np.eye(N)
     covariance = 0.5 * (covariance + covariance.T)
-    by_angles = np.asfortranarray(random.normal(size=(6, 3)))
-    by_velocity = np.asfortranarray(random.normal(size=(6, 6)))
-    return Problem(jacobians, by_angles, by_velocity, covariance, random)
+    sizes = (6, 3), (6, 6), (6, 4), (3, 1), (3, 6), (3, 4)
+    kinematics = [np.asfortranarray(random.normal(size=size)) for size in sizes]
+    roughness = random.uniform(0.01, 1.0, (2, 3))
+    return Problem(jacobians, kinematics, roughness, covariance, random)

@@ -135,8 +135,8 @@ def follow(observer: Observer, samples: Iterable[Sample], truth: Recording) -> C
 
 
 def distance(a: Observer, b: Observer) -> tuple[float, float, float, float]:
-    """Largest difference of velocity [m/s], rates [rad/s], attitude [rad] and position [m] of two observers."""
+    """Largest difference of velocity [m/s], rates [rad/s], attitude [rad] and place on the map [m] of two observers."""
     x, y = a.snapshot(), b.snapshot()
-    pairs = ((x.velocity, y.velocity), (x.rates, y.rates), (x.attitude, y.attitude), (x.position, y.position))
+    pairs = ((x.velocity, y.velocity), (x.rates, y.rates), (x.attitude, y.attitude), (x.position[:2], y.position[:2]))
     v, w, r, p = (float(np.abs(m - n).max()) for m, n in pairs)
     return v, w, r, p

@@ -13,6 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import DISTURBANCES
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.aero_drag import AeroDrag
 from vsense_ros.model.effects.crosswind import Crosswind
@@ -65,7 +66,7 @@ def driven(
     told = np.zeros((len(t), 5))
     told[:, 0] = angle(t)
     told[:, 1:] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
-    felt, around = told.copy(), np.zeros((len(t), 4))
+    felt, around = told.copy(), np.zeros((len(t), len(DISTURBANCES)))
     felt[t > begin, 1] -= drag
     around[t > begin, 0] = grade
     plant, varying = (afflicted(), {f"effects.{effect}": size * (t > begin)}) if effect else (vehicle, {})

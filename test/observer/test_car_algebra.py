@@ -9,7 +9,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from algebra import BIASES, InC, N, WithFullMatrices, problem
+from algebra import BIASES, SPEED, InC, N, WithFullMatrices, problem
 from vsense_ros import codegen
 from vsense_ros.observer.state import DYNAMIC, U
 
@@ -19,19 +19,36 @@ needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C c
 
 
 def dense_transition(k: Any, h: float, decay: Array) -> Array:
-    """(n, n) F from its blocks: velocities first, then coordinates that follow the *new* velocities."""
+    """(n, n) F from its blocks: velocities first, then coordinates and road that follow the *new* velocities."""
+    by_angles, by_velocity, by_road, _, road_by_velocity, road_by_road = k.model.kinematics.results
     f = np.eye(N)
     f[28:, 28:] = np.diag(decay)
+    road = np.eye(N)
+    for i, state in enumerate((42, 43, 46)):
+        road[state, 14:20] = h * road_by_velocity[i]
+        road[state, 42:46] += h * road_by_road[i]
+    for i, (rate, _, back) in enumerate(k.model.roughness):
+        kept = 1 / (1 + h * SPEED * rate)
+        road[44 + i, 44 + i], road[44 + i, 42 + i] = kept, -kept * h * SPEED * back
     velocities = np.eye(N)
     velocities[U] = 0
     velocities[U][:, DYNAMIC] = 0
-    for column, index in enumerate([*DYNAMIC, *range(14, 46)]):
+    for column, index in enumerate([*DYNAMIC, *range(14, 49)]):
         velocities[U, index] = k.gain[:, column]
     coordinates = np.eye(N)
-    coordinates[:6, 3:6] += h * k.by_angles
-    coordinates[:6, 14:20] += h * k.by_velocity
+    coordinates[:6, 3:6] += h * by_angles
+    coordinates[:6, 14:20] += h * by_velocity
+    coordinates[:6, 42:46] += h * by_road
     coordinates[6:14, 20:28] += h * np.eye(8)
-    return f @ coordinates @ velocities
+    return f @ road @ coordinates @ velocities
+
+
+def noise_of_road(k: Any, h: float) -> Array:
+    """Variances (n - 28,) that a step adds to what the slopes of the road change by."""
+    added = np.zeros(N - 28)
+    for i, (rate, variance, _) in enumerate(k.model.roughness):
+        added[16 + i] = variance * (1 - 1 / (1 + h * SPEED * rate) ** 2)
+    return added
 
 
 def assert_close(a: Array, b: Array, tolerance: float = 1e-12) -> None:
@@ -96,7 +113,7 @@ def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     k.transition(0.01)
     f = dense_transition(k, 0.01, decay)
     expected = f @ p.covariance @ f.T
-    expected[range(28, N), range(28, N)] += noise
+    expected[range(28, N), range(28, N)] += noise + noise_of_road(k, 0.01)
     k.propagate(0.01, decay, noise)
     assert_close(k.covariance, expected, 1e-11)
     assert np.array_equal(k.covariance, k.covariance.T)
@@ -113,7 +130,7 @@ def test_a_correction_equals_filterpys(kind: Any, accelerations: bool, biased: b
     value = sensed[0][:, 0] + p.random.normal(size=6)
     value[4] = np.nan
     variance = p.random.uniform(0.1, 1, 6)
-    where = BIASES if biased else slice(46, 46)
+    where = BIASES if biased else slice(49, 49)
     before = p.jacobians[0][:, 0].copy()
     nis = k.correct(sensed, accelerations, where, value, variance, 1.0, np.inf)
     present = np.isfinite(value)
@@ -155,8 +172,8 @@ def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> 
     p = problem(3)
     for jacobian in p.jacobians[1:]:
         jacobian *= 0.05  # fifty steps must not explode
-    p.by_velocity *= 0.1
-    p.by_angles *= 0.1
+    for part in p.kinematics:
+        part *= 0.1
     k = p.build(kind)
     decay, noise = p.random.uniform(0.9, 1, N - 28), p.random.uniform(0, 1e-3, N - 28)
     state = p.random.normal(size=N)
@@ -164,7 +181,7 @@ def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> 
     oracle = KalmanFilter(dim_x=N, dim_z=6)
     oracle.F = dense_transition(k, 0.01, decay)
     oracle.Q = np.zeros((N, N))
-    oracle.Q[range(28, N), range(28, N)] = noise
+    oracle.Q[range(28, N), range(28, N)] = noise + noise_of_road(k, 0.01)
     oracle.x, oracle.P = state[:, None].copy(), p.covariance.copy()
     variance = np.full(6, 0.5)
     oracle.R = np.diag(variance)

@@ -13,7 +13,7 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from algebra import N, problem
+from algebra import SPEED, N, problem
 from drives import feed, goes_on_as_it_did, messages
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
@@ -31,7 +31,7 @@ from vsense_ros.observer.state import GAIN_COLUMNS
 Array = NDArray[np.float64]
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 MASS, FRICTION = "chassis.mass", "road.friction"
-BIASES = slice(46, 52)
+BIASES = slice(49, 55)
 BIAS, MOUNTED, NO_EFFECTS = np.zeros(6), Imu().mounting(), np.zeros(0)
 BOTH: dict[str, dict[str, float]] = {MASS: {"deviation": 100.0}, FRICTION: {"deviation": 0.2, "lower": 0.1}}
 
@@ -81,22 +81,25 @@ class TestLinearCase:
         joint, spread = np.append(state, theta), np.zeros((N + 2, N + 2))
         spread[:N, :N], spread[N:, N:] = kalman.covariance, m
         kalman.transition(h)
+        kinematics = kalman.model.kinematics.results
         f = joint_transition(kalman, h, decay, effect)
         model = [kalman.model.udot, kalman.model.by_q, kalman.model.by_u, kalman.model.by_disturbances]
-        unused = [np.zeros(k) for k in (14, 14, 14, 4, 5, int(seen.size1_in(5)))]
+        unused = [np.zeros(k) for k in (14, 14, 14, 7, 5, int(seen.size1_in(5)))]
         for _ in range(4):
             state = f[:N] @ np.append(state, theta)
             kalman.propagate(h, decay, noise)
             s, m, added = (
                 np.array(r)
                 for r in predict(
-                    s, m, effect, np.full(2, drift), kalman.gain.T, kalman.by_angles, kalman.by_velocity, h, decay
+                    s, m, effect, np.full(2, drift), kalman.gain.T, *kinematics[:3], kalman.model.road_map.T, h, decay
                 )
             )
             kalman.covariance += added @ added.T
             joint = f @ joint
             spread = f @ spread @ f.T
             spread[range(28, N), range(28, N)] += noise
+            for i, (rate, changing, _) in enumerate(kalman.model.roughness):
+                spread[44 + i, 44 + i] += changing * (1 - 1 / (1 + h * SPEED * rate) ** 2)
             spread[range(N, N + 2), range(N, N + 2)] += drift * h
 
             sensed = p.sensed()
@@ -150,10 +153,18 @@ def joint_transition(kalman: Any, h: float, decay: Array, effect: Array) -> Arra
     f[14:28, GAIN_COLUMNS] = kalman.gain
     f[14:28, N:] = kalman.gain[:, 21:35] @ effect
     velocities = f[14:28].copy()
-    f[:6, 3:6] += h * kalman.by_angles
-    f[:6] += h * kalman.by_velocity @ velocities[:6]
+    by_angles, by_velocity, by_road, _, road_by_velocity, road_by_road = kalman.model.kinematics.results
+    f[:6, 3:6] += h * by_angles
+    f[:6, 42:46] += h * by_road
+    f[:6] += h * by_velocity @ velocities[:6]
     f[6:14] += h * velocities[6:]
-    f[range(28, N), range(28, N)] = decay
+    for i, state in enumerate((42, 43, 46)):
+        f[state] += h * road_by_velocity[i] @ velocities[:6]
+        f[state, 42:46] += h * road_by_road[i]
+    for i, (rate, _, back) in enumerate(kalman.model.roughness):
+        kept = 1 / (1 + h * SPEED * rate)
+        f[44 + i, 44 + i], f[44 + i, 42 + i] = kept, -kept * h * SPEED * back
+    f[28:N] *= decay[:, None]
     return f
 
 
@@ -226,9 +237,9 @@ def test_where_the_state_is_known_the_ukf_corrects_as_filterpy_does(vehicle: Veh
     def measured(theta: Array) -> Array:
         parameters = vehicle.parameter_vector()
         parameters[columns] = theta
-        udot = dynamics(state[:14], state[14:28], state[28:42], state[42:46], spi.inputs, parameters, NO_EFFECTS)[0]
+        udot = dynamics(state[:14], state[14:28], state[28:42], state[42:49], spi.inputs, parameters, NO_EFFECTS)[0]
         mounting = vehicle.sensors["imu"].mounting()
-        return np.array(function(state[:14], state[14:28], udot, state[42:46], spi.inputs, np.zeros(6), mounting)[0])[
+        return np.array(function(state[:14], state[14:28], udot, state[42:49], spi.inputs, np.zeros(6), mounting)[0])[
             :, 0
         ]
 

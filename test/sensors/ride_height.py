@@ -45,5 +45,5 @@ class RideHeight(JointSensor):
         return np.full(len(self.joints), self.noise)
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        up = motion.attitude[2, 0]  # how far one metre ahead on the body is higher
-        return ca.vertcat(motion.position[2] + up * mounting[0], motion.position[2] - up * mounting[1])
+        up = motion.over_road[2, 0]  # how far one metre ahead on the body is higher
+        return ca.vertcat(motion.height + up * mounting[0], motion.height - up * mounting[1])

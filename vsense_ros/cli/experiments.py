@@ -160,4 +160,34 @@ def sampling(vehicle: str, out: Path) -> None:
     say(f"Picture in {picture}.")
 
 
-COMMANDS = (demo, genesis, thesis, simplification, sampling)
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/road.json"), show_default=True, help="File.")
+def road(out: Path) -> None:
+    """Examine forces and attitudes on roads that are not flat.
+
+    The RAV4's drive against Newton's law and the recorded pose, and the car with all its bodies on generated hills and
+    banks. Takes some minutes.
+
+    \b
+    Examples:
+      vsense road
+      vsense road --out /tmp/road.json
+    """
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import road as job
+
+    results: dict[str, dict] = {}  # type: ignore[type-arg]
+    try:
+        with progress("the RAV4's drive") as done:
+            results["rav4"] = job.rav4(done)
+    except InputError as error:
+        say(f"Without the RAV4's drive: {error}")
+    with progress("hills and banks") as done:
+        results["plants"] = job.on_plants(done)
+    job.write(results, out)
+    console().print(job.table(results))
+    say(f"Written to {out}.")
+
+
+COMMANDS = (demo, genesis, thesis, simplification, sampling, road)

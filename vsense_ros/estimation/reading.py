@@ -26,14 +26,16 @@ class Map:
         self.origin = origin
 
     def placed(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Fields of a NavSatFix with `east` and `north` [m] added; NaN for what is no place on earth."""
+        """Fields of a NavSatFix with `east`, `north` and `up` [m] added; NaN for what is no place on earth."""
         latitude, longitude, height = (float(values[k][0]) for k in ("latitude", "longitude", "altitude"))
-        east = north = float("nan")
+        east = north = up = float("nan")
         if abs(latitude) <= 90 and abs(longitude) <= 360:
             if self.origin is None:
                 self.origin = (latitude, longitude, height if np.isfinite(height) else 0.0)
             east, north, _ = pymap3d.geodetic2enu(latitude, longitude, self.origin[2], *self.origin)
-        return {**values, "east": np.array([float(east)]), "north": np.array([float(north)])}
+            up = height - self.origin[2]  # which follows the curvature of the earth, as a road does
+        places = {"east": east, "north": north, "up": up}
+        return {**values, **{name: np.array([float(place)]) for name, place in places.items()}}
 
     def latitude_longitude(self, east: float, north: float) -> tuple[float, float]:
         """Of a place on the map [deg]. Raises `ValueError` where there has been no fix yet."""

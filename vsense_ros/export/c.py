@@ -58,7 +58,10 @@ _RESULTS = {
     "dynamics": ("acceleration", "by_wheel"),
     "linearize": tuple(f"v->{name}" for name in _LINEARIZATION),
     "advance": ("filter->coordinates", "filter->velocities"),
-    "kinematics": ("filter->model.by_angles", "filter->model.by_velocity"),
+    "kinematics": tuple(
+        f"filter->model.{name}"
+        for name in ("by_angles", "by_velocity", "by_road", "road_rate", "road_by_velocity", "road_by_road")
+    ),
     "force": ("filter->added",),
     "internal_state": ("filter->remembered",),
 }
@@ -266,7 +269,7 @@ class _Contents:
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
         tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
-        tables += [largest_state(self.layout.size)]
+        tables += [prior.roughness, largest_state(self.layout.size)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -293,6 +296,7 @@ class _Contents:
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "reversion_mean": _table(prior.reversion_mean[U.stop :]),
+            "roughness": _table(prior.roughness.ravel()),
             "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),
             "example_speed": number(_EXAMPLE_SPEED),
@@ -369,7 +373,8 @@ class _Contents:
         if self.filter is None:
             return {}
         predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"
-        predicted += ", filter->model.by_angles, filter->model.by_velocity, filter->length, to->decay"
+        kinematics = ", ".join(f"filter->model.{name}" for name in ("by_angles", "by_velocity", "by_road", "road_map"))
+        predicted += f", {kinematics}, filter->length, to->decay"
         found = ", ".join(f"sensor->{name}" for name in ("projected", "gained", "told", "spread"))
         found += ", v->information, v->estimates, lower, upper"
         made = ", ".join(f"found->{name}" for name in ("estimates", "covariance", "sensitivity", "information"))
@@ -429,7 +434,13 @@ class _Contents:
         """What a sensor tells on a car that rolls straight ahead."""
         state = rolling_state(self.vehicle, _EXAMPLE_SPEED)
         values = function(
-            state[:14], state[14:], np.zeros(14), np.zeros(4), np.zeros(len(INPUTS)), np.zeros(biases), mounting
+            state[:14],
+            state[14:],
+            np.zeros(14),
+            np.zeros(len(DISTURBANCES)),
+            np.zeros(len(INPUTS)),
+            np.zeros(biases),
+            mounting,
         )
         return np.asarray(values[0], dtype=float)[:, 0]
 
@@ -463,6 +474,9 @@ def _state_entries() -> tuple[Entry, ...]:
     around = {
         "grade": ("rad", "slope of the road along the car, positive uphill"),
         "bank": ("rad", "slope across, positive where the left side is higher"),
+        "grade_change": ("rad/m", "of the grade along the way: the road is bent upwards where it is positive"),
+        "bank_change": ("rad/m", "of the bank along the way"),
+        "road_height": ("m", "of the road below cog over the map's origin"),
         "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
         "radius_error": ("-", "relative error of the tyre radius"),
     }

@@ -19,12 +19,11 @@ import numpy as np
 
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.car.pose import orientation_on_map, position_on_map
 from vsense_ros.model.car.steps import sensor_functions
 from vsense_ros.model.coordinates import (
-    ATTITUDE,
     DISTURBANCES,
     MOMENT,
-    POSITION,
     RATES,
     VELOCITY,
     WHEEL_FORCES,
@@ -64,7 +63,14 @@ def record(
             rows = np.arange(sampling.phase, len(trajectory.t), sampling.period)
             truth = _truth(trajectory, vehicle, sensor, rows)
             quantum = np.array(sampling.quantum)
-            drive = SimulatedDrive(truth, trajectory.q[rows, POSITION], ORIGIN, rng, float(biased), quantum)
+            drive = SimulatedDrive(
+                truth,
+                position_on_map(trajectory.q[rows], _around(trajectory)[rows]),
+                ORIGIN,
+                rng,
+                float(biased),
+                quantum,
+            )
             channels.append(_channel(sensor, rows, sampling, sensor.simulated(drive)))
     channels += _reference(trajectory)
     latitude, longitude, height = ORIGIN
@@ -92,12 +98,17 @@ def _truth(trajectory: Trajectory, vehicle: Vehicle, sensor: SensorBase, rows: n
     if sensor.inputs is not None:
         return trajectory.inputs[rows, sensor.inputs]
     function = sensor_functions(car_of(vehicle), (sensor,))[sensor.kind].map(len(rows))
-    known = trajectory.disturbances
-    around = np.zeros((len(DISTURBANCES), 1)) if known is None else known[rows].T
+    around = _around(trajectory)[rows].T
     biases, mounting = np.zeros((len(sensor.biases()), 1)), np.asarray(sensor.mounting(), dtype=float)[:, None]
     motion = (values[rows].T for values in (trajectory.q, trajectory.u, trajectory.udot))
     result = function(*motion, around, trajectory.inputs[rows].T, biases, mounting)[0]
     return np.array(result).reshape(-1, len(rows), order="F").T
+
+
+def _around(trajectory: Trajectory) -> Array:
+    """Disturbances (n, 7)."""
+    known = trajectory.disturbances
+    return np.zeros((len(trajectory.t), len(DISTURBANCES))) if known is None else known
 
 
 def _channel(sensor: SensorBase, rows: np.ndarray, sampling: Sampling, content: Content) -> Channel:
@@ -115,25 +126,13 @@ def _channel(sensor: SensorBase, rows: np.ndarray, sampling: Sampling, content: 
     )
 
 
-def _quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """x, y, z, w of z-y-x angles, (n, 4)."""
-    sr, cr = np.sin(roll / 2), np.cos(roll / 2)
-    sp, cp = np.sin(pitch / 2), np.cos(pitch / 2)
-    sy, cy = np.sin(yaw / 2), np.cos(yaw / 2)
-    return np.column_stack(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-    )
-
-
 def _reference(trajectory: Trajectory) -> list[Channel]:
     rows = np.arange(0, len(trajectory.t), REFERENCE_PERIOD)
     stamp = EPOCH + rows.astype(np.int64) * 1_000_000
     q, u = trajectory.q[rows], trajectory.u[rows]
+    road = (
+        np.zeros((len(rows), len(DISTURBANCES))) if trajectory.disturbances is None else trajectory.disturbances[rows]
+    )
     channels = [
         Channel(
             "reference/odometry",
@@ -141,8 +140,8 @@ def _reference(trajectory: Trajectory) -> list[Channel]:
             stamp,
             stamp,
             {
-                "position": quantized(q[:, POSITION], 2**-13),
-                "orientation": quantized(_quaternion(*q[:, ATTITUDE].T), 2**-20),
+                "position": quantized(position_on_map(q, road), 2**-13),
+                "orientation": quantized(orientation_on_map(q, road), 2**-20),
                 "pose_covariance": np.zeros((len(rows), 36)),
                 "linear": quantized(u[:, VELOCITY], 2**-14),
                 "angular": quantized(u[:, RATES], 2**-16),

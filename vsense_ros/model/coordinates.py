@@ -13,6 +13,7 @@ from vsense_ros.messages.topics import WHEELS
 __all__ = [
     "ATTITUDE",
     "BANK",
+    "BANK_CHANGE",
     "COORDINATES",
     "DISTURBANCES",
     "DYNAMIC_COORDINATES",
@@ -20,6 +21,7 @@ __all__ = [
     "FORCE_Y",
     "FORCE_Z",
     "GRADE",
+    "GRADE_CHANGE",
     "INPUTS",
     "MOMENT",
     "PITCH",
@@ -28,6 +30,8 @@ __all__ = [
     "POSITION",
     "RADIUS_ERROR",
     "RATES",
+    "ROAD",
+    "ROAD_HEIGHT",
     "ROLL",
     "ROLL_RATE",
     "SPEED_X",
@@ -36,6 +40,7 @@ __all__ = [
     "SPIN",
     "STEERING",
     "STEERING_OFFSET",
+    "SURFACE",
     "TORQUES",
     "TRAVEL",
     "TWIST",
@@ -68,10 +73,12 @@ STEERING = 0
 TORQUES = slice(1, 5)
 
 # Slowly varying quantities that enter the dynamics: slope of the road along and across the car (positive uphill, and
-# positive where the left side is higher) [rad], offset of the measured road-wheel angle [rad], relative error of the
-# tyre radius [-].
-DISTURBANCES = ("grade", "bank", "steering_offset", "radius_error")
-GRADE, BANK, STEERING_OFFSET, RADIUS_ERROR = range(4)
+# positive where the left side is higher) [rad], what both change by along the way [rad/m], height of the road over the
+# map's origin [m], offset of the measured road-wheel angle [rad], relative error of the tyre radius [-].
+DISTURBANCES = ("grade", "bank", "grade_change", "bank_change", "road_height", "steering_offset", "radius_error")
+GRADE, BANK, GRADE_CHANGE, BANK_CHANGE, ROAD_HEIGHT, STEERING_OFFSET, RADIUS_ERROR = range(7)
+ROAD = slice(0, 5)  # those of the road under the car
+SURFACE = slice(0, 4)  # its form: all but the height
 
 # Coordinates that the dynamics depend on: not where the car is, not its heading, not how far the wheels have turned.
 DYNAMIC_COORDINATES = (Z, ROLL, PITCH, *range(TRAVEL.start, TRAVEL.stop))

@@ -27,10 +27,14 @@ class ForceErrors(Part):
 class Disturbances(Part):
     """How far road, steering offset and tyre radius may be from what is assumed."""
 
-    grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.02)
-    grade_time_constant: float = parameter("s", "its correlation time", gt=0, default=10.0)
-    bank: float = parameter("rad", "standard deviation of the slope across the road", ge=0, default=0.01)
-    bank_time_constant: float = parameter("s", "its correlation time", gt=0, default=10.0)
+    grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.05)
+    bank: float = parameter("rad", "standard deviation of the slope across the road", ge=0, default=0.03)
+    grade_change: float = parameter(
+        "rad/m", "standard deviation of what the grade changes by along the way: the road's curvature", ge=0,
+        default=1e-3,
+    )  # fmt: skip
+    bank_change: float = parameter("rad/m", "the same of the bank: the road's twist", ge=0, default=1e-3)
+    change_length: float = parameter("m", "way along which such a change lasts", gt=0, default=20.0)
     steering_offset: float = parameter("rad", "standard deviation of the road-wheel angle's offset", ge=0, default=0.01)
     steering_offset_drift: float = parameter("rad", "its change in one second", ge=0, default=1e-5)
     radius_error: float = parameter(

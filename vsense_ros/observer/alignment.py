@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from vsense_ros.estimation.health import PATIENCE
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
-from vsense_ros.model.coordinates import YAW, X, Y
+from vsense_ros.model.coordinates import SPIN, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase, Tells
+from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.standstill import Standstill
-from vsense_ros.observer.state import FORWARD, LATERAL
+from vsense_ros.observer.state import FORWARD, LATERAL, U
 
 Array = NDArray[np.float64]
 
@@ -55,11 +56,15 @@ class Alignment:
         return False
 
     def astray(self, velocity: Event) -> bool:
-        """Whether the heading is wrong: the car is as fast as GNSS says, yet all that is seen on the map is refused."""
+        """Whether the heading is wrong: the car, or its wheels, are as fast as GNSS says, yet all that is seen on the
+        map is refused; a filter with a wrong heading does not keep its speed for long."""
         if "course" not in self._sensors[velocity.sensor].tells:
             return False
         speed = np.hypot(*velocity.value)
-        same = abs(np.hypot(self._mean[FORWARD], self._mean[LATERAL]) - speed) < _SAME_SPEED * speed
+        radius = LOADED * self._filter.car.vehicle.physics.rear.unloaded_radius
+        rolling = radius * float(np.mean(np.abs(self._mean[U][SPIN])))
+        own = np.array([np.hypot(self._mean[FORWARD], self._mean[LATERAL]), rolling])
+        same = np.any(np.abs(own - speed) < _SAME_SPEED * speed)
         health = self._intake.health
         seen = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
         return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
@@ -78,6 +83,20 @@ class Alignment:
             f.set_element(i, value, spread)
         self.known, self._standstill = True, Standstill()
         self._timeline.forget_past()
+        return True
+
+    def begin_anew(self, velocity: Event) -> bool:
+        """Start the filter at the speed and the course that GNSS tells, if they tell a heading: one that was astray has
+        found wrong slopes and forces to explain what it saw. True if that has been done."""
+        if self._heading(velocity) is None:
+            return False
+        place, inputs = self._mean[[X, Y]].tolist(), self._filter.inputs.copy()
+        self._filter.start_rolling(float(np.hypot(*velocity.value)))
+        self._filter.inputs[:] = inputs
+        self.align(velocity)
+        for i, value in zip((X, Y), place, strict=True):
+            self._filter.set_element(i, value, _ANYWHERE)
+        self._filter.linearize()
         return True
 
     def _heading(self, event: Event) -> tuple[float, float] | None:

@@ -12,15 +12,22 @@
  */
 #define MODEL 14
 #define DYNAMIC 7
-#define DISTURB 4
+#define DISTURB 7
+#define ROAD 5    /* the first of the disturbances: slopes of the road along and across, their changes, height */
+#define SURFACE 4 /* all of these but the height */
 #define SLOW (2 * MODEL) /* the first of the states that decay on their own */
 #define GAIN (DYNAMIC + MODEL + MODEL + DISTURB)
+#define BODY 6 /* the pose of the chassis, and how it moves */
+#define FOLLOWED (BODY + SURFACE)
 #define PADDED 16 /* MODEL, rounded up to whole vectors */
 
 /* What the algebra works on; all arrays stay where they are. */
 struct model {
     const double *by_q, *by_u, *by_disturbances, *by_q_rates; /* 14 x 7, 14, 4, 14 */
-    double *by_angles, *by_velocity;                          /* 6 x 3, 6 x 6 */
+    double *by_angles, *by_velocity, *by_road;                /* 6 x 3, 6 x 6, 6 x 4: rates of the pose */
+    double *road_rate, *road_by_velocity, *road_by_road;      /* 3, 3 x 6, 3 x 4: of slopes and height of the road */
+    const double *roughness; /* what is known of roads, 2 x 3: see road_map */
+    double *road_map;        /* ROAD x FOLLOWED: the road under the car by where it was and by how the car moved */
     double *inverse;                                          /* 14 x 14, column-major: (I - gamma h J)^-1 */
     double *gain; /* GAIN x PADDED: new errors of the velocities, a column each, by the old errors */
     double *covariance, *error;
@@ -190,40 +197,107 @@ static void propagate_velocities(const struct model *model) {
     put_rows(rows, corner, p, MODEL);
 }
 
-/* The coordinates then follow: position and attitude the attitude and the velocity of the chassis, each of the others
- * its rate. */
+/* The coordinates then follow: position and attitude the attitude and the velocity of the chassis and the form of the
+ * road, each of the others its rate. */
 static void propagate_coordinates(const struct model *model, double h) {
-    enum { body = 6, followed = 3 + body };
-    double *const p = model->covariance, rows[MODEL][STATES], corner[MODEL][PADDED], map[body][followed];
-    const double *from[followed];
-    for (int k = 0; k < followed; k++) {
-        from[k] = p + (k < 3 ? 3 + k : MODEL + k - 3) * n;
-        for (int i = 0; i < body; i++)
-            map[i][k] = h * (k < 3 ? model->by_angles[k * body + i] : model->by_velocity[(k - 3) * body + i]);
-    }
+    enum { followed = 3 + BODY + SURFACE };
+    double *const p = model->covariance, rows[MODEL][STATES], corner[MODEL][PADDED], map[BODY][followed];
+    const double *from[followed], *const by[] = {model->by_angles, model->by_velocity, model->by_road};
+    const int first[] = {3, MODEL, 3 * MODEL}, count[] = {3, BODY, SURFACE};
+    for (int part = 0, k = 0; part < 3; part++)
+        for (int j = 0; j < count[part]; j++, k++) {
+            from[k] = p + (first[part] + j) * n;
+            for (int i = 0; i < BODY; i++) map[i][k] = h * by[part][j * BODY + i];
+        }
     memcpy(rows, p, sizeof rows);
-    combine_rows(body, n, rows[0], n, followed, map[0], followed, 1, from);
-    for (int i = body; i < MODEL; i++)
+    combine_rows(BODY, n, rows[0], n, followed, map[0], followed, 1, from);
+    for (int i = BODY; i < MODEL; i++)
         for (int j = 0; j < n; j++) rows[i][j] += h * p[(MODEL + i) * n + j];
     mirror(rows, p, 0);
     for (int i = 0; i < MODEL; i++) memcpy(corner[i], p + i * n, sizeof corner[i]);
-    combine_rows(body, PADDED, corner[0], PADDED, followed, map[0], followed, 1, from);
-    for (int i = body; i < MODEL; i++)
+    combine_rows(BODY, PADDED, corner[0], PADDED, followed, map[0], followed, 1, from);
+    for (int i = BODY; i < MODEL; i++)
         for (int j = 0; j < MODEL; j++) corner[i][j] += h * p[(MODEL + i) * n + j];
     put_rows(rows, corner, p, 0);
 }
 
-/* Covariance after the step; `decay` and `noise` (n - SLOW) belong to the states behind the velocities. */
-static void propagate(const struct model *model, double h, const double *decay, const double *noise) {
-    double *const p = model->covariance, one[STATES];
+/* Fills `road_map` for a step of `h` at a `speed`: what the road's slopes, their changes and its height become by how
+ * the car then moves and by what the former were. A change of slope goes back to zero with the distance, the sooner
+ * the farther the slope is from its mean: `roughness` holds for grade and bank one over that distance [1/m], the
+ * variance of the change, and what the slope adds [1/m^2]. Returns in `noise` (2) the variances added to the changes. */
+static void road_map(const struct model *model, double h, double speed, double *noise) {
+    double *const map = model->road_map;
+    const int slope_of[] = {0, 1, 4};
+    memset(map, 0, ROAD * FOLLOWED * sizeof *map);
+    for (int i = 0; i < 3; i++) {
+        double *const row = map + slope_of[i] * FOLLOWED;
+        for (int j = 0; j < BODY; j++) row[j] = h * model->road_by_velocity[j * 3 + i];
+        for (int j = 0; j < SURFACE; j++) row[BODY + j] = h * model->road_by_road[j * 3 + i];
+        if (i < 2) row[BODY + i] += 1;
+    }
+    for (int i = 0; i < 2; i++) {
+        const double *const known = model->roughness + 3 * i;
+        const double way = h * fabs(speed), decay = 1 / (1 + way * known[0]);
+        double *const row = map + (2 + i) * FOLLOWED + BODY;
+        row[2 + i] = decay;
+        row[i] = -decay * way * known[2];
+        noise[i] = known[1] * (1 - decay * decay);
+    }
+}
+
+/* The road follows: first the rows, then what they make of themselves. */
+static void propagate_road(const struct model *model) {
+    double *const p = model->covariance, rows[ROAD][STATES] = {{0}}, corner[ROAD][ROAD] = {{0}};
+    const double *const map = model->road_map, *from[FOLLOWED], *from_moved[FOLLOWED];
+    double *const height = p + (3 * MODEL + ROAD - 1) * n;
+    const int first = 3 * MODEL;
+    for (int k = 0; k < FOLLOWED; k++) from[k] = p + (k < BODY ? MODEL + k : first + k - BODY) * n;
+    memcpy(rows[ROAD - 1], height, n * sizeof(double));
+    combine_rows(ROAD, n, rows[0], n, FOLLOWED, map, FOLLOWED, 1, from);
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < ROAD; i++) p[j * n + first + i] = rows[i][j];
+    for (int k = 0; k < FOLLOWED; k++) from_moved[k] = from[k] + first;
+    for (int j = 0; j < ROAD; j++) corner[ROAD - 1][j] = height[first + j];
+    combine_rows(ROAD, ROAD, corner[0], ROAD, FOLLOWED, map, FOLLOWED, 1, from_moved);
+    for (int i = 0; i < ROAD; i++)
+        for (int j = 0; j <= i; j++) rows[i][first + j] = rows[j][first + i] = corner[i][j];
+    memcpy(p + first * n, rows, sizeof rows);
+}
+
+/* Covariance after the step; `decay` and `noise` (n - SLOW) belong to the states behind the velocities, of which the
+ * road under the car has its own. */
+static void propagate(const struct model *model, double h, double speed, const double *decay, const double *noise) {
+    double *const p = model->covariance, one[STATES], changes[2];
+    road_map(model, h, speed, changes);
     propagate_velocities(model);
     propagate_coordinates(model, h);
+    propagate_road(model);
     for (int j = 0; j < n; j++) one[j] = j < SLOW ? 1 : decay[j - SLOW];
     for (int i = 0; i < n; i++) {
         const double own = one[i];
         for (int j = i < SLOW ? SLOW : 0; j < n; j++) p[i * n + j] *= own * one[j];
     }
     for (int i = SLOW; i < n; i++) p[i * n + i] += noise[i - SLOW];
+    for (int i = 0; i < 2; i++) p[(3 * MODEL + 2 + i) * (n + 1)] += changes[i];
+}
+
+/* The road under a car that has moved from the velocities `before` to those `after`; its slopes have a `mean`. */
+static void move_road(const struct model *model, double h, const double *before, const double *after,
+                      const double *mean, double *road) {
+    double next[ROAD];
+    const double *const map = model->road_map;
+    for (int i = 0; i < 2; i++) {
+        const double *const row = map + (2 + i) * FOLLOWED + BODY;
+        next[i] = road[i];
+        next[2 + i] = row[2 + i] * road[2 + i] + row[i] * (road[i] - mean[i]);
+    }
+    next[ROAD - 1] = road[ROAD - 1];
+    for (int i = 0; i < 3; i++) {
+        double *const to = next + (i < 2 ? i : ROAD - 1);
+        *to += h * model->road_rate[i];
+        for (int j = 0; j < BODY; j++) *to += h * model->road_by_velocity[j * 3 + i] * (after[j] - before[j]);
+    }
+    memcpy(road, next, sizeof next);
 }
 
 /* One row of the measurement's Jacobian by the whole state. */
@@ -365,11 +439,12 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     }
     run_kinematics(filter);
     run_advance(filter);
-    propagate(&filter->model, h, decay, noise);
-    memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
-    memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
+    propagate(&filter->model, h, filter->state[MODEL], decay, noise);
     double *const slow = filter->state + SLOW;
     const double *const mean = filter->reversion_mean;
+    move_road(&filter->model, h, filter->state + MODEL, filter->velocities, mean + MODEL, slow + MODEL);
+    memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
+    memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));
     for (int i = 0; i < n - SLOW; i++) slow[i] = mean[i] + decay[i] * (slow[i] - mean[i]);
 #if LEARNING
     if (filter->learning) spread(filter, decay);

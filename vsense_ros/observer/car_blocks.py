@@ -23,16 +23,31 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import GAMMA, model_functions, sensor_functions
-from vsense_ros.model.coordinates import ATTITUDE, COORDINATES, INPUTS, POSE
+from vsense_ros.model.coordinates import (
+    ATTITUDE,
+    BANK,
+    BANK_CHANGE,
+    COORDINATES,
+    GRADE,
+    GRADE_CHANGE,
+    INPUTS,
+    POSE,
+    ROAD,
+    ROAD_HEIGHT,
+    SURFACE,
+)
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_operations import SINGULAR, CarOperations
 from vsense_ros.observer.state import (
     DISTURB,
     DYNAMIC,
+    FOLLOWED,
     FORCE,
+    FORM,
     FORWARD,
     GAIN_COLUMNS,
+    ROAD_STATES,
     SLOPES,
     TWIST,
     Prior,
@@ -48,6 +63,9 @@ Array = NDArray[np.float64]
 SURVEYED = 4  # numbers that tell where the road was last looked up, and what was known of it there
 _SLOW = U.stop  # states from here on decay by themselves, towards a mean
 _UNIT = np.eye(COORDINATES)
+ROADS = ROAD.stop  # states of the road under the car
+TWIST_SIZE = TWIST.stop - TWIST.start
+ROAD_SLOW = slice(ROAD_STATES.start - _SLOW, ROAD_STATES.stop - _SLOW)  # of the states behind the velocities
 
 
 @dataclass(frozen=True)
@@ -130,6 +148,8 @@ class CarBlocks:
         self.inverse = np.zeros((COORDINATES, COORDINATES), order="F")  # (I - γ h J)⁻¹, which the model's step needs
         self.gain = np.zeros((COORDINATES, len(GAIN_COLUMNS)))  # errors of the velocities by those before the step
         self.error, self.h = np.zeros(n), np.zeros(1)
+        self.roughness = self.prior.roughness.copy()
+        self.road_map = np.zeros((ROADS, len(FOLLOWED)))  # the road by how the car moves and by what it was before
 
     def _bind(self, car: Car, sensors: dict[str, SensorBase]) -> None:
         """The functions of the model and the sensors, to the arrays."""
@@ -138,7 +158,7 @@ class CarBlocks:
         self.arguments = [q, u, force, around, self.inputs, self.parameters, self.effects]
         self.linearized = Kernel(functions["linearize"], self.arguments, self.linearization)
         self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = self.linearized.results
-        self.kinematics = Kernel(functions["kinematics"], [q, u])
+        self.kinematics = Kernel(functions["kinematics"], [q, u, around])
         flat = [m.reshape(-1, order="F") for m in (self.inverse, self.by_q)]
         self.advanced = Kernel(functions["advance"], [*self.arguments, self.h, *flat])
         self.remembered = Kernel(functions["internal_state"], [*self.arguments, self.h]) if self.effects.size else None
@@ -212,9 +232,10 @@ class CarBlocks:
         self.respond(h)
         self.kinematics.call()
         self.advanced.call()
-        self.propagate(self.transition(h, process.decay), process.noise)
+        noise = self.map_road(h, process)
+        self.propagate(self.transition(h, process.decay), noise)
         coordinates, velocities = self.advanced.results
-        self.move(coordinates[:, 0], velocities[:, 0], process)
+        self.move(coordinates[:, 0], velocities[:, 0], h, process)
         self.linearize()
 
     def move_effects(self, h: float) -> None:
@@ -237,17 +258,42 @@ class CarBlocks:
         self.gain[:] = response @ np.hstack([self.by_q, slope, _UNIT, self.by_disturbances])
         self.gain[:, len(DYNAMIC) : len(DYNAMIC) + COORDINATES] += _UNIT
 
+    def map_road(self, h: float, process: Process) -> Array:
+        """Fill `road_map` for a step of `h` [s], as the function of that name in C; returns the variances that the step
+        adds to the states behind the velocities (n - 28,)."""
+        *_, by_velocity, by_road = self.kinematics.results
+        changing = [GRADE, BANK, ROAD_HEIGHT]
+        self.road_map[:] = 0.0
+        self.road_map[changing, : len(by_velocity.T)] = h * by_velocity
+        self.road_map[changing, len(by_velocity.T) :] = h * by_road
+        noise = process.noise.copy()
+        way = h * abs(self.mean.item(FORWARD))
+        for slope, change, (rate, variance, back) in zip(
+            (GRADE, BANK), (GRADE_CHANGE, BANK_CHANGE), self.roughness, strict=True
+        ):
+            decay = 1 / (1 + way * rate)
+            self.road_map[slope, TWIST_SIZE + slope] += 1.0
+            self.road_map[change, TWIST_SIZE + change] = decay
+            self.road_map[change, TWIST_SIZE + slope] = -decay * way * back
+            noise[ROAD_STATES.start - _SLOW + change] += variance * (1 - decay**2)
+        return noise
+
     def transition(self, h: float, decay: Array) -> Array:
         """F (n, n), the derivative of the errors after a step of `h` [s] by those before it: velocities first, then
-        coordinates that follow the new velocities."""
+        coordinates and the road, which follow the new velocities."""
         f = np.eye(self.layout.size)
         f[U] = 0.0
         f[U, GAIN_COLUMNS] = self.gain
-        by_angles, by_velocity = self.kinematics.results
+        by_angles, by_velocity, by_road, *_ = self.kinematics.results
         f[POSE, ATTITUDE] += h * by_angles
+        f[POSE, FORM] += h * by_road
         f[POSE] += h * by_velocity @ f[TWIST]
         f[POSE.stop : Q.stop] += h * f[TWIST.stop : U.stop]
-        f[_SLOW:, _SLOW:] = np.diag(decay)
+        f[FORM, FORM] = 0.0
+        road = f[ROAD_STATES]
+        road[:, FORM] = self.road_map[:, TWIST_SIZE:]
+        road += self.road_map[:, :TWIST_SIZE] @ f[TWIST]
+        f[_SLOW:] *= decay[:, None]
         return f
 
     def propagate(self, f: Array, noise: Array) -> None:
@@ -257,13 +303,25 @@ class CarBlocks:
         np.multiply(0.5, moved + moved.T, out=self.covariance)
         self.covariance.reshape(-1)[(n - len(noise)) * (n + 1) :: n + 1] += noise
 
-    def move(self, coordinates: Array, velocities: Array, process: Process) -> None:
-        """Take the state after the step; the slow states go back towards their means."""
+    def move(self, coordinates: Array, velocities: Array, h: float, process: Process) -> None:
+        """Take the state after a step of `h` [s]; the slow states go back towards their means."""
+        self.relax(self.mean[_SLOW:], h, velocities - self.mean[U], process)
         self.mean[Q], self.mean[U] = coordinates, velocities
-        self.relax(self.mean[_SLOW:], process)
 
-    def relax(self, slow: Array, process: Process) -> None:
-        """Let states behind the velocities (…, n - 28) go back towards their means."""
+    def relax(self, slow: Array, h: float, faster: Array, process: Process) -> None:
+        """Let states behind the velocities (…, n - 28) go on for `h` [s]: the road as the car comes by, whose
+        velocities (…, 14) are `faster` by so much at the end, the others back towards their means."""
+        *_, rate, by_velocity, by_road = self.kinematics.results
+        road, mean = slow[..., ROAD_SLOW], self.reversion_mean[ROAD_SLOW]
+        changes, slopes = slice(GRADE_CHANGE, BANK_CHANGE + 1), slice(GRADE, BANK + 1)
+        back = self.road_map[changes, TWIST_SIZE:]
+        form = road[..., SURFACE] - self.mean[FORM]  # of sigma points
+        road[..., changes] = (
+            road[..., changes] @ back[:, changes].T + (road[..., slopes] - mean[slopes]) @ back[:, slopes].T
+        )
+        road[..., [GRADE, BANK, ROAD_HEIGHT]] += h * (
+            rate[:, 0] + faster[..., :TWIST_SIZE] @ by_velocity.T + form @ by_road.T
+        )
         slow -= self.reversion_mean
         slow *= process.decay
         slow += self.reversion_mean

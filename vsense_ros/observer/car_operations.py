@@ -31,7 +31,8 @@ class ModelStructure(ctypes.Structure):
     _fields_ = [
         (name, ADDRESS)
         for name in (
-            *("by_q", "by_u", "by_disturbances", "by_q_rates", "by_angles", "by_velocity"),
+            *("by_q", "by_u", "by_disturbances", "by_q_rates", "by_angles", "by_velocity", "by_road"),
+            *("road_rate", "road_by_velocity", "road_by_road", "roughness", "road_map"),
             *("inverse", "gain", "covariance", "error", "udot", "whitened", "factor"),
         )
     ]
@@ -206,7 +207,7 @@ class CarOperations(Operations):
 def _filter(car: CarBlocks, whitened: Array, factor: Array) -> tuple[_Filter, list[Array]]:
     """The arrays of a car as C knows them, and those of them that live nowhere else."""
     coordinates, velocities = (r.reshape(-1, order="F") for r in car.advanced.results)
-    by_angles, by_velocity = car.kinematics.results
+    kinematics = car.kinematics.results
     gain = np.zeros((car.gain.shape[1], 16))  # transposed and padded; that of the car is filled where it learns
     remembered = np.zeros(0) if car.remembered is None else car.remembered.results[0].reshape(-1, order="F")
     model: list[Array] = [
@@ -214,8 +215,9 @@ def _filter(car: CarBlocks, whitened: Array, factor: Array) -> tuple[_Filter, li
         car.by_u,
         car.by_disturbances,
         car.by_q_rates,
-        by_angles,
-        by_velocity,
+        *kinematics,
+        car.roughness,
+        car.road_map,
         car.inverse,
         gain,
     ]

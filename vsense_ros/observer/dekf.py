@@ -28,17 +28,17 @@ class WholeCar(CarBlocks):
         belief.covariance[FORCE, FORCE] = 0.0
         return belief
 
-    def noise(self, h: float) -> Array:
-        """Variances (n - 14,) that `h` [s] add to the velocities and what comes behind them: 2 σ² τ h on a velocity for
-        a force of deviation σ and correlation time τ."""
+    def noise(self, h: float, slow: Array) -> Array:
+        """Variances (n - 14,) that `h` [s] add to the velocities and to what comes behind them, which is `slow`
+        (n - 28,): 2 σ² τ h on a velocity for a force of deviation σ and correlation time τ."""
         added = np.zeros(self.layout.size)
         added[U] = 2 * self.prior.deviation[FORCE] ** 2 / self.prior.rate[FORCE] * h
-        added[FORCE.start :] = self.process(h).noise
+        added[FORCE.start :] = slow
         added[FORCE] = 0.0
         return added[U.start :]
 
     def propagate(self, f: Array, noise: Array) -> None:
-        super().propagate(f, self.noise(float(self.h[0])))
+        super().propagate(f, self.noise(float(self.h[0]), noise))
 
     def retract(self, error: Array) -> None:
         super().retract(error)

@@ -10,15 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.messages.recording import Sample
-from vsense_ros.model.coordinates import ATTITUDE, DISTURBANCES, POSE, POSITION, RATES, SPIN, VELOCITY, WHEELS, YAW, Y
+from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
+from vsense_ros.model.coordinates import (
+    BANK,
+    GRADE,
+    GRADE_CHANGE,
+    RATES,
+    ROAD_HEIGHT,
+    SPIN,
+    STEERING_OFFSET,
+    VELOCITY,
+    WHEELS,
+    YAW,
+    Y,
+)
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
 
 Array = NDArray[np.float64]
 
-_STEERING_OFFSET = DISTURBANCES.index("steering_offset")
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
+_POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT, BANK, GRADE))]] * 2)
+_OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -51,7 +65,7 @@ class Estimate:
             filter.inputs.copy(),
             udot.copy(),
             wheels.copy(),
-            covariance[POSE, POSE].copy(),
+            _on_map(covariance),
             covariance[TWIST, TWIST].copy(),
             covariance.diagonal().copy(),
             filter.names,
@@ -61,12 +75,22 @@ class Estimate:
     @property
     def position(self) -> Array:
         """Of cog in the map, (3,) [m]."""
-        return self.state[..., POSITION]
+        return position_on_map(self.state, self.state[..., DISTURB])
+
+    @property
+    def orientation(self) -> Array:
+        """Of the body in the map, a quaternion x, y, z, w (4,)."""
+        return orientation_on_map(self.state, self.state[..., DISTURB])
 
     @property
     def attitude(self) -> Array:
-        """Roll, pitch, yaw, (3,) [rad]."""
-        return self.state[..., ATTITUDE]
+        """Roll, pitch, yaw of the body in the map, (3,) [rad]."""
+        return angles(self.orientation)
+
+    @property
+    def road(self) -> Array:
+        """Grade and bank [rad], and curvature along the way, positive where it bends upwards [1/m], (3,)."""
+        return self.state[..., DISTURB][..., [GRADE, BANK, GRADE_CHANGE]]
 
     @property
     def velocity(self) -> Array:
@@ -106,7 +130,7 @@ class Estimate:
     @property
     def wheels(self) -> Array:
         """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
-        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + _STEERING_OFFSET]
+        steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]
         return with_lateral_error(self.model_wheels, self.state[..., FORCE], steering, self.axle_distances)
 
     @property
@@ -137,16 +161,10 @@ class Estimate:
         return result
 
 
-def _quaternion(attitude: Array) -> Array:
-    """x, y, z, w of roll, pitch, yaw (3,) [rad], intrinsic z-y-x; SciPy takes three times as long for one."""
-    half = 0.5 * attitude
-    (c_roll, c_pitch, c_yaw), (s_roll, s_pitch, s_yaw) = np.cos(half).T, np.sin(half).T
-    result = np.empty((*attitude.shape[:-1], 4))
-    result[..., 0] = s_roll * c_pitch * c_yaw - c_roll * s_pitch * s_yaw
-    result[..., 1] = c_roll * s_pitch * c_yaw + s_roll * c_pitch * s_yaw
-    result[..., 2] = c_roll * c_pitch * s_yaw - s_roll * s_pitch * c_yaw
-    result[..., 3] = c_roll * c_pitch * c_yaw + s_roll * s_pitch * s_yaw
-    return result
+def _on_map(covariance: Array) -> Array:
+    """Of position and attitude on the map (6, 6), to first order: height, roll and pitch are those over the road and
+    those of the road."""
+    return _OVER_AND_OF_ROAD @ covariance[_POSE_AND_ROAD] @ _OVER_AND_OF_ROAD.T
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -203,7 +221,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
             e.stamp,
             {
                 "position": e.position,
-                "orientation": _quaternion(e.attitude),
+                "orientation": e.orientation,
                 "pose_covariance": e.pose_covariance.reshape(*rows, 36),
                 "linear": e.velocity,
                 "angular": e.rates,
@@ -219,6 +237,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
             {"linear": e.acceleration, "angular": e.angular_acceleration, "covariance": np.zeros((*rows, 36))},
             "cog",
         ),
+        Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog"),
         Sample("vsense/sideslip", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.side_slip}, "cog"),
         Sample(
             "vsense/parameters",

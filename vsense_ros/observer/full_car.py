@@ -77,8 +77,9 @@ class FullCarBlocks(CarBlocks):
             plant.advance(self.inputs, h)
         except InputError as error:
             raise FloatingPointError(str(error)) from None
-        self.propagate(self.transition(h, process.decay), process.noise)
-        self.move(plant.q, plant.u, process)
+        noise = self.map_road(h, process)
+        self.propagate(self.transition(h, process.decay), noise)
+        self.move(plant.q, plant.u, h, process)
         self._keep()
         self.linearize()
 

@@ -204,7 +204,7 @@ class Observer:
             self._count(event, nis, innovation)
         if not self.intake.out_of_patience(event.sensor, nis, channel.limit):
             return
-        if not (self._alignment.astray(event) and self._alignment.align(event)):
+        if not (self._alignment.astray(event) and self._alignment.begin_anew(event)):
             # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
             pull = nis / channel.limit
             self.filter.correct(channel.name, event.value, event.variance, 2 * channel.limit, pull)

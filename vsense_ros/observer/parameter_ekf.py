@@ -6,7 +6,7 @@ from __future__ import annotations
 import casadi as ca
 
 from vsense_ros import codegen
-from vsense_ros.model.coordinates import COORDINATES
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered
 from vsense_ros.observer.state import DISTURB, Q, U
@@ -30,7 +30,7 @@ class ParameterEkf(ParameterFilter):
         effect = ca.SX.sym("effect", COORDINATES, k)
         bias, mounting = ca.SX.sym("biases", len(sensor.biases())), ca.SX.sym("mounting", len(sensor.mounting()))
         by_q, by_u, by_udot = (ca.SX.sym(name, m, COORDINATES) for name in ("by_q", "by_u", "by_udot"))
-        by_disturbances = ca.SX.sym("by_disturbances", m, 4)
+        by_disturbances = ca.SX.sym("by_disturbances", m, len(DISTURBANCES))
         innovation = by_q @ s[Q, :] + by_u @ s[U, :] + by_disturbances @ s[DISTURB, :]
         if sensor.uses_acceleration:
             innovation += by_udot @ (self.through(s) + effect)

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from vsense_ros import codegen
 from vsense_ros.model.car.car import Car
-from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, ROAD
 from vsense_ros.model.sensors import SensorBase
-from vsense_ros.observer.state import DISTURB, DYNAMIC, FORCE, GAIN_COLUMNS, Q, U
+from vsense_ros.observer.state import DISTURB, DYNAMIC, FOLLOWED, FORCE, FORM, GAIN_COLUMNS, ROAD_STATES, Q, U
 
 Array = NDArray[np.float64]
 
@@ -99,32 +99,41 @@ class ParameterFilter(ABC):
         )
 
     def predict(self) -> ca.Function:
-        """(S, M, effect, drift, gain, by_angles, by_velocity, h, decay) → S, M, and columns (n×k) whose square is added
-        to the covariance of the state.
+        """(S, M, effect, drift, gain, by_angles, by_velocity, by_road, road_map, h, decay) → S, M, and columns (n×k)
+        whose square is added to the covariance of the state.
 
-        `gain` (14×39, transposed), `by_angles`, `by_velocity`, `decay` are those of the errorEKF's step. Where the
-        parameters drift (variances `drift` (k) in one second) S loses what M gains, and leaves it to the state:
-        S ← S̄ M M₊⁻¹, P ← P + S̄ (M - M M₊⁻¹ M) S̄ᵀ with M₊ = M + Q (Hsieh & Chen 1999).
+        `gain` (14×42, transposed), `by_angles`, `by_velocity`, `by_road`, `road_map` (5×10, transposed) and `decay` are
+        those of the errorEKF's step. Where the parameters drift (variances `drift` (k) in one second) S loses what M
+        gains, and leaves it to the state: S ← S̄ M M₊⁻¹, P ← P + S̄ (M - M M₊⁻¹ M) S̄ᵀ with M₊ = M + Q (Hsieh & Chen
+        1999).
         """
         n, k = self.size, self.count
         s, m = self.sensitivity, self.covariance
         effect, drift = ca.SX.sym("effect", COORDINATES, k), ca.SX.sym("drift", k)
         transposed = ca.SX.sym("gain", len(GAIN_COLUMNS), COORDINATES)
-        by_angles, by_velocity = ca.SX.sym("by_angles", 6, 3), ca.SX.sym("by_velocity", 6, 6)
+        by = by_angles, by_velocity, by_road = [
+            ca.SX.sym(name, 6, size) for name, size in (("by_angles", 3), ("by_velocity", 6), ("by_road", 4))
+        ]
+        road_map = ca.SX.sym("road_map", len(FOLLOWED), ROAD.stop)
         h, decay = ca.SX.sym("h"), ca.SX.sym("decay", n - U.stop)
         forces = slice(len(DYNAMIC) + COORDINATES, len(DYNAMIC) + 2 * COORDINATES)
         velocities = transposed.T @ s[GAIN_COLUMNS.tolist(), :] + transposed[forces, :].T @ effect
-        body = by_angles @ s[3:6, :] + by_velocity @ velocities[:6, :]
+        body = by_angles @ s[3:6, :] + by_velocity @ velocities[:6, :] + by_road @ s[FORM, :]
         coordinates = s[Q, :] + h * ca.vertcat(body, velocities[6:, :])
-        moved = ca.vertcat(coordinates, velocities, ca.repmat(decay, 1, k) * s[U.stop :, :])
+        slow = ca.repmat(decay, 1, k) * s[U.stop :, :]
+        road = road_map.T @ ca.vertcat(velocities[:6, :], s[FORM, :])
+        road[-1, :] += s[ROAD_STATES.stop - 1, :]
+        here = slice(ROAD_STATES.start - U.stop, ROAD_STATES.stop - U.stop)
+        slow[here, :] = ca.repmat(decay[here], 1, k) * road
+        moved = ca.vertcat(coordinates, velocities, slow)
         grown = m + h * ca.diag(drift)
         kept = _solve(grown, m)
         lost = m - m @ kept
         return codegen.function(
             "parameters_predict",
-            [s, m, effect, drift, transposed, by_angles, by_velocity, h, decay],
+            [s, m, effect, drift, transposed, *by, road_map, h, decay],
             [moved @ kept.T, grown, moved @ _root((lost + lost.T) / 2)],
-            ("S", "M", "effect", "drift", "gain", "by_angles", "by_velocity", "h", "decay"),
+            ("S", "M", "effect", "drift", "gain", "by_angles", "by_velocity", "by_road", "road_map", "h", "decay"),
         )
 
     def seen(self, name: str, sensor: SensorBase, biases: slice) -> ca.Function:
@@ -133,7 +142,7 @@ class ParameterFilter(ABC):
         m, p = len(sensor.deviations()), self.width
         variance, whitened = (ca.SX.sym(s, m) for s in ("variance", "whitened"))
         transposed = ca.SX.sym("factor", m, m)
-        by = [ca.SX.sym(s, m, c) for s, c in (("by_q", 14), ("by_u", 14), ("by_udot", 14), ("by_s", 4))]
+        by = [ca.SX.sym(s, m, c) for s, c in (("by_q", 14), ("by_u", 14), ("by_udot", 14), ("by_s", len(DISTURBANCES)))]
         y = ca.SX.sym("Y", m, p)
         present = ca.fabs(whitened) < np.inf  # false for NaN
         weighted = ca.repmat(ca.if_else(present, 1 / variance, 0), 1, p) * y

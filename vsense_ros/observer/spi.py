@@ -135,8 +135,9 @@ class Spi(CarFilter):
         arguments = [*state, *flat, self._s, self._m, effects]
         arguments += [self._others.T.reshape(-1)] if self.equations.elsewhere else []
         self._effect = Kernel(functions["parameters_effect"], arguments, effect)
-        kinematics = [r.reshape(-1, order="F") for r in car.kinematics.results]
-        step = [self._s, self._m, effect, self._drift, car.gain.reshape(-1), *kinematics, car.h, self._decay]
+        kinematics = [r.reshape(-1, order="F") for r in car.kinematics.results[:3]]
+        by_error = [car.gain.reshape(-1), *kinematics, car.road_map.reshape(-1)]
+        step = [self._s, self._m, effect, self._drift, *by_error, car.h, self._decay]
         self._spread = Kernel(functions["parameters_predict"], step)
         self._seen: dict[str, Learned] = {}
         for name, sensed in car.sensed.items():

@@ -19,6 +19,7 @@ from vsense_ros.model.coordinates import (
     DYNAMIC_COORDINATES,
     GRADE,
     PITCH,
+    ROAD_HEIGHT,
     ROLL,
     SPEED_X,
     SPEED_Y,
@@ -29,6 +30,7 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
+from vsense_ros.model.observer_settings import Disturbances
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.model.vehicle import Vehicle
@@ -39,12 +41,16 @@ Array = NDArray[np.float64]
 Q, U, FORCE = (slice(i * COORDINATES, (i + 1) * COORDINATES) for i in range(3))
 DISTURB = slice(FORCE.stop, FORCE.stop + len(DISTURBANCES))
 SLOPES = slice(DISTURB.start + GRADE, DISTURB.start + BANK + 1)  # of the road, along and across
+ROAD_STATES = slice(DISTURB.start + coordinates.ROAD.start, DISTURB.start + coordinates.ROAD.stop)
+FORM = slice(DISTURB.start + coordinates.SURFACE.start, DISTURB.start + coordinates.SURFACE.stop)  # of the road
 TWIST = slice(U.start + coordinates.TWIST.start, U.start + coordinates.TWIST.stop)  # velocity and rates of the body
 FORWARD, LATERAL, YAW_RATE = (U.start + i for i in (SPEED_X, SPEED_Y, coordinates.YAW_RATE))
+_HEIGHT = 100.0  # [m] standard deviation of a height of which nothing is known
 _PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
 # Errors that those of the velocities depend on after a step.
 DYNAMIC = np.array(DYNAMIC_COORDINATES)
 GAIN_COLUMNS = np.concatenate([DYNAMIC, np.arange(U.start, DISTURB.stop)])
+FOLLOWED = np.r_[TWIST, FORM]  # errors that those of the road follow
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,9 @@ class Prior:
     rate: Array  # (n,) [1/s] at which errors decay, 0: not at all
     density: Array  # (n,) variance added in one second where they do not
     reversion_mean: Array  # (n,) what the state goes back to, and where that behind the velocities starts
+    # (2, 3) of grade and bank: one over the distance along which their change is forgotten [1/m], its variance
+    # [rad²/m²], and what their own distance from the mean adds to its own rate [1/m²]
+    roughness: Array
 
     @classmethod
     def of(cls, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Prior:
@@ -96,13 +105,17 @@ class Prior:
         if not any(sensor.on_map for sensor in sensors.values()):
             deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
-        deviation[DISTURB] = [around.grade, around.bank, around.steering_offset, around.radius_error]
+        deviation[DISTURB] = [
+            *(around.grade, around.bank, around.grade_change, around.bank_change),
+            *(_PLACED, around.steering_offset, around.radius_error),
+        ]
+        if any("position" in sensor.tells for sensor in sensors.values()):
+            deviation[DISTURB][ROAD_HEIGHT] = _HEIGHT  # over an origin that somebody else may have chosen
         time_constant = np.full(where.size, np.inf)
         time_constant[FORCE] = errors.time_constant
         time_constant[FORCE][SPIN] = errors.wheel_spin_time_constant
-        time_constant[DISTURB] = [around.grade_time_constant, around.bank_time_constant, np.inf, np.inf]
         drift = np.zeros(where.size)
-        drift[DISTURB] = [0.0, 0.0, around.steering_offset_drift, around.radius_error_drift]
+        drift[DISTURB][-2:] = around.steering_offset_drift, around.radius_error_drift
         for sensor, part in zip(sensors.values(), where.biases, strict=True):
             biases: tuple[Bias, ...] = sensor.biases()
             deviation[part] = [b.deviation for b in biases]
@@ -110,13 +123,22 @@ class Prior:
             time_constant[part] = [b.time_constant for b in biases]
         reversion_mean = np.zeros(where.size)
         reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
-        return cls(deviation, 1 / time_constant, np.where(np.isinf(time_constant), drift**2, 0.0), reversion_mean)
+        density = np.where(np.isinf(time_constant), drift**2, 0.0)
+        return cls(deviation, 1 / time_constant, density, reversion_mean, _roughness(around))
 
     def placed(self) -> Prior:
         """The same where place and heading are known at start: the map is laid by them."""
         deviation = self.deviation.copy()
         deviation[[X, Y, YAW]] = _PLACED
         return replace(self, deviation=deviation)
+
+
+def _roughness(around: Disturbances) -> Array:
+    """As in `Prior`: a slope that is bent at random, and bent back, has this spread in the long run."""
+    rows = []
+    for slope, change in ((around.grade, around.grade_change), (around.bank, around.bank_change)):
+        rows.append([1 / around.change_length, change**2, (change / slope) ** 2 if slope > 0 else 0.0])
+    return np.array(rows)
 
 
 def rolling_state(vehicle: Vehicle, speed: float) -> Array:

@@ -66,17 +66,21 @@ class Ukf(Ekf, CarFilter):
         car = self.car
         car.move_effects(h)
         car.respond(h)
+        car.kinematics.call()
+        process = car.process(h)
+        noise = car.noise(h, car.map_road(h, process))
         points = self._points()
         for part, value in self._matrices:
             part[:] = value
         self._step.call()
         q, u = self._step.results
+        faster = u.T - points[:, U]
         points[:, Q], points[:, U] = q.T, u.T
-        car.relax(points[:, FORCE.start :], car.process(h))
+        car.relax(points[:, FORCE.start :], h, faster, process)
         self.mean[:] = points.mean(axis=0)
         apart = (points - self.mean)[:, self.kept]
         self.covariance[self._block] = apart.T @ apart / self._count
-        self.covariance.reshape(-1)[U.start * (len(self.mean) + 1) :: len(self.mean) + 1] += car.noise(h)
+        self.covariance.reshape(-1)[U.start * (len(self.mean) + 1) :: len(self.mean) + 1] += noise
         car.linearize()
 
     def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:

@@ -23,6 +23,7 @@ import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.car.contact import Contact, contact
+from vsense_ros.model.car.road import Road, over_road
 from vsense_ros.model.car.suspension import (
     Coefficients,
     HubMotion,
@@ -40,9 +41,9 @@ from vsense_ros.model.coordinates import (
     INPUTS,
     PITCH,
     PITCH_RATE,
-    POSITION,
     RADIUS_ERROR,
     RATES,
+    ROAD_HEIGHT,
     ROLL,
     ROLL_RATE,
     SPEED_X,
@@ -81,7 +82,8 @@ def motion_of(q: ca.SX, u: ca.SX, udot: ca.SX, disturbances: ca.SX, inputs: ca.S
     disturbances (4) and inputs (5)."""
     velocity, rates = u[VELOCITY], u[RATES]
     return Motion(
-        position=q[POSITION],
+        position=ca.vertcat(q[X], q[Y], disturbances[ROAD_HEIGHT] + q[Z] * Road(disturbances).upward[Z]),
+        height=q[Z],
         roll=q[ROLL],
         pitch=q[PITCH],
         yaw=q[YAW],
@@ -94,7 +96,8 @@ def motion_of(q: ca.SX, u: ca.SX, udot: ca.SX, disturbances: ca.SX, inputs: ca.S
         spin=u[SPIN],
         spin_rates=udot[SPIN],
         gravity=gravity_in_body(q, disturbances),
-        grade=disturbances[GRADE],
+        over_road=over_road(q),
+        road=Road(disturbances).to_level,
         steering=inputs[STEERING],
         torques=inputs[TORQUES],
     )
@@ -102,9 +105,7 @@ def motion_of(q: ca.SX, u: ca.SX, udot: ca.SX, disturbances: ca.SX, inputs: ca.S
 
 def gravity_in_body(q: ca.SX, disturbances: ca.SX) -> ca.SX:
     """Acceleration of free fall in body axes for a car on a sloping road, 3×1 [m/s²]."""
-    along, across = ca.sin(disturbances[GRADE]), ca.sin(disturbances[BANK])
-    on_road = -GRAVITY * ca.vertcat(along, across, ca.sqrt(1 - along**2 - across**2))
-    return (spatial.rotation_y(q[PITCH]) @ spatial.rotation_x(q[ROLL])).T @ on_road
+    return over_road(q).T @ Road(disturbances).gravity
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,8 +316,9 @@ class Car:
     def _contact(self, corner: Corner, hub: HubMotion) -> TyreContact:
         """Where a tyre touches the road, and the forces there."""
         a = corner.axle
-        attitude = spatial.rotation_y(self.q[PITCH]) @ spatial.rotation_x(self.q[ROLL])  # body to heading frame
-        normal = attitude.T @ ca.SX([0, 0, 1])
+        # Where the wheel stands in the design position: what it moves by changes little on a surface that bends little.
+        road = Road(self.disturbances).under(corner.centre[X], corner.centre[Y], self.q[Z])
+        normal = over_road(self.q).T @ road.normal
         angular, linear = self.u[RATES], self.u[VELOCITY]
         travelling = hub.subspace * self.u[TRAVEL][corner.index]
         turning = angular + travelling[spatial.ANGULAR]
@@ -327,7 +329,7 @@ class Car:
             hub.centre,
             hub.axle,
             normal,
-            self.q[Z],
+            road.height,
             lambda point: velocity + ca.cross(turning, point - hub.centre),
         )
         rolling_speed = touch.effective_radius * self.u[SPIN][corner.index]
@@ -533,8 +535,8 @@ class Car:
 
     @property
     def kinematics(self) -> ca.SX:
-        """Derivatives of `q` (14) as a function of q and u."""
-        return kinematics(self.q, self.u)
+        """Derivatives of `q` (14) as a function of q, u and disturbances."""
+        return kinematics(self.q, self.u, self.disturbances)
 
 
 def wheel_outputs(tyre: TyreForces, touch: Contact) -> ca.SX:
@@ -565,17 +567,43 @@ def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
     return ca.fmin(ca.fmax((value - none) / (full - none), 0), 1)
 
 
-def kinematics(q: ca.SX, u: ca.SX) -> ca.SX:
-    """Derivatives of the coordinates (14): z-y-x angles for the attitude, singular at a pitch of 90°."""
-    roll, pitch, yaw = q[ROLL], q[PITCH], q[YAW]
-    position = spatial.rotation_rpy(roll, pitch, yaw) @ u[VELOCITY]
+def kinematics(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> ca.SX:
+    """Derivatives of the coordinates (14): x, y and yaw on the map, z, roll and pitch over the road, which turns as the
+    car moves on; z-y-x angles, singular at a pitch of 90°."""
+    road, (velocity, _, rates) = Road(disturbances), _over_road(q, u, disturbances)
+    heading = ca.vertcat(ca.cos(q[YAW]), ca.sin(q[YAW]))
+    ahead, aside, _ = ca.vertsplit(road.to_level @ velocity)
+    east, north = heading[0] * ahead - heading[1] * aside, heading[1] * ahead + heading[0] * aside
+    turning = road.turning(velocity)
+    along, across, normal = ca.vertsplit(road.upward)
+    yaw = (across * turning[1] + normal * rates[2]) / (1 - along**2)
+    return ca.vertcat(east, north, velocity[Z], rates[0], rates[1], yaw, u[TRAVEL], u[SPIN])
+
+
+def road_kinematics(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> ca.SX:
+    """Derivatives of grade, bank and height of the road under the car (3): the surface turns below it, and a car that
+    turns on a slope changes one for the other."""
+    velocity, turning, rates = _over_road(q, u, disturbances)
+    along, across, normal = ca.vertsplit(Road(disturbances).upward)
+    grade = (across * rates[2] - normal * turning[1]) / ca.cos(disturbances[GRADE])
+    bank = (normal * turning[0] - along * rates[2]) / ca.cos(disturbances[BANK])
+    return ca.vertcat(grade, bank, along * velocity[X] + across * velocity[Y])
+
+
+def _over_road(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Velocity in road axes (3); rates of the road about x and y (2); derivatives of roll and pitch, and the rate at
+    which the car turns about the normal (3)."""
+    roll, pitch = q[ROLL], q[PITCH]
+    velocity = over_road(q) @ u[VELOCITY]
+    turning = Road(disturbances).turning(velocity)
     s, c, t = ca.sin(roll), ca.cos(roll), ca.tan(pitch)
-    angles = ca.vertcat(
-        u[ROLL_RATE] + t * (s * u[PITCH_RATE] + c * u[YAW_RATE]),
-        c * u[PITCH_RATE] - s * u[YAW_RATE],
-        (s * u[PITCH_RATE] + c * u[YAW_RATE]) / ca.cos(pitch),
+    level = s * u[PITCH_RATE] + c * u[YAW_RATE]
+    rates = ca.vertcat(
+        u[ROLL_RATE] + t * level - turning[0] / ca.cos(pitch),
+        c * u[PITCH_RATE] - s * u[YAW_RATE] - turning[1],
+        level / ca.cos(pitch) - turning[0] * t,
     )
-    return ca.vertcat(position, angles, u[TRAVEL], u[SPIN])
+    return velocity, turning, rates
 
 
 _CARS: dict[tuple[object, ...], Car] = {}

@@ -69,7 +69,9 @@ ROD_RADIUS = 0.01  # [m] gives rods an inertia about their own line
 PLACING = 4  # iterations that put a linkage to a given travel
 # Numbers of the chassis: what air and inertia make of it, centre and inertia tensor in its own axes.
 CHASSIS = ("drag_area", "mass", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-CORNER_INPUTS = ("torque", "travel_force", "opposite_travel")
+# Torque on the wheel, force on the travel, travel of the other wheel; and of the road where the wheel stands, in road
+# axes: by how much its tangent plane passes below the point under `cog` [m], and its slopes along and across [-].
+CORNER_INPUTS = ("torque", "travel_force", "opposite_travel", "rise", "slope_x", "slope_y")
 UPRIGHT, WHEEL = "upright", "wheel"
 
 
@@ -161,7 +163,7 @@ class Corner:
         masses = ca.SX.sym("masses", len(self._mass_names))
         extra = ca.SX.sym("extra", len(fields(_Extra)))
         inputs = ca.SX.sym("inputs", len(CORNER_INPUTS))
-        torque, travel_force, opposite_travel = ca.vertsplit(inputs)
+        torque, travel_force, opposite_travel, *self._road = ca.vertsplit(inputs)
         self._points = {p: points[3 * i : 3 * i + 3] for i, p in enumerate(self._point_names)}
         self._mass = {m: masses[i] for i, m in enumerate(self._mass_names)}
         self.extra = _Extra(*ca.vertsplit(extra))
@@ -253,8 +255,9 @@ class Corner:
         return bodies, closures, Between(Point(UPRIGHT, p["strut.lower"]), Point(BASE, p["strut.upper"]))
 
     def _tyre_load(self, state: BodyState) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Tyre on a plane road: force vector, its main derivatives, `WHEEL_OUTPUTS`."""
+        """Tyre on the tangent plane of the road below it: force vector, its main derivatives, `WHEEL_OUTPUTS`."""
         a = self._axle
+        normal, height = self._road_under(state.up, state.height)
         centre = state.origin + state.rotation @ self.centre
         axle = state.rotation[:, 1]
         spin = ca.vertcat(axle, ca.cross(centre, axle))
@@ -264,8 +267,8 @@ class Corner:
             a.unloaded_radius,
             centre,
             axle,
-            state.up,
-            state.height,
+            normal,
+            height,
             lambda point: carrier[3:] + ca.cross(carrier[:3], point),
         )
         slips = ca.SX.sym("slips", 4)  # load, speed x, speed y, rolling speed
@@ -293,6 +296,16 @@ class Corner:
         wrench = spatial.force_at(touch.point, force, moment)
         by_velocity, by_place = _tangents(a, touch, centre, axle, slopes)
         return wrench, by_velocity, by_place, wheel_outputs(forces, touch)
+
+    def _road_under(self, up: ca.SX, height: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Normal of the road below the wheel (3), in the axes of the chassis, in which `up` is that below `cog`, and
+        how high `cog` is over the tangent plane there [m]."""
+        rise, slope_x, slope_y = self._road
+        level = ca.sqrt(1 - up[0] ** 2)
+        ahead = ca.vertcat(level, -up[0] * up[1] / level, -up[0] * up[2] / level)
+        steepness = ca.sqrt(1 + slope_x**2 + slope_y**2)
+        normal = (up - slope_x * ahead - slope_y * ca.cross(up, ahead)) / steepness
+        return normal, (height + rise) / steepness
 
     def numbers(self, suspension: Suspension, axle: Axle, side: int, centre: Array, friction: float) -> Array:
         """Values of the linkage's parameters without those of the spring, which `FullCar` finds."""

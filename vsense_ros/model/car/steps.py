@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import PLACEMENT, Car, kinematics, motion_of
+from vsense_ros.model.car.car import PLACEMENT, Car, kinematics, motion_of, road_kinematics
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
@@ -26,6 +26,7 @@ from vsense_ros.model.coordinates import (
     POSE,
     ROLL,
     SPIN,
+    SURFACE,
     TRAVEL,
     TWIST,
     WHEELS,
@@ -68,7 +69,7 @@ def dynamics_function(car: Car) -> ca.Function:
 
 
 def linearize_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×4), and the
+    """(…) → derivatives of u, their Jacobians by `DYNAMIC_COORDINATES` (14×7), u (14×14), disturbances (14×7), and the
     first of these times the rates of the dynamic coordinates by u (14×14).
 
     Differentiating the articulated-body recursion would take a third more operations than the implicit derivative of
@@ -84,7 +85,7 @@ def linearize_function(car: Car) -> ca.Function:
 
 
 def _missing_function(car: Car) -> ca.Function:
-    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×25
+    """(…) → derivatives of u; inverse of the mass matrix; minus the derivative of the missing force by the state (14×28
     and sparse); rates of the dynamic coordinates by u (7×14, sparse)."""
     state = _symbols(car)
     udot, inverse, direct, by_forces, by_motions, motions, beside, rates = _factors_function(car)(*state)
@@ -119,7 +120,7 @@ def _factors_function(car: Car) -> ca.Function:
     order = [*joints, *range(TWIST.stop)]
     back = sorted(range(COORDINATES), key=order.__getitem__)
     inverse = ca.densify(inverse_spd(ca.jacobian(car.inertia_times(udot), udot)[order, order])[back, back])
-    rates = ca.jacobian(_dynamic(kinematics(car.q, car.u)), car.u)
+    rates = ca.jacobian(_dynamic(car.kinematics), car.u)
     results = [ca.densify(car.dynamics), inverse, *parts, by_state(ca.vec(car.steady_tyre_motions)), beside, rates]
     return ca.Function("factors", arguments, results, {"cse": True})
 
@@ -139,6 +140,7 @@ def advance_function(car: Car) -> ca.Function:
     given = {
         "q": q,
         "u": u,
+        "disturbances": state[3],
         "h": h,
         "columns": ca.mac(inverse, responses, ca.MX.zeros(COORDINATES, len(WHEELS))),
         "rows": rows,
@@ -146,7 +148,9 @@ def advance_function(car: Car) -> ca.Function:
     }
     first_q, first_u, q, u, reduced = _called("middle", _middle, **given, rate=rate, plain=plain)
     rate_u, first = _accelerations_function(car)(q, u, *rest), {"first_q": first_q, "first_u": first_u}
-    right_q, right_u, moved = _called("second_stage", _second_stage, q=q, u=u, h=h, **first, rate_u=rate_u)
+    right_q, right_u, moved = _called(
+        "second_stage", _second_stage, q=q, u=u, disturbances=state[3], h=h, **first, rate_u=rate_u
+    )
     plain = ca.mac(inverse, ca.mac(by_q, moved, right_u), ca.MX.zeros(COORDINATES))
     results = _called("end", _end, **given, **first, reduced=reduced, right_q=right_q, plain=plain)
     arguments = [*state, h, inverse, by_q]
@@ -173,7 +177,7 @@ def _first_stage(car: Car) -> ca.Function:
     """(…, h) → derivatives of q and u; γ h times those of the dynamic coordinates; of the stiffening the responses
     (14×4, sparse), γ h times the slopes (4×14, sparse), and what the rates at the step's beginning cause of it (4)."""
     h = ca.SX.sym("h")
-    rate, (responses, slopes, foreseen) = kinematics(car.q, car.u), car.stiffening
+    rate, (responses, slopes, foreseen) = car.kinematics, car.stiffening
     known = GAMMA * h * (foreseen @ car.dynamics)
     rates = [ca.densify(value) for value in (rate, car.dynamics, GAMMA * h * _dynamic(rate))]
     results = [*rates, ca.sparsify(responses), ca.sparsify(GAMMA * h * slopes), ca.densify(known)]
@@ -182,38 +186,54 @@ def _first_stage(car: Car) -> ca.Function:
 
 
 def _middle(
-    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, rate: ca.SX, plain: ca.SX
+    q: ca.SX,
+    u: ca.SX,
+    disturbances: ca.SX,
+    h: ca.SX,
+    columns: ca.SX,
+    rows: ca.SX,
+    known: ca.SX,
+    rate: ca.SX,
+    plain: ca.SX,
 ) -> list[ca.SX]:
     """First stage of q and u; q and u where the second is; the inverse of the matrix (4×4) to which Woodbury's identity
     reduces the stiffened one."""
     reduced = solve_dominant(ca.SX.eye(len(WHEELS)) - rows @ columns, ca.SX.eye(len(WHEELS)))
     first_u = plain + columns @ (reduced @ (rows @ plain - known))
-    first_q = rate + GAMMA * h * kinematics(q, first_u)
+    first_q = rate + GAMMA * h * kinematics(q, first_u, disturbances)
     return [first_q, first_u, q + h * first_q, u + h * first_u, reduced]
 
 
-def _second_stage(q: ca.SX, u: ca.SX, h: ca.SX, first_q: ca.SX, first_u: ca.SX, rate_u: ca.SX) -> list[ca.SX]:
+def _second_stage(
+    q: ca.SX, u: ca.SX, disturbances: ca.SX, h: ca.SX, first_q: ca.SX, first_u: ca.SX, rate_u: ca.SX
+) -> list[ca.SX]:
     """Right sides of the second stage of q and u, which begins as minus the first; γ h times those of the dynamic
     coordinates."""
-    right_q = kinematics(q, u) - 2 * first_q
+    right_q = kinematics(q, u, disturbances) - 2 * first_q
     return [right_q, rate_u - 2 * first_u, GAMMA * h * _dynamic(right_q)]
 
 
 def _end(
-    q: ca.SX, u: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, reduced: ca.SX,
+    q: ca.SX, u: ca.SX, disturbances: ca.SX, h: ca.SX, columns: ca.SX, rows: ca.SX, known: ca.SX, reduced: ca.SX,
     first_q: ca.SX, first_u: ca.SX, right_q: ca.SX, plain: ca.SX,
 ) -> list[ca.SX]:  # fmt: skip
     """q and u at the end. With opposite signs in both stages, whatever is known leaves the step of second order."""
     second_u = plain + columns @ (reduced @ (rows @ plain + known))
-    second_q = right_q + GAMMA * h * kinematics(q, second_u)
+    second_q = right_q + GAMMA * h * kinematics(q, second_u, disturbances)
     return [q + h * (1.5 * first_q + 0.5 * second_q), u + h * (1.5 * first_u + 0.5 * second_u)]
 
 
 def kinematics_function(car: Car) -> ca.Function:
-    """(q, u) → ∂q̇/∂(roll, pitch, yaw) of the first six coordinates (6×3), ∂q̇/∂u of the first six (6×6)."""
-    rate = kinematics(car.q, car.u)[POSE]
-    by_attitude, by_twist = ca.jacobian(rate, car.q)[:, ATTITUDE], ca.jacobian(rate, car.u)[:, TWIST]
-    return codegen.function("kinematics", [car.q, car.u], [by_attitude, by_twist], ("q", "u"))
+    """(q, u, disturbances) → of the first six coordinates ∂q̇/∂(roll, pitch, yaw) (6×3), ∂q̇/∂u by the first six (6×6),
+    by the form of the road (6×4); how fast grade, bank and height of the road change (3), and that by the first six of
+    u (3×6) and by the form of the road (3×4). That the body leans changes the latter by next to nothing."""
+    rate, road = car.kinematics[POSE], road_kinematics(car.q, car.u, car.disturbances)
+    by_attitude = ca.jacobian(rate, car.q)[:, ATTITUDE]
+    by_twist, by_road = (
+        (ca.jacobian(f, car.u)[:, TWIST], ca.jacobian(f, car.disturbances)[:, SURFACE]) for f in (rate, road)
+    )
+    results = [by_attitude, *by_twist, road, *by_road]
+    return codegen.function("kinematics", [car.q, car.u, car.disturbances], results, ("q", "u", "disturbances"))
 
 
 def force_function(car: Car) -> ca.Function:
@@ -235,7 +255,7 @@ def internal_state_function(car: Car) -> ca.Function:
 
 def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
     """(q, u, udot, disturbances, inputs, biases, mounting) → measurement (m), and its Jacobians by q (m×14), u (m×14),
-    udot (m×14), disturbances (m×4); by the biases it is the unit matrix if there are any."""
+    udot (m×14), disturbances (m×7); by the biases it is the unit matrix if there are any."""
     udot = ca.SX.sym("udot", COORDINATES)
     biases = ca.SX.sym("biases", len(sensor.biases()))
     mounting = ca.SX.sym("mounting", len(sensor.mounting()))

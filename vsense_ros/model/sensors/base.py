@@ -43,7 +43,15 @@ NoiseFromMessage = Annotated[
 # - heading: direction of the car on the map; position: east and north [m];
 # - steering: road-wheel angle [rad]; torques: of the wheels fl, fr, rl, rr [N m].
 Tells = Literal[
-    "rates and forces", "rolling speed", "ground speed", "course", "heading", "position", "steering", "torques"
+    "rates and forces",
+    "rolling speed",
+    "ground speed",
+    "course",
+    "heading",
+    "position",
+    "height",
+    "steering",
+    "torques",
 ]
 _OF_THE_MAP: frozenset[Tells] = frozenset({"course", "heading", "position"})
 

@@ -79,9 +79,7 @@ class GnssVelocity(SensorBase):
             variance[:] = diagonal
 
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
-        on_road = motion.attitude @ (motion.velocity + ca.cross(motion.rates, mounting))
-        # Of the way along a sloping road only the cosine is seen on the map.
-        return on_road[0:2] * ca.cos(motion.grade)
+        return (motion.attitude @ (motion.velocity + ca.cross(motion.rates, mounting)))[0:2]
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         horizontal = quantized(self.disturbed(drive), drive.quantum)

@@ -23,6 +23,8 @@ from vsense_ros.model.coordinates import (
     GRADE,
     INPUTS,
     RATES,
+    ROAD,
+    ROAD_HEIGHT,
     SPEED_X,
     SPEED_Y,
     SPIN,
@@ -30,8 +32,11 @@ from vsense_ros.model.coordinates import (
     WHEEL_OUTPUTS,
     WHEELS,
     YAW,
+    X,
+    Y,
     Z,
 )
+from vsense_ros.model.simulation.surface import Surface
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 Array = NDArray[np.float64]
@@ -54,7 +59,7 @@ class Trajectory:
     udot: Array  # (n, 14)
     wheels: Array  # (n, 7, 4) as Car.wheel_outputs
     inputs: Array  # (n, 5) as model.coordinates.INPUTS, those of the step that begins here
-    disturbances: Array | None = None  # (n, 4) as model.coordinates.DISTURBANCES; zeros if not given
+    disturbances: Array | None = None  # (n, 7) as model.coordinates.DISTURBANCES; zeros if not given
 
     @classmethod
     def unfilled(cls, t: Array) -> Trajectory:
@@ -113,12 +118,14 @@ def simulate(
     u: Array | None = None,
     force: Array | None = None,
     disturbances: Array | None = None,
+    surface: Surface | None = None,
 ) -> Trajectory:
     """Drive a car for `duration` [s] in steps of `step` [s], and keep every `keep_every`-th instant from the first on.
 
     `q`, `u` (14) is the state at the beginning (default: standing in the design position), `force` (14) a constant
-    generalized force beyond the model's, `disturbances` (4) road and offsets as in
-    `model.coordinates.DISTURBANCES`, to which the vehicle's effects add the slopes of their roads.
+    generalized force beyond the model's, `disturbances` (7) road and offsets as in
+    `model.coordinates.DISTURBANCES`, to which the vehicle's effects add the slopes of their roads. On a `surface` the
+    road is that where the car is.
     Raises `FloatingPointError` where the motion leaves what the coordinates can describe (a pitch of 90°).
     """
     start_q, start_u = rolling_straight(vehicle)
@@ -151,7 +158,9 @@ def simulate(
     )
     row, set_out = 0, float(now_q[YAW])
     for i in range(steps + 1):
-        if road:
+        if surface is not None:
+            around[ROAD] = surface.under(now_q[X], now_q[Y], now_q[YAW])
+        elif road:
             around[_SLOPES] = given[_SLOPES] + np.sum([effect.slope(now_q[YAW] - set_out) for effect in road], axis=0)
         between[:] = inputs
         inputs[:] = driver((i + 0.5) * step, now_q.copy(), now_u.copy())
@@ -169,6 +178,8 @@ def simulate(
         slope = by_u + (GAMMA * step) * by_q_rates
         inverse[:] = np.linalg.inv(unit - (GAMMA * step) * slope).reshape(-1, order="F")
         advance.call()
+        if surface is None:
+            around[ROAD_HEIGHT] += step * float(np.sin(around[_SLOPES]) @ now_u[[SPEED_X, SPEED_Y]])
         now_q[:], now_u[:] = advance.results[0][:, 0], advance.results[1][:, 0]
         if not np.isfinite(now_u.sum()):
             raise FloatingPointError(f"{vehicle.name}: the motion left the model's range at {i * step:g} s")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,11 +15,18 @@ from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, s
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
+    BANK_CHANGE,
     COORDINATES,
     DISTURBANCES,
     GRADE,
+    GRADE_CHANGE,
+    PITCH,
+    POSE,
     RADIUS_ERROR,
     RATES,
+    ROAD,
+    ROAD_HEIGHT,
+    ROLL,
     SPIN,
     STEERING,
     STEERING_OFFSET,
@@ -27,9 +36,13 @@ from vsense_ros.model.coordinates import (
     WHEEL_OUTPUTS,
     WHEELS,
     YAW,
+    X,
+    Y,
+    Z,
 )
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
+from vsense_ros.model.simulation.surface import Surface
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -41,12 +54,21 @@ class FullCarPlant:
     """A full car that takes the inputs of the simplified one and shows its motion in the same 14 coordinates.
 
     `q`, `u`, `udot` (14) are those of `model.coordinates` at the present time; write `force` (14, generalized forces
-    beyond the model's) and `disturbances` (grade and bank; steering offset) in place. The rack follows the mean
-    road-wheel angle that it takes at design height.
+    beyond the model's) and `disturbances` (the road; steering offset) in place. The rack follows the mean road-wheel
+    angle that it takes at design height.
+
+    Within a step the road's axes stand still. Then they are moved to where the car has come to, and turned as the road
+    is there: on a `surface` that is geometry; else slopes are those that are given, and curvature turns the axes. Each
+    wheel stands on the tangent plane of the road below it.
     """
 
     def __init__(
-        self, vehicle: Vehicle, step: float, car: FullCar | None = None, rack: SteeringRack | None = None
+        self,
+        vehicle: Vehicle,
+        step: float,
+        car: FullCar | None = None,
+        rack: SteeringRack | None = None,
+        surface: Surface | None = None,
     ) -> None:
         self.car = car or FullCar(vehicle)
         self.step_length = step
@@ -62,8 +84,15 @@ class FullCarPlant:
         self._place = Kernel(
             placing, [state.z, self._guides, self.integrator.parameters, self._target_q, self._target_u]
         )
+        self.surface = surface
+        # Where the road's axes stand in space: origin [m], heading [rad]; place of `cog` as a step begins [m].
+        self._foot, self._origin, self._heading = np.zeros(3), np.zeros(3), 0.0
         self.force = np.zeros(COORDINATES)
         self.disturbances = np.zeros(len(DISTURBANCES))
+        chassis, tracks = vehicle.physics.chassis, (vehicle.physics.front.track, vehicle.physics.rear.track)
+        arms = (chassis.cog_to_front_axle, -chassis.cog_to_rear_axle)
+        self._stands = np.array([[arms[i // 2], (0.5 - i % 2) * tracks[i // 2]] for i in range(len(WHEELS))])
+        self._rates = base_functions(self.car.mechanism)[1]
         self._angle = self._rate = 0.0
         self._motion.call()
 
@@ -76,6 +105,9 @@ class FullCarPlant:
             wheel = WheelPosition(self.car.corners[i // 2], numbers)
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             state.z[here] = wheel.coordinates(q[TRAVEL][i], self._guides[0])
+        if self.surface is not None:
+            state.z[POSE] = q[POSE]
+            self._stand(self.surface)
         self._act(inputs)
         self.correct(q, u)
 
@@ -110,6 +142,59 @@ class FullCarPlant:
         self._act(inputs)
         self.integrator.step()
         self._motion.call()
+        self._move_road()
+
+    def _move_road(self) -> None:
+        """Puts the road's axes to where the car has come to; where it is in space does not change, nor how it moves."""
+        state, around = self.integrator.state, self.disturbances
+        if self.surface is not None:
+            state.z[POSE] = self._over_surface(self.surface)
+        elif around[[GRADE_CHANGE, BANK_CHANGE]].any():
+            roll, pitch = state.z[ROLL], state.z[PITCH]
+            velocity = _rotation(roll, pitch, 0.0) @ self.u[VELOCITY]
+            about_x = self.step_length * around[BANK_CHANGE] * velocity[X]
+            about_y = -self.step_length * (around[[GRADE_CHANGE, BANK_CHANGE]] @ velocity[:2])
+            state.z[[ROLL, PITCH, YAW]] -= about_x / np.cos(pitch), about_y, about_x * np.tan(pitch)
+        else:
+            return
+        velocity = np.concatenate([self.u[RATES], self.u[VELOCITY]])
+        state.dz[POSE] = np.asarray(self._rates(state.z[POSE])) @ velocity
+        self._motion.call()
+
+    def _over_surface(self, surface: Surface) -> Array:
+        """The coordinates of the chassis (6,) over the surface below it; writes its form to the disturbances."""
+        around, q = self.disturbances, self.integrator.state.z[POSE]
+        axes = _axes(around[GRADE], around[BANK])  # as they stood during the step, turned by yaw from the map's
+        turn = _rotation(0.0, 0.0, self._heading)
+        road = turn @ axes
+        way = np.array([q[X], q[Y], 0.0]) - self._origin  # of cog, along the plane of the step
+        unturn = _rotation(0.0, 0.0, -self._heading)
+        place = self._foot + road @ (unturn @ way) + road[:, 2] * q[Z]
+        body = road @ _rotation(q[ROLL], q[PITCH], q[YAW] - self._heading)
+        heading = float(np.arctan2(body[1, 0], body[0, 0]))
+        foot = place[:2].copy()
+        for _ in range(3):
+            grade, bank, _, _, height = surface.under(foot[0], foot[1], heading)
+            found = _rotation(0.0, 0.0, heading) @ _axes(grade, bank)
+            over = (place[2] - height) / found[2, 2]
+            foot = place[:2] - found[:2, 2] * over
+            ahead = found.T @ body[:, 0]
+            heading += float(np.arctan2(ahead[1], ahead[0]))
+        around[ROAD] = surface.under(foot[0], foot[1], heading)
+        found = _rotation(0.0, 0.0, heading) @ _axes(around[GRADE], around[BANK])
+        leaning = found.T @ body
+        self._foot = np.array([*foot, around[ROAD_HEIGHT]])
+        self._origin, self._heading = np.array([*place[:2], 0.0]), heading
+        over = float((place - self._foot) @ found[:, 2])
+        roll, pitch = np.arctan2(leaning[2, 1], leaning[2, 2]), -np.arcsin(leaning[2, 0])
+        return np.array([*place[:2], over, roll, pitch, heading])
+
+    def _stand(self, surface: Surface) -> None:
+        """The road's axes where the car is put."""
+        q = self.integrator.state.z[POSE]
+        self._heading = float(q[YAW])
+        self.disturbances[ROAD] = surface.under(q[X], q[Y], self._heading)
+        self._foot, self._origin = np.array([q[X], q[Y], self.disturbances[ROAD_HEIGHT]]), np.array([q[X], q[Y], 0.0])
 
     def advance(self, inputs: Array, duration: float) -> None:
         """`duration` [s] with constant inputs, in equal steps of at most the length that the car was made with."""
@@ -158,9 +243,31 @@ class FullCarPlant:
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
-        for i, wheel in enumerate(WHEELS):
+        for i, (wheel, road) in enumerate(zip(WHEELS, self._under_wheels(), strict=True)):
+            for name, value in zip(("rise", "slope_x", "slope_y"), road.tolist(), strict=True):
+                integrator.inputs[self.car.input_index(wheel, name)] = value
             integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[TORQUES][i] + force[SPIN][i]
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
+
+    def _under_wheels(self) -> Array:
+        """Of each wheel the road below it (4, 3), as `CORNER_INPUTS` has it."""
+        if self.surface is None:
+            bend, twist = self.disturbances[[GRADE_CHANGE, BANK_CHANGE]]
+            x, y = self._stands.T
+            return np.column_stack([bend * x**2 / 2 + twist * x * y, bend * x + twist * y, twist * x])
+        axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])
+        found = np.empty((len(WHEELS), 3))
+        for row, stand in zip(found, self._stands, strict=True):
+            place = self._foot + axes[:, :2] @ stand
+            for _ in range(2):  # along the normal to the surface
+                height, gradient, _ = self.surface.shape(place[0], place[1])
+                normal = axes.T @ np.array([*-gradient, 1.0])
+                gap = (height - place[2]) / normal[2]
+                place = place + axes[:, 2] * gap
+            slopes = -normal[:2] / normal[2]
+            below = float(axes[:, 2] @ (place - self._foot))
+            row[:] = slopes @ stand - below, *slopes
+        return found
 
 
 def simulate_full_car(
@@ -174,13 +281,14 @@ def simulate_full_car(
     u: Array | None = None,
     force: Array | None = None,
     disturbances: Array | None = None,
+    surface: Surface | None = None,
 ) -> Trajectory:
     """As `closed_loop.simulate`, for a vehicle with a `linkage` section.
 
     The driver is asked for the inputs at the end of each step. Raises `InputError` where a step does not converge or
     the rack cannot follow the driver.
     """
-    plant = FullCarPlant(vehicle, step)
+    plant = FullCarPlant(vehicle, step, surface=surface)
     if force is not None:
         plant.force[:] = force
     if disturbances is not None:
@@ -197,7 +305,9 @@ def simulate_full_car(
     plant.place(start_q, start_u, inputs)
     steps = round(duration / step)
     kept = range(0, steps + 1, keep_every)
-    result = Trajectory.unfilled(np.array([i * step for i in kept]))
+    result = replace(
+        Trajectory.unfilled(np.array([i * step for i in kept])), disturbances=np.empty((len(kept), len(DISTURBANCES)))
+    )
     row = 0
     for i in range(steps + 1):
         if i:
@@ -206,8 +316,14 @@ def simulate_full_car(
         if i % keep_every == 0:
             result.q[row], result.u[row], result.udot[row] = plant.q, plant.u, plant.udot
             result.wheels[row], result.inputs[row] = plant.wheels, inputs
+            result.disturbances[row] = plant.disturbances  # type: ignore[index]
             row += 1
     return result
+
+
+def _axes(grade: float, bank: float) -> Array:
+    """Road axes to level ones with the same heading, 3×3."""
+    return _rotation(float(np.arcsin(np.sin(bank) / np.cos(grade))), -grade, 0.0)
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Array:

@@ -7,7 +7,7 @@
 #define DYNAMIC 7
 #define INPUTS 5
 #define WHEELS 4
-#define DISTURBANCES 4
+#define DISTURBANCES 7
 #define SPIN 10
 
 typedef lanes anywhere __attribute__((aligned(sizeof(double))));

@@ -32,7 +32,7 @@ class Inputs:
 
     step: float  # [s]
     inputs: Array  # (n, 5) in the middle of each step, as model.coordinates.INPUTS
-    disturbances: Array  # (n, 4) as model.coordinates.DISTURBANCES
+    disturbances: Array  # (n, 7) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array] = field(default_factory=dict)  # (n,) each in place of the parameter of this name
     target: Array | None = None  # (n,) mean spin of the wheels [rad/s] that a torque on each of them holds …
     gain: Array | None = None  # (n, 4) … by this much [N m s/rad], zero for torques as they are

@@ -1,0 +1,232 @@
+"""Roads that are not flat: do the estimated forces and attitudes hold on them?
+
+The RAV4's drive has no measured tyre forces, so these are held against Newton's law and the inertial sensor
+(`evaluate.balance`), attitudes against the pose of the recording. On the hills and banks of the generated drives the
+car with all its bodies and linkages is the plant; its forces and attitude are the truth.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+from scipy.spatial.transform import Rotation
+
+from vsense_ros.bag import datasets
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.evaluate.balance import balance
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.identify.progress import Progress, part
+from vsense_ros.manoeuvre.driver import SpeedKeeper
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.coordinates import (
+    BANK,
+    FORCE_X,
+    FORCE_Y,
+    FORCE_Z,
+    GRADE,
+    PITCH,
+    ROLL,
+    SPEED_X,
+    YAW_RATE,
+)
+from vsense_ros.model.sensors.gnss_height import GnssHeight
+from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
+from vsense_ros.model.simulation.full_car import simulate_full_car
+from vsense_ros.model.simulation.surface import Surface, Waves
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import Observer
+from vsense_ros.observer.estimate import Estimate, stacked
+from vsense_ros.observer.state import DISTURB, U
+
+Array = NDArray[np.float64]
+
+RATE = 100.0  # [Hz] of the estimates that are compared
+SETTLED = 2.0  # [s] from the start of a recording on
+LOOKED_AT = (20.0, 30.0)  # [s] of the RAV4's drive, where the road bends upwards
+OUTAGE = (20.0, 40.0)  # [s] of the generated drives, without GNSS
+DURATION, STEP = 50.0, 1e-3  # [s]
+
+# Amplitude [m], direction [rad] and length [m] of waves; the car sets out along x.
+PLANTS: Mapping[str, tuple[float, Surface]] = {
+    "hills at 10 m/s": (10.0, Waves(((0.8, 0.0, 80.0),))),
+    "hills at 20 m/s": (20.0, Waves(((2.5, 0.0, 250.0),))),
+    "crests at 30 m/s": (30.0, Waves(((4.0, 0.0, 500.0), (0.4, 0.0, 160.0)))),
+    "banks at 20 m/s": (20.0, Waves(((0.6, 1.25, 60.0),))),
+}
+
+
+FIGURES: Mapping[str, str] = {
+    "sum_fz_percent": "sum of vertical forces against mass x specific force, of the weight [%]",
+    "front_load_percent": "front axle load against the balance of moments, of itself [%]",
+    "pitch_rmse_deg": "pitch against the recorded pose, without the constant [deg]",
+    "roll_rmse_deg": "roll, likewise [deg]",
+    "friction_20_30": "largest friction in use between 20 and 30 s [-]",
+    "speed_rmse": "speed [m/s]",
+    "yaw_rate_rmse_deg": "yaw rate [deg/s]",
+    "fz_nrmsd_percent": "vertical force of the worst wheel, of its range [%]",
+    "grade_deg": "grade [deg]",
+    "bank_deg": "bank [deg]",
+    "attitude_deg": "roll or pitch on the map, the worse [deg]",
+}
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Of one recording, at `RATE`."""
+
+    t: Array  # (n,) [s] after the first
+    stamp: Array  # (n,) [ns]
+    found: Estimate  # stacked
+
+    @property
+    def over_road(self) -> Array:
+        """Roll and pitch of the body over the road, (n, 2) [rad]."""
+        return self.found.state[:, [ROLL, PITCH]]
+
+    @property
+    def loads(self) -> Array:
+        """Vertical forces of the tyres, (n, 4) [N]."""
+        return self.found.wheels[:, FORCE_Z]
+
+
+def estimate(recording: Recording, vehicle: Vehicle, progress: Progress | None = None) -> Estimates:
+    """The observer's estimates of a recording."""
+    observer = Observer(vehicle, recording.map_origin)
+    topics = tuple(topic for topic in observer.topics if topic in recording)
+    total, last = sum(len(recording[topic]) for topic in topics), 0
+    found: list[Estimate] = []
+    for i, sample in enumerate(recording.samples(topics)):
+        observer.add(sample)
+        if observer.started and observer.stamp >= last + int(0.999e9 / RATE):
+            found.append(observer.snapshot())
+            last = observer.stamp
+        if progress is not None and i % 500 == 0:
+            progress(i / total)
+    stamp = np.array([one.stamp for one in found])
+    return Estimates((stamp - stamp[0]) * 1e-9, stamp, stacked(found))
+
+
+def rav4(progress: Progress | None = None) -> dict[str, float]:
+    """Figures of the RAV4's drive. Raises `InputError` where the recording is not here."""
+    recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
+    made = estimate(recording, vehicle, progress)
+    settled = made.t > SETTLED
+    sums = balance(recording, made.t, made.stamp, made.over_road, made.loads, vehicle)
+    reference = recording["reference/odometry"]
+    compared = reference.stamp > made.stamp[0] + SETTLED * 1e9
+    own = Rotation.from_quat(made.found.orientation).as_euler("ZYX")
+    true = Rotation.from_quat(reference.columns["orientation"]).as_euler("ZYX")[compared]
+    error = np.column_stack([np.interp(reference.stamp[compared], made.stamp, own[:, i]) - true[:, i] for i in (1, 2)])
+    u = made.found.state[:, U]
+    speed, yaw_rate = (
+        np.interp(reference.stamp[compared], made.stamp, u[:, i]) - reference.columns[name][compared, axis]
+        for i, name, axis in ((SPEED_X, "linear", 0), (YAW_RATE, "angular", 2))
+    )
+    force_x, force_y, load = (made.found.wheels[:, i] for i in (FORCE_X, FORCE_Y, FORCE_Z))
+    used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
+    within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
+    parts = type(sums)(
+        *(getattr(sums, name)[settled] for name in ("t", "felt", "loads", "expected_sum", "expected_front"))
+    )
+    return {
+        "sum_fz_percent": parts.sum_percent,
+        "front_load_percent": parts.front_percent,
+        "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
+        "roll_rmse_deg": float(np.degrees(error[:, 1].std())),
+        "friction_20_30": float(used[within].max()),
+        "speed_rmse": float(np.sqrt(np.mean(speed**2))),
+        "yaw_rate_rmse_deg": float(np.degrees(np.sqrt(np.mean(yaw_rate**2)))),
+    }
+
+
+def weaving(vehicle: Vehicle, speed: float) -> Driver:
+    """Keeps a speed [m/s] and steers gently from side to side."""
+    feet, angle = SpeedKeeper(vehicle, lambda t: speed), 4.0 / speed**2  # lateral acceleration of some 1 m/s²
+
+    def driver(t: float, q: Array, u: Array) -> Array:
+        return np.concatenate([[angle * np.sin(2 * np.pi * t / 8.0) * min(t, 1.0)], feet(t, u)])
+
+    return driver
+
+
+def plant(name: str, vehicle: Vehicle) -> Trajectory:
+    """The car with all its bodies on one of the `PLANTS`."""
+    speed, surface = PLANTS[name]
+    q, u = rolling_straight(vehicle, speed)
+    return simulate_full_car(vehicle, weaving(vehicle, speed), DURATION, step=STEP, q=q, u=u, surface=surface)
+
+
+def with_height(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with the height of its GNSS receiver; in a simulation all of its error is new each time."""
+    position = next(sensor for sensor in vehicle.sensors.values() if sensor.kind == "gnss_position")
+    height = GnssHeight(position=position.position, noise=2 * position.noise, topic=position.topic)
+    return vehicle.model_copy(update={"sensors": {**vehicle.sensors, "height": height}})
+
+
+def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | None = None) -> dict[str, float]:
+    """Figures of the observer with the vehicle `known` on a drive of the full car `driven`, with an outage of GNSS."""
+    truth = plant(name, driven)
+    recording = record(truth, driven, seed=1, name=name)
+    silent = {}
+    for topic, channel in recording.channels.items():
+        there = (channel.seconds < OUTAGE[0]) | (channel.seconds > OUTAGE[1])
+        silent[topic] = channel.select(there) if topic.startswith("gps/") else channel
+    made = estimate(Recording(silent, name, metadata=recording.metadata), with_height(known), progress)
+    settled = made.t > SETTLED
+    rows = np.searchsorted(truth.t, made.t[settled] + (made.stamp[0] - recording.start) * 1e-9).clip(
+        0, len(truth.t) - 1
+    )
+    forces = truth.wheels[rows, FORCE_Z]
+    slopes = made.found.state[settled][:, DISTURB]
+    assert truth.disturbances is not None
+    road = truth.disturbances[rows]
+    reference = recording["reference/odometry"]
+    turned = Rotation.from_quat(made.found.orientation[settled]).as_euler("ZYX")
+    true = Rotation.from_quat(reference.columns["orientation"]).as_euler("ZYX")
+    off = [turned[:, i] - np.interp(made.stamp[settled], reference.stamp, true[:, i]) for i in (1, 2)]
+    error = np.sqrt(np.mean((made.loads[settled] - forces) ** 2, axis=0)) / np.ptp(forces, axis=0)
+    return {
+        "fz_nrmsd_percent": float(100 * error.max()),
+        "grade_deg": _rms_deg(slopes[:, GRADE] - road[:, GRADE]),
+        "bank_deg": _rms_deg(slopes[:, BANK] - road[:, BANK]),
+        "attitude_deg": max(map(_rms_deg, off)),
+    }
+
+
+def _rms_deg(error: Array) -> float:
+    return float(np.degrees(np.sqrt(np.mean(error**2))))
+
+
+def on_plants(progress: Progress | None = None) -> dict[str, dict[str, float]]:
+    """Figures on all of the `PLANTS`, of an observer that has the numbers of the plant's vehicle file."""
+    car = load_vehicle(vehicle_path("prototype_real"))
+    return {name: on_plant(name, car, car, part(progress, i, len(PLANTS))) for i, name in enumerate(PLANTS)}
+
+
+def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
+    """For the terminal."""
+    found = Table(box=box.SIMPLE_HEAD)
+    found.add_column("drive")
+    found.add_column("figure")
+    found.add_column("value", justify="right")
+    rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
+    for drive, figures in {**rows, **results["plants"]}.items():
+        for i, (name, value) in enumerate(figures.items()):
+            found.add_row(drive if i == 0 else "", FIGURES[name], f"{value:.3g}")
+    return found
+
+
+def write(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """As JSON."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
