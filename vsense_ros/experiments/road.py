@@ -39,6 +39,7 @@ from vsense_ros.model.coordinates import (
     SPEED_X,
     YAW_RATE,
 )
+from vsense_ros.model.sensors import GnssPosition
 from vsense_ros.model.sensors.gnss_height import GnssHeight
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
@@ -168,7 +169,7 @@ def plant(name: str, vehicle: Vehicle) -> Trajectory:
 
 def with_height(vehicle: Vehicle) -> Vehicle:
     """The vehicle with the height of its GNSS receiver; in a simulation all of its error is new each time."""
-    position = next(sensor for sensor in vehicle.sensors.values() if sensor.kind == "gnss_position")
+    position = next(sensor for sensor in vehicle.sensors.values() if isinstance(sensor, GnssPosition))
     height = GnssHeight(position=position.position, noise=2 * position.noise, topic=position.topic)
     return vehicle.model_copy(update={"sensors": {**vehicle.sensors, "height": height}})
 
