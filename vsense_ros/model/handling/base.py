@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import WHEELS
@@ -25,7 +24,7 @@ from vsense_ros.model.vehicle import Axle, Vehicle
 AXLES = ("front", "rear")
 STIFFNESSES = ("slip_stiffness", "cornering_stiffness")  # of a linear tyre: those that are parameters of a model
 STANDSTILL_SPEED = 0.01  # [m/s] of a linear tyre in a handling model, which leaves its stiffness as it is
-_AT = 20.0  # [m/s] at which a tyre is asked for its slopes
+_AT, _SMALL = 20.0, 1e-4  # [m/s] at which a tyre is asked for its slope, and slip
 TyreKind = Literal["linear", "own"]
 
 
@@ -207,13 +206,12 @@ def static_loads(vehicle: Vehicle) -> tuple[float, float]:
 
 
 def slopes(axle: Axle, load: float) -> tuple[float, float]:
-    """Of one tyre at zero slip: longitudinal force per longitudinal slip [N], lateral force per slip angle [N/rad]."""
-    slip, angle = ca.SX.sym("slip"), ca.SX.sym("angle")
-    wheel = TyreInput(load, _AT, -_AT * ca.tan(angle), _AT * (1 + slip))
-    found = axle.tyre.forces(wheel)
-    both = ca.vertcat(ca.jacobian(found.longitudinal, slip), ca.jacobian(found.lateral, angle))
-    along, across = np.asarray(ca.Function("slopes", [slip, angle], [both])(0.0, 0.0)).ravel()
-    return float(along) * axle.longitudinal_scale, float(across) * axle.cornering_scale
+    """Of one tyre at small slips: longitudinal force per slip [N], lateral force per slip angle [N/rad]."""
+    driven, braked = (
+        axle.tyre.forces(TyreInput(load, _AT, 0.0, _AT * (1 + slip))).longitudinal for slip in (_SMALL, -_SMALL)
+    )
+    along = (float(driven) - float(braked)) / (2 * _SMALL) * axle.longitudinal_scale
+    return along, float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
 
 
 def linear_tyre(axle: Axle, load: float) -> Linear:

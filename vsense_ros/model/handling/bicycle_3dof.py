@@ -46,7 +46,10 @@ class Bicycle3Dof(Planar):
 
     def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:
         arms, angles, radii = (p.to_front, -p.to_rear), (u.steering, 0.0), (p.front_radius, p.rear_radius)
-        ahead, left, moment, along = 0.0, 0.0, 0.0, []
+        ahead: Scalar = 0.0
+        left: Scalar = 0.0
+        moment: Scalar = 0.0
+        along: list[Scalar] = []
         for i, (place, load, spin) in enumerate(zip(AXLES, loads_at_rest(p), self.spins(x, u), strict=True)):
             moving = in_wheel_axes(x.forward_velocity, x.lateral_velocity + arms[i] * x.yaw_rate, angles[i])
             force_x, force_y = self.tyres.forces(place, TyreInput(load, *moving, radii[i] * spin), p)

@@ -47,7 +47,10 @@ class TwinTrack3Dof(Planar):
     def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:
         arms, sides, loads = (p.to_front, -p.to_rear), (p.front_half_track, p.rear_half_track), loads_at_rest(p)
         angles = (u.steering_fl, u.steering_fr, 0.0, 0.0)
-        ahead, left, moment, along = 0.0, 0.0, 0.0, []
+        ahead: Scalar = 0.0
+        left: Scalar = 0.0
+        moment: Scalar = 0.0
+        along: list[Scalar] = []
         for i, (wheel, spin) in enumerate(zip(WHEELS, self.spins(x, u), strict=True)):
             arm, side = arms[i // 2], sides[i // 2] * (1 if i % 2 == 0 else -1)  # place ahead and to the left
             velocity = x.forward_velocity - side * x.yaw_rate, x.lateral_velocity + arm * x.yaw_rate
