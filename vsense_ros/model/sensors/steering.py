@@ -10,7 +10,7 @@ import numpy as np
 from vsense_ros.model.coordinates import STEERING
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import Names, Response, SensorBase, Tells, Values, Vector, joint_state
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.vehicle import Vehicle
@@ -66,4 +66,4 @@ class Steering(SensorBase):
             raise ValueError("a steering sensor without a ratio cannot be simulated; `of_car` gives it the vehicle's")
         angle = self.ratio * drive.truth + drive.bias * SIMULATED_BIAS * drive.rng.standard_normal()
         angle = angle + SIMULATED_NOISE * drive.rng.standard_normal(angle.shape)
-        return joint_state("position", quantized(angle, drive.quantum), ("steering_wheel",))
+        return joint_state("position", drive.digitized(angle), ("steering_wheel",))
