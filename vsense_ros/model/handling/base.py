@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import WHEELS
@@ -20,6 +22,8 @@ from vsense_ros.model.parameter import Scalar, with_expressions
 from vsense_ros.model.simulation.closed_loop import axle_of, rolling_radii
 from vsense_ros.model.tyres import Linear, Tyre, TyreInput
 from vsense_ros.model.vehicle import Axle, Vehicle
+
+Array = NDArray[np.float64]
 
 AXLES = ("front", "rear")
 STIFFNESSES = ("slip_stiffness", "cornering_stiffness")  # of a linear tyre: those that are parameters of a model
@@ -243,6 +247,16 @@ def car_numbers(vehicle: Vehicle) -> dict[str, float]:
         found[f"radius_{wheel}"] = float(radii[i])
         found[f"spin_inertia_{wheel}"] = axle_of(vehicle, i).wheel_spin_inertia
     return found
+
+
+def steered_wheels(vehicle: Vehicle, angle: Array) -> tuple[Array, Array]:
+    """Angles of the left and the right front wheel (n,) for mean angles (n,) [rad], by the vehicle's share of
+    Ackermann's geometry; suspension tables are left out."""
+    physics = vehicle.physics
+    wheelbase = physics.chassis.cog_to_front_axle + physics.chassis.cog_to_rear_axle
+    share, tangent, half = physics.steering.ackermann, np.tan(angle), physics.front.track / 2
+    left, right = (np.arctan2(wheelbase * tangent, wheelbase - side * half * tangent) for side in (1, -1))
+    return (1 - share) * angle + share * left, (1 - share) * angle + share * right
 
 
 def _axle_index(place: str) -> int:
