@@ -117,7 +117,7 @@ def test_a_small_sine_of_the_steering_comes_out_as_the_frequency_response_says(m
     for i, name in enumerate(model.inputs):
         if name.startswith("steering"):
             inputs[:, i] = sine
-    if model.following(*(Values(n, np.zeros(len(n))) for n in (model.states, model.inputs, model.parameters))):
+    if model.following(*(Values(n, np.ones(len(n))) for n in (model.states, model.inputs, model.parameters))):
         pytest.skip("its wheels do not follow by themselves")
     states = found.drive(x, inputs, step)[:-1]
     lateral = found.told(states, inputs)[:, model.outputs.index("lateral_velocity")]
@@ -248,3 +248,25 @@ def test_a_left_turn_has_the_signs_of_iso_8855(model: HandlingModel) -> None:
         assert found.frequency_response(speed, still, "yaw_rate")[0].real > 0
         assert found.frequency_response(speed, still, "lateral_acceleration")[0].real > 0
         assert np.sign(found.frequency_response(speed, still, "side_slip")[0].real) == slip
+
+
+@every_model
+def test_sensitivities_along_a_drive_are_finite_differences(model: HandlingModel) -> None:
+    found = response(model)
+    x, u = found.straight(12.0)
+    t = np.arange(0, 1.5, 0.01)
+    inputs = np.tile(u, (len(t), 1))
+    for i, name in enumerate(model.inputs):
+        if name.startswith("steering"):
+            inputs[:, i] += 0.02 * np.sin(3 * t)
+        if name.startswith("torque_f"):
+            inputs[:, i] -= 50.0  # a wheel without any force is at the corner between driving and braking
+    slopes = found.sensitivities(x, inputs, 0.01)
+    for k in range(0, len(model.parameters), 3):
+        told = []
+        for sign in (-1, 1):
+            other = response(model)
+            other.parameters[k] *= 1 + sign * 1e-5
+            told.append(other.told(other.drive(x, inputs, 0.01)[:-1], inputs))
+        expected = (told[1] - told[0]) / (2e-5 * found.parameters[k])
+        assert slopes[:, :, k] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(expected).max() + 1e-15)

@@ -143,7 +143,7 @@ class Track:
 class Along:
     """How far along a track something is that moves forwards on it: its memory tells crossings and laps apart.
 
-    Before the beginning and beyond the end the track goes straight on.
+    Before the beginning and beyond the end the track goes on as it is there.
     """
 
     def __init__(self, track: Track) -> None:
@@ -164,13 +164,12 @@ class Along:
             ahead = self._ahead(i, x, y)
         self._i = i
         offset = (y - self._y[i]) * self._cos[i] - (x - self._x[i]) * self._sin[i]
-        curvature = self._curvature[i] if 0 < i < last else 0.0
+        curvature = self._curvature[i]
         return self._s[i] + ahead, offset - curvature * ahead**2 / 2, self._heading[i] + curvature * ahead
 
     def curvature(self, distance: float) -> float:
-        """At an arc length [1/m]; none before the beginning and beyond the end."""
-        i = bisect_right(self._s, distance) - 1
-        return self._curvature[i] if 0 <= i < len(self._s) - 1 else 0.0
+        """At an arc length [1/m]."""
+        return self._curvature[max(bisect_right(self._s, distance) - 1, 0)]
 
     def _ahead(self, i: int, x: float, y: float) -> float:
         """How far a point is ahead of the track's i-th one, along the track [m]."""

@@ -65,7 +65,14 @@ class Response:
         self.outputs = ca.Function("outputs", [x, u, p], [outputs])
         by_state, by_input = ([ca.jacobian(found, at) for found in (rates, outputs)] for at in (x, u))
         h = ca.SX.sym("h")
-        self._step = ca.Function("step", [x, u, p, h], [rosenbrock_step(self.rates, by_state[0], x, u, p, h)])
+        after = rosenbrock_step(self.rates, by_state[0], x, u, p, h)
+        self._step = ca.Function("step", [x, u, p, h], [after])
+        slopes = ca.SX.sym("slopes", len(model.states), len(model.parameters))
+        moved = ca.jacobian(after, x) @ slopes + ca.jacobian(after, p)
+        both, both_after = (ca.horzcat(*pair) for pair in ((x, slopes), (after, moved)))
+        self._slope_step = ca.Function("slope_step", [both, u, p, h], [both_after])
+        told = ca.jacobian(outputs, x) @ slopes + ca.jacobian(outputs, p)
+        self._told_slopes = ca.Function("told_slopes", [both, u, p], [told])
         following = model.following(*named)
         followed = ca.vertcat(*(following.get(name, u[i]) for i, name in enumerate(model.inputs)))
         by_motion, kept = ca.jacobian(followed, x), ca.jacobian(followed, u)
@@ -113,6 +120,18 @@ class Response:
         held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), steps))
         after = run(start, inputs.T, held, np.full((1, steps), step))
         return np.vstack([start, np.asarray(after).T])
+
+    def sensitivities(self, start: Array, inputs: Array, step: float) -> Array:
+        """Derivatives of the outputs by the parameters along a drive, (n, m, p), inputs (n, k) held for `step` [s]: by
+        forward propagation, exactly those of the steps that `drive` takes."""
+        steps, count = len(inputs), len(self.parameters)
+        run, told = self._slope_step.mapaccum("slopes", steps), self._told_slopes.map(steps)
+        held = np.broadcast_to(self.parameters[:, None], (count, steps))
+        begin = ca.horzcat(ca.DM(start), ca.DM.zeros(len(start), count))
+        after = run(begin, inputs.T, held, np.full((1, steps), step))
+        before = ca.horzcat(begin, after[:, : -(count + 1)])
+        found = np.asarray(told(before, inputs.T, held))
+        return found.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
 
     def told(self, states: Array, inputs: Array) -> Array:
         """Outputs (n, m) of states (n, states) with inputs (n, k)."""
