@@ -7,8 +7,11 @@ import pytest
 from scipy import signal
 
 from vsense_ros.experiments import leung_models as leung
+from vsense_ros.manoeuvre.driver import SpeedKeeper, steady_steering
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response
+from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
+from vsense_ros.model.vehicle import Vehicle
 
 
 def test_table_5_2_is_what_the_thesis_prints() -> None:
@@ -103,3 +106,28 @@ def test_a_car_with_all_masses_and_stiffnesses_larger_in_proportion_is_the_same_
         for row in leung.steady_sensitivities(speed, leung.CAR_5_1).values():
             scaled = ("mass", "yaw_inertia", "front_stiffness", "rear_stiffness")
             assert sum(row[name] for name in scaled) == pytest.approx(0, abs=1e-9)
+
+
+def errors_in_small_turns(car: Vehicle) -> dict[str, float]:
+    """Of the linear model in a sine of the steering of 0.4 m/s² at 25 km/h."""
+    speed = 25 / 3.6
+    feet, angle = SpeedKeeper(car, lambda t: speed), steady_steering(car, speed, 0.4)
+    q, u = rolling_straight(car, speed)
+    drive = simulate(
+        car, lambda t, q, u: np.array([angle * np.sin(2.0 * t), *feet(t, u)]), 6.0, keep_every=10, q=q, u=u
+    )
+    driven = np.hypot(drive.u[:, 0], drive.u[:, 1])
+    found = leung.bicycle_errors(leung.numbers_of(car), drive.inputs[:, 0], driven, leung.truth_of(drive))
+    return {key: float(value[0]) for key, value in found.items()}
+
+
+@pytest.mark.slow
+def test_a_full_car_that_cannot_roll_is_the_bicycle_in_small_turns() -> None:
+    """What the linear model lacks of the saloon's side slip there is the swinging of its body."""
+    saloon = leung.plant()
+    changes = {"tyre.pneumatic_trail": 0.0, "antiroll_stiffness": 2e6, "tyre_stiffness": 4e6, "roll_centre_height": 0.0}
+    stiff = saloon.with_parameters({f"{axle}.{key}": v for axle in ("front", "rear") for key, v in changes.items()})
+    without, rolling = errors_in_small_turns(stiff), errors_in_small_turns(saloon)
+    assert without["yaw_rate"] < 0.25
+    assert without["side_slip"] < 0.25
+    assert 1.0 < rolling["side_slip"] < 2.0

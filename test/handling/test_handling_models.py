@@ -13,6 +13,10 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from vsense_ros.estimation.dense import Dense
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Gaussian
+from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.base import HandlingModel, Tyres
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
@@ -270,3 +274,39 @@ def test_sensitivities_along_a_drive_are_finite_differences(model: HandlingModel
             told.append(other.told(other.drive(x, inputs, 0.01)[:-1], inputs))
         expected = (told[1] - told[0]) / (2e-5 * found.parameters[k])
         assert slopes[:, :, k] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(expected).max() + 1e-15)
+
+
+class _Model(StateSpace):
+    """A handling model as a filter takes it: Heun's rule on its rates."""
+
+    names, inputs, parameters = Bicycle2Dof.states, Bicycle2Dof.inputs, Bicycle2Dof().parameters
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> ca.SX:
+        first = ca.vertcat(*Bicycle2Dof().rates(x, u, theta))
+        ahead = Named(x.vector + h * first, self.names, "state")
+        return x.vector + h / 2 * (first + ca.vertcat(*Bicycle2Dof().rates(ahead, u, theta)))
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> list[float]:
+        return [1e-6, 1e-6]
+
+
+def test_a_filter_takes_a_handling_model_and_its_outputs_as_they_are() -> None:
+    """Side slip from yaw rate and lateral acceleration alone, of a car that starts sliding."""
+    model = Bicycle2Dof()
+
+    def sensed(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
+        return list(model.measured(x, u, p)[:2])
+
+    filter_ = Ekf(Dense(_Model(), [Measurement("both", sensed, (0.002, 0.1))], numbers(model)))
+    filter_.start(Gaussian(np.zeros(2), np.eye(2) * 0.01))
+    t = np.arange(0, 3, 0.01)
+    inputs = np.column_stack([0.03 * np.sin(2 * t), np.full(len(t), 20.0)])
+    found = response(model)
+    states = found.drive(np.array([0.05, 0.2]), inputs, 0.01)
+    told = found.told(states[:-1], inputs)
+    noise = np.random.default_rng(0).standard_normal((len(t), 2)) * (0.002, 0.1)
+    for i in range(len(t)):
+        filter_.inputs[:] = inputs[i]
+        filter_.correct("both", told[i, :2] + noise[i], np.array([0.002**2, 0.01]))
+        filter_.predict(0.01)
+    assert filter_.belief().mean == pytest.approx(states[-1], abs=3e-3)

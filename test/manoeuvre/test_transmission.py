@@ -90,3 +90,12 @@ def test_unknown_receivers_and_rates_are_refused(saloon: Vehicle) -> None:
 def test_a_resolution_that_fits_no_message_is_told(saloon: Vehicle, turn: Trajectory) -> None:
     with pytest.raises(InputError, match="resolution of 2 numbers for messages of 6 values"):
         recorded(turn, with_transmission(saloon, "imu", resolution=(0.1, 0.1)))
+
+
+def test_the_errors_of_the_steering_sensor_are_those_of_its_file(saloon: Vehicle, turn: Trajectory) -> None:
+    known = {"simulated_noise": 0.003, "simulated_bias": 0.0}
+    changed = saloon.sensors["steering"].model_copy(update=known)
+    car = saloon.model_copy(update={"sensors": saloon.sensors | {"steering": changed}})
+    error = recorded(turn, car).channels["vehicle/steering"].columns["position"][:, 0] - 17.58 * 0.06
+    assert abs(error.mean()) < 5 * 0.003 / np.sqrt(len(error))
+    assert np.std(error) == pytest.approx(0.003, rel=0.15)

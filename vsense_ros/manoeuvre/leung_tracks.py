@@ -99,6 +99,8 @@ def _lane_change(kph: int) -> Manoeuvre:
     )
 
 
+HILL_SOURCE = "table 4.12, in plan: slopes are those of the track, the simulated car drives on level ground"
+
 MANOEUVRES = (
     *(
         _manoeuvre(f"double_oval_{kph}", TRACKS["double_oval"], kph / 3.6, f"Double oval at {kph} km/h", "C.1")
@@ -109,5 +111,5 @@ MANOEUVRES = (
     _manoeuvre("eight", TRACKS["eight"], SLOW, "Figure of eight", "C.4"),
     _manoeuvre("slalom", TRACKS["slalom"], SLOW, "Slalom of tight turns", "C.5"),
     _manoeuvre("plain_straight", TRACKS["plain_straight"], SLOW, "Straight", "section 4.4"),
-    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", "table 4.12"),
+    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", HILL_SOURCE),
 )

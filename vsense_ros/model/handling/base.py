@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 AXLES = ("front", "rear")
 STIFFNESSES = ("slip_stiffness", "cornering_stiffness")  # of a linear tyre: those that are parameters of a model
 STANDSTILL_SPEED = 0.01  # [m/s] of a linear tyre in a handling model, which leaves its stiffness as it is
+_SMALLEST_SPEED = 0.1  # [m/s] below which the side slip is that at this speed, so that it has a derivative at rest
 _AT, _SMALL = 20.0, 1e-4  # [m/s] at which a tyre is asked for its slope, and slip
 TyreKind = Literal["linear", "own"]
 
@@ -177,7 +178,7 @@ class Planar(HandlingModel):
     def measured(self, x: Any, u: Any, p: Any) -> list[Scalar]:
         ahead, left, *_ = self.forces(x, u, p)
         along, across = self.accelerations(x, ahead, left, p)
-        slip = ca.atan2(x.lateral_velocity, x.forward_velocity)
+        slip = ca.atan2(x.lateral_velocity, ca.fmax(x.forward_velocity, _SMALLEST_SPEED))
         return [along, across, x.yaw_rate, x.lateral_velocity, slip]
 
     def tyre_numbers(self) -> dict[str, float]:

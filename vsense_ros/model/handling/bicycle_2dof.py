@@ -17,6 +17,8 @@ from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.vehicle import Vehicle
 
+SLOWEST = 2.0  # [m/s] below which the model, whose equations divide by the speed, goes on as at this speed
+
 
 class Bicycle2Dof(HandlingModel):
     """Linear with axle stiffnesses [N/rad] as parameters, or with `tyres` at "front" and "rear" in their place."""
@@ -37,12 +39,13 @@ class Bicycle2Dof(HandlingModel):
 
     def axle_forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar]:
         """Of both wheels of the front and of the rear axle, to the left [N]."""
-        front = x.side_slip + p.to_front * x.yaw_rate / u.speed - u.steering
-        rear = x.side_slip - p.to_rear * x.yaw_rate / u.speed
+        speed = ca.fmax(u.speed, SLOWEST)
+        front = x.side_slip + p.to_front * x.yaw_rate / speed - u.steering
+        rear = x.side_slip - p.to_rear * x.yaw_rate / speed
         if self.tyres is None:
             return -p.front_stiffness * front, -p.rear_stiffness * rear
         found = [
-            2 * self.tyres.forces(place, TyreInput(load, u.speed, u.speed * angle, u.speed), p)[1]
+            2 * self.tyres.forces(place, TyreInput(load, speed, speed * angle, speed), p)[1]
             for place, load, angle in zip(AXLES, loads_at_rest(p), (front, rear), strict=True)
         ]
         return found[0], found[1]
@@ -50,7 +53,7 @@ class Bicycle2Dof(HandlingModel):
     def rates(self, x: Any, u: Any, p: Any) -> list[Scalar]:
         front, rear = self.axle_forces(x, u, p)
         return [
-            (front + rear) / (p.mass * u.speed) - x.yaw_rate,
+            (front + rear) / (p.mass * ca.fmax(u.speed, SLOWEST)) - x.yaw_rate,
             (p.to_front * front - p.to_rear * rear) / p.yaw_inertia,
         ]
 
