@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import signal
 
 from vsense_ros.experiments import leung_models as leung
+from vsense_ros.experiments import leung_models_picture
 from vsense_ros.manoeuvre.driver import SpeedKeeper, steady_steering
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response
@@ -131,3 +134,8 @@ def test_a_full_car_that_cannot_roll_is_the_bicycle_in_small_turns() -> None:
     assert without["yaw_rate"] < 0.25
     assert without["side_slip"] < 0.25
     assert 1.0 < rolling["side_slip"] < 2.0
+
+
+def test_the_bode_plots_are_drawn(tmp_path: Path) -> None:
+    for path in leung_models_picture.frequency_responses(tmp_path):
+        assert path.read_bytes().startswith(b"\x89PNG")

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from vsense_ros.evaluate.handling_picture import bode, draw_bode
 from vsense_ros.evaluate.picture import MUTED, STYLE, TRUTH
+from vsense_ros.evaluate.tyre_rig import TyreRig
 from vsense_ros.experiments import leung_models as leung
-from vsense_ros.model.coordinates import ROLL, SPEED_X, SPEED_Y, STEERING, YAW_RATE
+from vsense_ros.model.coordinates import ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, WHEEL_OUTPUTS, YAW_RATE
+from vsense_ros.model.handling.base import slopes, static_loads
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -34,12 +36,75 @@ SWEEP_SPEEDS = (20, 50)  # [km/h]
 def draw_all(folder: Path, progress: Progress = lambda share: None) -> list[Path]:
     """Every picture of this file; drives are shared between them."""
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = (frequency_responses, transients, parameter_errors, stiffness_maps, steering_errors, side_slip_and_roll)
+    jobs = (
+        parameter_tests,
+        frequency_responses,
+        transients,
+        parameter_errors,
+        stiffness_maps,
+        steering_errors,
+        side_slip_and_roll,
+    )
     found = []
     for i, job in enumerate(jobs):
         found += job(folder)
         progress((i + 1) / len(jobs))
     return found
+
+
+def parameter_tests(folder: Path) -> list[Path]:
+    """Figures 3.7 to 3.10: the single-track model beside the plant, rolling radii, lateral velocity, tyre forces."""
+    car, (front, rear) = leung.plant(), static_loads(leung.plant())
+    slow, oval = leung.driven("double_oval_15"), leung.driven("double_oval_25")
+    with _figure("Parameter tests", (12, 6.6)) as (figure, save):
+        panels = figure.subplots(2, 3)
+        ours = leung.open_loop(leung.MODELS[0], oval)
+        pair = ((ours["yaw_rate"], COLOURS[0], "2DoF bicycle"), (oval.u[:, YAW_RATE], TRUTH, "plant"))
+        for value, colour, label in pair:
+            panels[0][0].plot(oval.t, np.degrees(value), color=colour, lw=1.0, label=label)
+        _words(panels[0][0], "Yaw rate, double oval at 25 km/h", "time [s]", "[°/s]")
+        panels[0][0].legend()
+        ours = leung.open_loop(leung.MODELS[0], slow)
+        panels[0][1].plot(slow.t, ours["lateral"], color=COLOURS[0], lw=1.0)
+        panels[0][1].plot(slow.t, slow.u[:, SPEED_Y], color=TRUTH, lw=1.0)
+        _words(panels[0][1], "Lateral velocity, double oval at 15 km/h", "time [s]", "[m/s]")
+        for kph, line in ((15, "-"), (50, "--")):
+            drive = leung.driven(f"double_oval_{kph}")
+            straight = drive.t < 20.0 * 15 / kph
+            for wheel, (name, colour) in enumerate(zip(("FL", "FR", "RL", "RR"), COLOURS, strict=False)):
+                if wheel % 2 == 0:
+                    radius = drive.u[straight, SPEED_X] / drive.u[straight, SPIN][:, wheel]
+                    label = f"{name}, {kph} km/h"
+                    panels[0][2].plot(drive.t[straight], 1e3 * radius, color=colour, ls=line, lw=1.0, label=label)
+        _words(panels[0][2], "Speed over spin on the straight", "time [s]", "[mm]")
+        panels[0][2].legend(fontsize=7)
+        for panel, slip, force, sign, words, x in (
+            (panels[1][0], "slip", "force_x", 1.0, "Longitudinal force, double oval at 15 km/h", "slip [-]"),
+            (
+                panels[1][1],
+                "slip_angle",
+                "force_y",
+                -1.0,
+                "Lateral force, double oval at 15 km/h",
+                "minus slip angle [rad]",
+            ),
+        ):
+            x_row, y_row = (WHEEL_OUTPUTS.index(name) for name in (slip, force))
+            for wheel, (name, colour) in enumerate(zip(("FL", "FR", "RL", "RR"), COLOURS, strict=False)):
+                values = sign * slow.wheels[::10, x_row, wheel], slow.wheels[::10, y_row, wheel]
+                panel.plot(*values, ".", ms=2, color=colour, label=name)
+            _words(panel, words, x, "[N]")
+        panels[1][1].legend(markerscale=4)
+        axles = ((car.physics.front, front, "front"), (car.physics.rear, rear, "rear"))
+        angles = np.linspace(-0.2, 0.2, 201)
+        for (axle, load, name), colour in zip(axles, COLOURS, strict=False):
+            settled = TyreRig(axle.tyre, load).settled(-angles)
+            panels[1][2].plot(angles, settled / 1e3, color=colour, label=name)
+            panels[1][2].plot(angles, angles * slopes(axle, load)[1] / 1e3, color=colour, ls=":", lw=0.9)
+        panels[1][2].set_ylim(-6, 6)
+        _words(panels[1][2], "Tyres under static load, and their slopes", "minus slip angle [rad]", "[kN]")
+        panels[1][2].legend()
+        return [save(folder / "figures_3_7_to_3_10_parameter_tests.png")]
 
 
 def frequency_responses(folder: Path) -> list[Path]:
