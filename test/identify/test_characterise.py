@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
@@ -155,6 +158,38 @@ def test_a_recording_without_steering_is_refused(bend: Recording, saloon: Vehicl
     channels = {topic: c for topic, c in bend.channels.items() if topic != "vehicle/steering"}
     with pytest.raises(InputError, match="no topic vehicle/steering"):
         of_recording(Recording(channels, name="bare"), saloon)
+
+
+def test_steering_of_another_name_is_told(bend: Recording, saloon: Vehicle) -> None:
+    steering = replace(bend["vehicle/steering"], names=("tiller",))
+    with pytest.raises(InputError, match="names tiller; expected steering_wheel"):
+        of_recording(Recording({**bend.channels, "vehicle/steering": steering}, name="odd"), saloon)
+
+
+def test_readings_at_two_places_are_not_mixed(saloon: Vehicle) -> None:
+    one = linear_drive(saloon, 40.0)
+    with pytest.raises(InputError, match="one kind at a time"):
+        characterise("both", [one, replace(one, at_steering_wheel=False)], saloon)
+
+
+@given(st.sampled_from(["imu/data", "reference/odometry", "vehicle/wheel_speeds", "vehicle/steering"]), st.booleans())
+@settings(max_examples=8, deadline=None)
+def test_absent_and_infinite_values_become_no_wrong_numbers(
+    bend: Recording, saloon: Vehicle, topic: str, everywhere: bool
+) -> None:
+    channel = bend[topic]
+    columns = {}
+    for name, column in channel.columns.items():
+        bad = column.copy()
+        bad[slice(None) if everywhere else slice(100, 160)] = np.nan if everywhere else np.inf
+        columns[name] = bad
+    broken = Recording({**bend.channels, topic: replace(channel, columns=columns)}, name="broken")
+    found = characterise("broken", [of_recording(broken, saloon)], saloon)
+    for one in found.quantities:
+        assert one.value is None or np.isfinite(one.value)
+        assert one.value is not None or one.note
+    ratios = [one.value for one in found.quantities if one.name.startswith("rolling radius") and one.value]
+    assert ratios == pytest.approx([0.288] * len(ratios), abs=0.01)
 
 
 @pytest.mark.slow

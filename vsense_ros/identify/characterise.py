@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from vsense_ros.identify.drive_signals import STEP, DriveSignals, of_trajectory
+from vsense_ros.errors import InputError
+from vsense_ros.identify.drive_signals import STEP, DriveSignals, of_trajectory, reading_over_angle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.driver import SpeedKeeper, understeer_gradient
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import FORCE_X, FORCE_Y, WHEEL_OUTPUTS
 from vsense_ros.model.handling.base import slopes, static_loads
-from vsense_ros.model.sensors import Steering
 from vsense_ros.model.simulation.closed_loop import Driver, rolling_radii, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
@@ -85,7 +85,15 @@ class Characteristics:
 
 
 def characterise(title: str, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> Characteristics:
-    """Of drives, which may be of different kinds; without a vehicle file there is no wheelbase, and less to be told."""
+    """Of drives, which may be of different kinds; without a vehicle file there is no wheelbase, and less to be told.
+
+    Raises `InputError` where their steering was not read at the same place.
+    """
+    if len({drive.at_steering_wheel for drive in drives}) > 1:
+        raise InputError(
+            "some of the recordings have the angle of the steering wheel, others that of the road wheels; characterise "
+            "them one kind at a time"
+        )
     found = Characteristics(title)
     _radii(found, drives, vehicle)
     ratio = _steering(found, drives, vehicle)
@@ -98,7 +106,10 @@ def characterise(title: str, drives: Sequence[DriveSignals], vehicle: Vehicle | 
 
 def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> list[DriveSignals]:
     """The tests of a car, on the full model without sensor errors: straight at 15 and 50 km/h, a slow drive that winds,
-    speeds up and brakes, a slow ramp of the steering, and a sweep of it."""
+    speeds up and brakes, a slow ramp of the steering, and a sweep of it.
+
+    Raises `InputError` where the motion leaves the model's range.
+    """
     plans: list[tuple[str, float, float, Driver]] = [
         ("straight at 15 km/h", SLOW_SPEED, 16.0, _held(vehicle, SLOW_SPEED)),
         ("straight at 50 km/h", FAST_SPEED, 16.0, _held(vehicle, FAST_SPEED)),
@@ -110,7 +121,10 @@ def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> li
     found = []
     for i, (name, speed, duration, driver) in enumerate(plans):
         q, u = rolling_straight(vehicle, speed)
-        drive = simulate(vehicle, driver, duration, keep_every=round(STEP * 1e3), q=q, u=u)
+        try:
+            drive = simulate(vehicle, driver, duration, keep_every=round(STEP * 1e3), q=q, u=u)
+        except FloatingPointError as error:
+            raise InputError(f"{error} ({name}); is there a value in the vehicle file that no car has?") from None
         found.append(of_trajectory(name, drive, vehicle))
         progress((i + 1) / len(plans))
     return found
@@ -225,8 +239,7 @@ def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: V
     chassis = vehicle.physics.chassis
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
     at_wheel = drives[0].at_steering_wheel
-    gains = [sensor.gain for sensor in vehicle.sensors.values() if isinstance(sensor, Steering)]
-    from_file = (vehicle.physics.steering.ratio if at_wheel else 1.0) / (gains[0] if gains else 1.0)
+    from_file = reading_over_angle(vehicle, at_steering_wheel=at_wheel)
     parts, speeds = [], []
     for drive in drives:
         lateral = drive.speed * drive.yaw_rate

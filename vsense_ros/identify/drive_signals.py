@@ -11,7 +11,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.evaluate.signals import find_channel, read_signals
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.coordinates import ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, WHEELS, YAW_RATE
-from vsense_ros.model.sensors import Imu
+from vsense_ros.model.sensors import Imu, Steering
 from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.vehicle import Vehicle
 
@@ -41,6 +41,12 @@ class DriveSignals:
         return len(self.speed)
 
 
+def reading_over_angle(vehicle: Vehicle, *, at_steering_wheel: bool) -> float:
+    """What a steering sensor reads over the mean angle of the front wheels, by the vehicle file."""
+    gains = [sensor.gain for sensor in vehicle.sensors.values() if isinstance(sensor, Steering)]
+    return (vehicle.physics.steering.ratio if at_steering_wheel else 1.0) / (gains[0] if gains else 1.0)
+
+
 def of_trajectory(name: str, drive: Trajectory, vehicle: Vehicle) -> DriveSignals:
     """Of a simulated drive, whose instants are `STEP` apart, without any error."""
     return DriveSignals(
@@ -48,7 +54,7 @@ def of_trajectory(name: str, drive: Trajectory, vehicle: Vehicle) -> DriveSignal
         np.ones(len(drive.t), dtype=bool),
         drive.u[:, SPEED_X],
         drive.u[:, YAW_RATE],
-        vehicle.physics.steering.ratio * drive.inputs[:, STEERING],
+        reading_over_angle(vehicle, at_steering_wheel=True) * drive.inputs[:, STEERING],
         True,
         drive.u[:, SPIN],
         drive.q[:, ROLL],
@@ -69,6 +75,11 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
     if steering is None:
         raise InputError(f"{recording.name}: no topic vehicle/steering; a car is characterised by how it answers that")
     wheel = "steering_wheel" in steering.names
+    if not wheel and "road_wheel_front" not in steering.names:
+        raise InputError(
+            f"{recording.name}: vehicle/steering names {', '.join(steering.names) or 'nothing'}; expected "
+            "steering_wheel or road_wheel_front"
+        )
     column = steering.names.index("steering_wheel" if wheel else "road_wheel_front")
     found["steering"] = (steering.stamp, steering.columns["position"][:, column])
     imu = find_channel(recording, "imu/data")
@@ -138,7 +149,11 @@ def _reference(
     if not np.array_equal(ahead.stamp, left.stamp):
         return
     mounting = vehicle.reference
-    rate = np.interp(ahead.stamp, *found["yaw_rate"])
+    turning, value = found["yaw_rate"]
+    known = np.isfinite(value)
+    if not known.any():
+        return
+    rate = np.interp(ahead.stamp, turning[known], value[known])
     cos, sin = np.cos(mounting.yaw), np.sin(mounting.yaw)
     x = cos * ahead.value[:, 0] - sin * left.value[:, 0] + rate * mounting.position[1]
     y = sin * ahead.value[:, 0] + cos * left.value[:, 0] - rate * mounting.position[0]
