@@ -27,7 +27,6 @@ from vsense_ros.identify.free_parameter import FreeParameter, multiplied
 from vsense_ros.identify.noise import BOUND, PRIOR, maximise, noise_numbers, with_own_noise
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.sensors import steering
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.innovations import innovations
 
@@ -208,15 +207,13 @@ def test_a_recording_that_tells_nothing_is_refused(car: Vehicle, drive: Recordin
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_the_noise_that_was_put_into_a_recording_is_found(
-    car: Vehicle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_noise_that_was_put_into_a_recording_is_found(car: Vehicle, tmp_path: Path):
     """The file believes in sensors that are better or worse than those of the recording by a factor of two or three.
 
     The steering angle has no noise: it drives the model, which would be shaken as if gyros were noisier.
     """
-    monkeypatch.setattr(steering, "SIMULATED_NOISE", 0.0)
-    drive = generate("double_lane_change", car, seed=3)
+    quiet = {"steering": car.sensors["steering"].model_copy(update={"simulated_noise": 0.0})}
+    drive = generate("double_lane_change", car.model_copy(update={"sensors": car.sensors | quiet}), seed=3)
     source = vehicle_path("prototype_real").read_text(encoding="utf-8")
     for there, here in (
         ("force_noise: [0.447, 0.447, 0.447]", "force_noise: [0.15, 1.2, 0.9] # of the data sheet"),

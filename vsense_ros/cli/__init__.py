@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import click
 
-from vsense_ros.cli import estimate, experiments, explain, export, recordings, simulate, trust, vehicle
+from vsense_ros.cli import characterise, estimate, experiments, explain, export, recordings, simulate, trust, vehicle
 from vsense_ros.cli.common import Commands
 
 
@@ -45,6 +45,7 @@ for _command in (
     *simulate.COMMANDS,
     *export.COMMANDS,
     *vehicle.COMMANDS,
+    *characterise.COMMANDS,
     *experiments.COMMANDS,
 ):
     main.add_command(_command)

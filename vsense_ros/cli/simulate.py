@@ -14,25 +14,33 @@ from vsense_ros.cli.common import load_car, vehicle_option, warn
 @vehicle_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="BAG", help="Bag to write.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the sensors' noise.")
+@click.option(
+    "--receiver", metavar="NAME", help="GNSS receiver in place of the vehicle's: survey, mapping, consumer, …"
+)
+@click.option("--gnss-rate", type=float, metavar="HZ", help="Fixes a second, 0.1 to 100.")
 @click.option("--overwrite", is_flag=True, help="Replace a bag that stands at BAG.")
-def simulate(manoeuvre: str, vehicle: str, out: Path, seed: int, overwrite: bool) -> None:
+def simulate(
+    manoeuvre: str, vehicle: str, out: Path, seed: int, receiver: str | None, gnss_rate: float | None, overwrite: bool
+) -> None:
     """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.
 
-    An unknown name lists those there are.
+    An unknown name lists those there are, of manoeuvres as of receivers.
 
     \b
     Examples:
       vsense simulate step_steer --vehicle prototype_real --out out/step_steer
       vsense run out/step_steer --vehicle prototype_model
+      vsense simulate double_oval_25 --vehicle jaguar_saloon --receiver dg_100 --gnss-rate 1 --out out/oval
     """
     from vsense_ros.bag import write_bag
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.manoeuvre import generate
+    from vsense_ros.manoeuvre.receivers import with_receiver
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
     from vsense_ros.model.vehicle import left_out_of_simulation
 
-    car = load_car(vehicle)
+    car = with_receiver(load_car(vehicle), receiver, gnss_rate)
     warn(left_out_of_simulation(car))
     with waiting(f"driving {manoeuvre}"):
         recording = generate(manoeuvre, car, seed)

@@ -13,7 +13,8 @@ from vsense_ros.cli.common import EXISTING
 @click.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...", type=EXISTING)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/tyres"), show_default=True, help="Folder.")
-def tyres(files: tuple[Path, ...], out: Path) -> None:
+@click.option("--rig", is_flag=True, help="Draw besides what a rig measures: a plank pulled away below the tyre.")
+def tyres(files: tuple[Path, ...], out: Path, rig: bool) -> None:
     """Draw tyres: force curves, friction ellipse, influence of load and inclination, lag.
 
     FILE is a .tir file or YAML as in a vehicle file; without, all of config/tyres.
@@ -21,16 +22,20 @@ def tyres(files: tuple[Path, ...], out: Path) -> None:
     \b
     Examples:
       vsense tyres --out docs/tyres
-      vsense tyres my_tyre.tir
+      vsense tyres my_tyre.tir --rig
     """
     from vsense_ros.evaluate.tyre_picture import draw
+    from vsense_ros.evaluate.tyre_rig import draw_rig
     from vsense_ros.files.installed import shared_folder
     from vsense_ros.files.tyre import load_tyre
 
     out.mkdir(parents=True, exist_ok=True)
     for file in files or sorted((shared_folder("config") / "tyres").iterdir()):
         tyre = load_tyre(file)
-        click.echo(draw(tyre, f"{file.stem} ({tyre.model.replace('_', ' ')})", out / f"{file.stem}.png"))
+        title = f"{file.stem} ({tyre.model.replace('_', ' ')})"
+        click.echo(draw(tyre, title, out / f"{file.stem}.png"))
+        if rig:
+            click.echo(draw_rig(tyre, title, out / f"{file.stem}_rig.png"))
 
 
 @click.command()

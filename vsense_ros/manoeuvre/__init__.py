@@ -11,6 +11,7 @@ from vsense_ros.manoeuvre import (
     brake_in_turn,
     coast_down,
     double_lane_change,
+    leung_tracks,
     sine_with_dwell,
     slow_ramp_steer,
     steady_state_circle,
@@ -33,7 +34,7 @@ TESTS = (
     *STANDARD,
     *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
 )
-MANOEUVRES = {m.name: m for m in (*TESTS, *throttle_and_steer.MANOEUVRES)}
+MANOEUVRES = {m.name: m for m in (*TESTS, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)}
 STEP = 1e-3  # [s] of the simulation
 
 __all__ = ["MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]

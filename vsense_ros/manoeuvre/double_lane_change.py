@@ -25,12 +25,13 @@ def vehicle_width(vehicle: Vehicle) -> float:
     return max(vehicle.physics.front.track, vehicle.physics.rear.track) + 0.17
 
 
-def lanes(vehicle: Vehicle) -> list[tuple[float, float, float, float]]:
-    """Beginning, end, right and left edge of each section in the map [m]; the first is centred on the x axis."""
+def lanes(vehicle: Vehicle, entry: float = ENTRY) -> list[tuple[float, float, float, float]]:
+    """Beginning, end, right and left edge of each section in the map [m]; the first begins at `entry` and is centred on
+    the x axis."""
     width = vehicle_width(vehicle)
     right = -0.5 * (SECTIONS[0][2] * width + 0.25)
     return [
-        (ENTRY + begin, ENTRY + end, right + offset, right + offset + factor * width + 0.25)
+        (entry + begin, entry + end, right + offset, right + offset + factor * width + 0.25)
         for begin, end, factor, offset in SECTIONS
     ]
 
@@ -49,15 +50,16 @@ class LaneChanges:
         return middle - y
 
 
-def _path(vehicle: Vehicle) -> LaneChanges:
+def path(vehicle: Vehicle, entry: float = ENTRY) -> LaneChanges:
+    """The line through the lanes that begin at `entry` [m]."""
     # Drivers cut into the sections as far as the width allows, so the transitions are longer than the gaps.
     cut = 7.0  # [m]
-    knots = [(begin + cut, end - cut, 0.5 * (right + left)) for begin, end, right, left in lanes(vehicle)]
+    knots = [(begin + cut, end - cut, 0.5 * (right + left)) for begin, end, right, left in lanes(vehicle, entry)]
     return LaneChanges(tuple(knots))
 
 
 def driver(vehicle: Vehicle) -> Driver:
-    hands = PathFollower(vehicle, _path(vehicle))
+    hands = PathFollower(vehicle, path(vehicle))
     feet = SpeedKeeper(vehicle, lambda t: SPEED)
     return lambda t, q, u: _together(hands(t, q, u), feet(t, u))
 

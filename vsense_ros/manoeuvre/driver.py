@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.manoeuvre.track import Along, Track
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import SPEED_X, SPIN, YAW, X, Y
+from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, YAW, X, Y
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Axle, Vehicle
 
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 
 FRONT_BRAKE_SHARE = 0.6  # of the braking force; the rest is the rear axle's
 STEERING_RATE = 0.6  # [rad/s] of the road wheels: 480 °/s at a steering wheel of ratio 14; ISO 7401 asks for 200 to 500
+LARGEST_ANGLE = 0.7  # [rad] of the road wheels: a turning circle of 9 m at a wheelbase of 2.9 m
 _LOCKED = 2.0  # [rad/s] spin below which a brake fades, so that it holds a wheel and does not turn it back
 
 
@@ -139,6 +141,44 @@ class PathFollower:
         error = self.path.offset(float(q[X]) + ahead * np.cos(heading), float(q[Y]) + ahead * np.sin(heading))
         curvature = 2 * error / ahead**2
         wanted = curvature * (wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2)
+        h, self._last = t - self._last, t
+        largest = STEERING_RATE * h
+        self.angle += float(np.clip((wanted - self.angle) * min(h / self.lag, 1.0), -largest, largest))
+        return self.angle
+
+
+@dataclass
+class TrackFollower:
+    """Hands that keep to the middle of a track with little corner cutting.
+
+    They know the curvature that comes and steer for it as the car needs in a steady turn, early by their own lag; what
+    is left beside the track at a point ahead is steered back as in `PathFollower`. The car's course counts, not its
+    heading: a car that slips sideways through a bend still follows it.
+    """
+
+    vehicle: Vehicle
+    track: Track
+    preview: float = 0.5  # [s]
+    nearest: float = 3.0  # the aim is never closer [m]
+    lag: float = 0.05  # [s]
+    early: float = 0.15  # [s] for lag of the hands and of the car
+    angle: float = 0.0  # of the road wheels [rad]
+    _last: float = 0.0
+    _along: Along = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._along = Along(self.track)
+
+    def __call__(self, t: float, q: Array, u: Array) -> float:
+        """Road-wheel angle [rad]."""
+        speed = float(u[SPEED_X])
+        distance, offset, heading = self._along.find(float(q[X]), float(q[Y]))
+        course = float(q[YAW]) + float(np.arctan2(u[SPEED_Y], max(speed, 1.0)))
+        ahead = max(self.preview * speed, self.nearest)
+        wanted = self._along.curvature(distance + self.early * speed)
+        wanted -= 2 * (offset + ahead * np.sin(course - heading)) / ahead**2
+        wanted *= wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2
+        wanted = float(np.clip(wanted, -LARGEST_ANGLE, LARGEST_ANGLE))
         h, self._last = t - self._last, t
         largest = STEERING_RATE * h
         self.angle += float(np.clip((wanted - self.angle) * min(h / self.lag, 1.0), -largest, largest))

@@ -58,19 +58,14 @@ def record(
     rng = np.random.RandomState(seed)
     channels = []
     for sensor in vehicle.sensing().values():
-        if sensor.sampling is not None:
-            sampling = _sampling(sensor.sampling, every)
+        usual = sensor.simulated_sampling
+        if usual is not None:
+            sampling = _sampling(usual, every)
             rows = np.arange(sampling.phase, len(trajectory.t), sampling.period)
             truth = _truth(trajectory, vehicle, sensor, rows)
-            quantum = np.array(sampling.quantum)
-            drive = SimulatedDrive(
-                truth,
-                position_on_map(trajectory.q[rows], _around(trajectory)[rows]),
-                ORIGIN,
-                rng,
-                float(biased),
-                quantum,
-            )
+            steps, limit = np.array(sampling.quantum), np.array(sampling.limit)
+            place = position_on_map(trajectory.q[rows], _around(trajectory)[rows])
+            drive = SimulatedDrive(truth, place, ORIGIN, rng, float(biased), steps, limit)
             channels.append(_channel(sensor, rows, sampling, sensor.simulated(drive)))
     channels += _reference(trajectory)
     latitude, longitude, height = ORIGIN

@@ -5,7 +5,7 @@ A vehicle file, its validation, its documentation and the symbols in the equatio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 import casadi as ca
@@ -65,7 +65,12 @@ def symbols(model: Model, name: str = "p") -> tuple[ca.SX, Model]:
     return p, _with_numbers(model, iter(ca.vertsplit(p)))
 
 
-def _with_numbers(model: Model, values: Iterator[ca.SX]) -> Model:
+def with_expressions(model: Model, changes: Mapping[str, Scalar]) -> Model:
+    """A copy in which the numbers with these dotted names are expressions, as in `symbols`; it is not validated."""
+    return _with_numbers(model, (changes.get(name, value) for name, value in numbers(model)))
+
+
+def _with_numbers(model: Model, values: Iterator[Scalar]) -> Model:
     """A copy in which the next of the `values` stand in place of the numbers, in the order of `numbers`."""
     fields: dict[str, Any] = {}
     for name in type(model).model_fields:

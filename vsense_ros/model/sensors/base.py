@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
@@ -117,6 +117,31 @@ def component(index: int) -> Callable[[Vector, float], Vector]:
     return lambda value, radius: value[:, index]
 
 
+class Transmission(Part):
+    """How a simulated sensor's values come over a bus such as CAN, where that is not as usual for its kind: in steps,
+    within a range, at a rate, late. Values are those of the messages, in their units; one number stands for all, or
+    there is one for each."""
+
+    period: float | None = parameter("s", "between two measurements, in whole milliseconds", ge=0.001, default=None)
+    delay: float | None = parameter("s", "from measurement to arrival", ge=0, le=5, default=None)
+    resolution: tuple[Deviation, ...] = parameter("SI", "steps of the values", default=())
+    range: tuple[Deviation, ...] = parameter("SI", "largest amounts of the values, beyond which they stay", default=())
+
+    def of(self, usual: Sampling) -> Sampling:
+        """The sampling of a kind, changed by this."""
+        changes: dict[str, Any] = {}
+        if self.period is not None:
+            period = max(1, round(self.period * 1e3))
+            changes |= {"period": period, "phase": min(usual.phase, period - 1)}
+        if self.delay is not None:
+            changes["delay"] = round(self.delay * 1e3)
+        if self.resolution:
+            changes["quantum"] = self.resolution
+        if self.range:
+            changes["limit"] = self.range
+        return replace(usual, **changes)
+
+
 class SensorBase(Part):
     """Where a sensor's messages come from and how far they can be trusted; as a class, all that its kind is.
 
@@ -153,6 +178,14 @@ class SensorBase(Part):
         "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
     )
     timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=0.5)
+    transmission: Transmission | None = Field(description="how its values come in a simulation", default=None)
+
+    @property
+    def simulated_sampling(self) -> Sampling | None:
+        """When it measures in a simulation, and in which steps; None: it gives nothing there."""
+        if self.sampling is None or self.transmission is None:
+            return self.sampling
+        return self.transmission.of(self.sampling)
 
     @property
     def is_input(self) -> bool:
@@ -272,7 +305,7 @@ class JointSensor(SensorBase):
 
     def simulated(self, drive: SimulatedDrive) -> Content:
         value = drive.truth if self.is_input else self.disturbed(drive)
-        return joint_state(self.field, quantized(value, drive.quantum), self.joints)
+        return joint_state(self.field, drive.digitized(value), self.joints)
 
 
 def joint_state(field: str, value: Vector, names: Names) -> Content:

@@ -20,7 +20,7 @@ from vsense_ros.model.sensors.base import (
     Vector,
     covariance_diagonal,
 )
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
@@ -73,9 +73,7 @@ class GnssPosition(SensorBase):
         east, north = self.disturbed(drive).T
         height = drive.position[:, 2] + self.position[2] + 2 * self.noise * drive.rng.standard_normal(len(drive))
         geodetic = np.column_stack(pymap3d.enu2geodetic(east, north, height, *drive.origin))
-        latitude, longitude, altitude = (
-            quantized(column, quantum)[:, None] for column, quantum in zip(geodetic.T, drive.quantum, strict=True)
-        )
+        latitude, longitude, altitude = (column[:, None] for column in drive.digitized(geodetic).T)
         return Content(
             {
                 "status": np.zeros((len(drive), 1)),

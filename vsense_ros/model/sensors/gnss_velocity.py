@@ -20,7 +20,7 @@ from vsense_ros.model.sensors.base import (
     Vector,
     covariance_diagonal,
 )
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
@@ -82,10 +82,10 @@ class GnssVelocity(SensorBase):
         return (motion.attitude @ (motion.velocity + ca.cross(motion.rates, mounting)))[0:2]
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        horizontal = quantized(self.disturbed(drive), drive.quantum)
+        horizontal = drive.digitized(self.disturbed(drive))
         covariance = np.zeros(36)
         covariance[: 3 * 7 : 7] = self.noise**2 * np.array([1, 1, 4])
-        up = quantized(2 * self.noise * drive.rng.standard_normal((len(drive), 1)), drive.quantum)
+        up = drive.digitized(2 * self.noise * drive.rng.standard_normal((len(drive), 1)))
         return Content(
             {
                 "linear": np.column_stack([horizontal, up]),

@@ -28,7 +28,7 @@ from vsense_ros.model.sensors.base import (
     component,
     covariance_diagonal,
 )
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
@@ -130,7 +130,7 @@ class Imu(SensorBase):
         return equation(motion, biases, mounting)
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        value = quantized(self.disturbed(drive), drive.quantum)
+        value = drive.digitized(self.disturbed(drive))
         rate, force = np.diag(np.square(self.rate_noise)).ravel(), np.diag(np.square(self.force_noise)).ravel()
         return Content(
             {

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -20,6 +23,7 @@ class Sampling:
     delay: int  # until arrival
     quantum: tuple[float, ...]  # of each component; one for all if single
     own_clock: bool = False  # True: it measures at its own instants, even where all others measure together
+    limit: tuple[float, ...] = (inf,)  # largest amount of each component; one for all if single
 
 
 class Content(NamedTuple):
@@ -39,9 +43,21 @@ class SimulatedDrive:
     rng: np.random.RandomState  # from which errors are drawn
     bias: float  # 1, or 0 for sensors without biases
     quantum: Array  # steps of the values
+    limit: Array = field(default_factory=lambda: np.array([inf]))  # largest amounts of the values
 
     def __len__(self) -> int:
         return len(self.truth)
+
+    def digitized(self, value: Array) -> Array:
+        """Values (n, m) as its messages have them: within its range, in steps. Raises `InputError` where the numbers of
+        a bus are neither one nor m."""
+        for what, given in (("resolution", self.quantum), ("range", self.limit)):
+            if given.size not in (1, value.shape[1]):
+                raise InputError(
+                    f"a transmission has a {what} of {given.size} numbers for messages of {value.shape[1]} values; "
+                    "expected one for all of them, or one for each"
+                )
+        return quantized(np.clip(value, -self.limit, self.limit), self.quantum)
 
     def repeated(self, row: list[float] | Array) -> Array:
         """A column that says the same in every message."""
@@ -49,5 +65,5 @@ class SimulatedDrive:
 
 
 def quantized(value: Array, quantum: Array | float) -> Array:
-    """Nearest multiple of a power of two, exact in binary."""
+    """Nearest multiple of a step, exact in binary if the step is a power of two."""
     return np.rint(value / quantum) * quantum + 0.0  # no negative zeros

@@ -10,16 +10,10 @@ import numpy as np
 from vsense_ros.model.coordinates import STEERING
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import Names, Response, SensorBase, Tells, Values, Vector, joint_state
-from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
+from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.vehicle import Vehicle
-
-
-# Of a simulated one at the steering wheel (Leung 2010, table B.1): as an input of the model it has no noise in the
-# vehicle file.
-SIMULATED_NOISE = 1.0 * pi / 180
-SIMULATED_BIAS = 5.0 * pi / 180
 
 
 class Steering(SensorBase):
@@ -41,6 +35,14 @@ class Steering(SensorBase):
     ratio: float | None = parameter("-", "steering-wheel over road-wheel angle; default: the vehicle's", default=None)
     gain: float = parameter("-", "true road-wheel angle over the reported one", gt=0, lt=10, default=1.0)
     limit: float = parameter("rad", "road-wheel angles beyond this are refused", gt=0, default=0.9)
+    # As an input of the model it has no noise. Defaults: Leung 2010, table B.1.
+    simulated_noise: float = parameter(
+        "rad", "standard deviation at the steering wheel, in a simulation", ge=0, default=1.0 * pi / 180
+    )
+    simulated_bias: float = parameter(
+        "rad", "standard deviation of the constant error at the steering wheel, in a simulation", ge=0,
+        default=5.0 * pi / 180,
+    )  # fmt: skip
 
     def of_car(self, vehicle: Vehicle) -> SensorBase:
         return self if self.ratio is not None else self.model_copy(update={"ratio": vehicle.physics.steering.ratio})
@@ -64,6 +66,6 @@ class Steering(SensorBase):
         """Of the steering wheel. Raises `ValueError` where nobody knows the ratio."""
         if self.ratio is None:
             raise ValueError("a steering sensor without a ratio cannot be simulated; `of_car` gives it the vehicle's")
-        angle = self.ratio * drive.truth + drive.bias * SIMULATED_BIAS * drive.rng.standard_normal()
-        angle = angle + SIMULATED_NOISE * drive.rng.standard_normal(angle.shape)
-        return joint_state("position", quantized(angle, drive.quantum), ("steering_wheel",))
+        angle = self.ratio * drive.truth + drive.bias * self.simulated_bias * drive.rng.standard_normal()
+        angle = angle + self.simulated_noise * drive.rng.standard_normal(angle.shape)
+        return joint_state("position", drive.digitized(angle), ("steering_wheel",))

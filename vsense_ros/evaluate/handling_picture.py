@@ -1,0 +1,71 @@
+"""Frequency responses of handling models over speeds (Leung 2010, figures 3.11, 3.12 and D.1 to D.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from vsense_ros.evaluate.picture import MUTED, STYLE
+from vsense_ros.model.handling.response import Response
+
+SPEEDS = tuple(range(10, 101, 10))  # [km/h]
+FREQUENCIES = np.geomspace(0.1, 100, 300)  # [rad/s]
+_LINES = ("-", "--", ":", "-.", (0, (5, 1, 1, 1)))
+
+
+def bode(
+    responses: Mapping[str, Response],
+    size: Axes,
+    phase: Axes,
+    speeds: tuple[int, ...] = SPEEDS,
+    output: str = "lateral_velocity",
+) -> None:
+    """Magnitude and phase of lateral velocity over road-wheel angle at `speeds` [km/h]: colours are speeds, kinds of
+    lines models."""
+    shades = colormaps["viridis"](np.linspace(0.0, 0.92, len(speeds)))
+    for (name, response), line in zip(responses.items(), _LINES, strict=False):
+        for kph, colour in zip(speeds, shades, strict=True):
+            found = response.frequency_response(kph / 3.6, FREQUENCIES, output)
+            label = f"{kph} km/h" if line == "-" else None
+            size.plot(FREQUENCIES, np.abs(found), color=colour, ls=line, lw=1.1, label=label)
+            phase.plot(FREQUENCIES, np.degrees(np.unwrap(np.angle(found))), color=colour, ls=line, lw=1.1)
+        if name:
+            phase.plot([], [], color=MUTED, ls=line, label=name)
+    words = output.replace("_", " ").capitalize()
+    size.set_title(f"{words} over road-wheel angle")
+    size.set_ylabel("[m/s/rad]")
+    size.set_yscale("log")
+    size.legend(fontsize=6.5, ncols=2)
+    phase.set_title("Its phase")
+    phase.set_ylabel("[°]")
+    if len(responses) > 1:
+        phase.legend(fontsize=7)
+    for panel in (size, phase):
+        panel.set_xscale("log")
+        panel.set_xlabel("frequency [rad/s]")
+
+
+def draw_bode(responses: Mapping[str, Response], title: str, path: Path) -> Path:
+    """Each model by itself, magnitude above and phase below."""
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(3.1 * len(responses) + 1, 7), layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+        panels = figure.subplots(2, len(responses), sharex=True, sharey="row", squeeze=False)
+        for i, (name, response) in enumerate(responses.items()):
+            bode({"": response}, panels[0][i], panels[1][i])
+            panels[0][i].set_title(name)
+            panels[0][i].set_xlabel("")
+            panels[1][i].set_title("")
+            if i:
+                panels[0][i].get_legend().remove()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=90)
+    return path

@@ -1,0 +1,115 @@
+"""The tracks of Leung 2010 (appendix C and table 4.12), at constant speed with a driver who cuts corners little.
+
+Names are those of the thesis with the speed in km/h: `double_oval_25`. The speed of the short tracks is 5 m/s, that of
+the hill 80 km/h. The length of the plain straight, and radius and angle of the turn on the hill, are not told there.
+The figure of eight closes only if both of its arcs have a radius of 41.9 m; the thesis has 42 m and 43 m.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import atan
+
+import numpy as np
+
+from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.manoeuvre.double_lane_change import SECTIONS, path
+from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper, TrackFollower
+from vsense_ros.manoeuvre.track import Track, left_turn, right_turn, straight, with_clothoids
+from vsense_ros.model.simulation.closed_loop import Driver
+from vsense_ros.model.vehicle import Vehicle
+
+SPEEDS = (15, 20, 25, 35, 45, 50, 55)  # [km/h] of the double oval and the lane change
+SLOW = 5.0  # [m/s] of the short tracks
+HILL_SPEED = 80 / 3.6
+LANE_CHANGE_ENTRY, LANE_CHANGE_END = 400.0, 625.0  # [m]
+PLAIN_STRAIGHT = 300.0  # [m]
+HILL_RADIUS, HILL_ANGLE = 100.0, 90.0  # [m], [°]
+HILL_BLEND = 20.0  # [m] over which the slope of the hill changes: a car cannot follow a kink
+# [m] of the clothoids across the ends of arcs: the thesis has none, but at 55 km/h no hands turn the wheel at once.
+OVAL_TRANSITION, TRANSITION = 10.0, 6.0
+
+DOUBLE_OVAL = (
+    straight(300), left_turn(30, 180), straight(300), left_turn(30, 180),
+    right_turn(30, 180), straight(300), right_turn(30, 180),
+)  # fmt: skip
+RIGHT_TURN = (straight(100), right_turn(5, 90), straight(100))
+EIGHT = (straight(145), left_turn(42, 240), straight(145), right_turn(43, 240))
+SLALOM = (
+    straight(100), left_turn(10, 180), straight(20), right_turn(10, 270), left_turn(5, 90), straight(10),
+    left_turn(10, 270), straight(10), right_turn(10, 90), straight(10), left_turn(7.5, 180),
+)  # fmt: skip
+
+
+def hill() -> Track:
+    """Up with a growing slope and bank, round a banked turn to the left, and down again (table 4.12).
+
+    In the turn its outer side is the higher one, which the thesis does not tell.
+    """
+    steep, tilted, banked = atan(0.15), -atan(0.05), -atan(0.15)
+    up = (
+        straight(500), straight(200, grade=atan(0.05)), straight(200, grade=steep),
+        straight(200, grade=steep, bank=tilted), straight(200, grade=steep, bank=banked),
+        left_turn(HILL_RADIUS, HILL_ANGLE, grade=steep, bank=banked),
+    )  # fmt: skip
+    down = (
+        left_turn(HILL_RADIUS, HILL_ANGLE, grade=-steep, bank=banked), straight(200, grade=-steep, bank=banked),
+        straight(200, grade=-steep, bank=tilted), straight(200, grade=-steep), straight(200, grade=-atan(0.05)),
+        straight(500),
+    )  # fmt: skip
+    return Track(with_clothoids((*up, straight(200), *down), HILL_BLEND), blend=HILL_BLEND)
+
+
+TRACKS = {
+    "double_oval": Track(with_clothoids(DOUBLE_OVAL, OVAL_TRANSITION)),
+    "right_turn": Track(with_clothoids(RIGHT_TURN, TRANSITION)),
+    "eight": Track(with_clothoids(EIGHT, TRANSITION)),
+    "slalom": Track(with_clothoids(SLALOM, TRANSITION)),
+    "plain_straight": Track((straight(PLAIN_STRAIGHT),)),
+    "hill": hill(),
+}
+
+
+def on_track(track: Track, speed: float, vehicle: Vehicle) -> Driver:
+    """A driver who follows a track at a speed [m/s]."""
+    hands, feet = TrackFollower(vehicle, track), SpeedKeeper(vehicle, lambda t: speed)
+    return lambda t, q, u: np.array([hands(t, q, u), *feet(t, u)])
+
+
+def through_lanes(speed: float, vehicle: Vehicle) -> Driver:
+    """A driver who changes lanes as in ISO 3888-1, 400 m after the start."""
+    hands = PathFollower(vehicle, path(vehicle, LANE_CHANGE_ENTRY))
+    feet = SpeedKeeper(vehicle, lambda t: speed)
+    return lambda t, q, u: np.array([hands(t, q, u), *feet(t, u)])
+
+
+def _manoeuvre(name: str, track: Track, speed: float, title: str, source: str) -> Manoeuvre:
+    return Manoeuvre(name, title, f"Leung 2010, {source}", track.length / speed, speed, partial(on_track, track, speed))
+
+
+def _lane_change(kph: int) -> Manoeuvre:
+    speed = kph / 3.6
+    return Manoeuvre(
+        f"lane_change_{kph}",
+        f"Lane change at {kph} km/h",
+        f"Leung 2010, C.2 (ISO 3888-1): {SECTIONS[-1][1]:g} m of lanes after {LANE_CHANGE_ENTRY:g} m of straight",
+        LANE_CHANGE_END / speed,
+        speed,
+        partial(through_lanes, speed),
+    )
+
+
+HILL_SOURCE = "table 4.12, in plan: slopes are those of the track, the simulated car drives on level ground"
+
+MANOEUVRES = (
+    *(
+        _manoeuvre(f"double_oval_{kph}", TRACKS["double_oval"], kph / 3.6, f"Double oval at {kph} km/h", "C.1")
+        for kph in SPEEDS
+    ),
+    *(_lane_change(kph) for kph in SPEEDS),
+    _manoeuvre("right_turn", TRACKS["right_turn"], SLOW, "Right turn of 5 m radius", "C.3"),
+    _manoeuvre("eight", TRACKS["eight"], SLOW, "Figure of eight", "C.4"),
+    _manoeuvre("slalom", TRACKS["slalom"], SLOW, "Slalom of tight turns", "C.5"),
+    _manoeuvre("plain_straight", TRACKS["plain_straight"], SLOW, "Straight", "section 4.4"),
+    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", HILL_SOURCE),
+)

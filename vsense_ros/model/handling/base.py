@@ -1,0 +1,276 @@
+"""What a handling model is: names, equations, the tyres in it, and its parameters from a vehicle file.
+
+Axes are those of ISO 8855: velocities and forces ahead and to the left, angles counter-clockwise, and a tyre that is
+moved to the left is pushed to the right. A filter takes such a model as it is: states, inputs and parameters by name,
+time derivatives by `rates`, what sensors may be compared with by `measured`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.parameter import Scalar, with_expressions
+from vsense_ros.model.simulation.closed_loop import axle_of, rolling_radii
+from vsense_ros.model.tyres import Linear, Tyre, TyreInput
+from vsense_ros.model.vehicle import Axle, Vehicle
+
+Array = NDArray[np.float64]
+
+AXLES = ("front", "rear")
+STIFFNESSES = ("slip_stiffness", "cornering_stiffness")  # of a linear tyre: those that are parameters of a model
+STANDSTILL_SPEED = 0.01  # [m/s] of a linear tyre in a handling model, which leaves its stiffness as it is
+_SMALLEST_SPEED = 0.1  # [m/s] below which the side slip is that at this speed, so that it has a derivative at rest
+_AT, _SMALL = 20.0, 1e-4  # [m/s] at which a tyre is asked for its slope, and slip
+TyreKind = Literal["linear", "own"]
+
+
+class Scales(NamedTuple):
+    """What an axle and its road make of a tyre: stiffnesses and grip over those of the tyre's parameters [-]."""
+
+    cornering: float
+    longitudinal: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class Tyres:
+    """Tyres by their place in a model: an axle, or a wheel.
+
+    `free` are those numbers of a tyre (dotted as in a vehicle file) that are parameters of the model; the others stand
+    in its equations as they are.
+    """
+
+    at: Mapping[str, Tyre]
+    free: tuple[str, ...] = ()
+    scales: Mapping[str, Scales] = field(default_factory=dict)  # of an axle and its road over those of the tyre
+
+    @classmethod
+    def of_vehicle(cls, vehicle: Vehicle, places: Sequence[str], kind: TyreKind = "linear") -> Tyres:
+        """Linear ones with the stiffnesses that the vehicle's tyres have at zero slip and under their static loads, or
+        those of the vehicle file."""
+        of_axle = (vehicle.physics.front, vehicle.physics.rear)
+        which = [of_axle[_axle_index(place)] for place in places]
+        if kind == "own":
+            grip = vehicle.physics.road.friction
+            scales = [Scales(axle.cornering_scale, axle.longitudinal_scale, grip * axle.grip_scale) for axle in which]
+            own = {place: axle.tyre for place, axle in zip(places, which, strict=True)}
+            return cls(own, scales=dict(zip(places, scales, strict=True)))
+        loads = static_loads(vehicle)
+        linear = [linear_tyre(axle, loads[_axle_index(place)]) for place, axle in zip(places, which, strict=True)]
+        return cls(dict(zip(places, linear, strict=True)), STIFFNESSES)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters of a model: the place and the number, without dots."""
+        return tuple(_parameter(place, name) for place in self.at for name in self.free)
+
+    def numbers(self) -> dict[str, float]:
+        """Values of `parameters`."""
+        return {
+            _parameter(place, name): float(_number(tyre, name)) for place, tyre in self.at.items() for name in self.free
+        }
+
+    def forces(self, place: str, wheel: TyreInput, p: Any) -> tuple[Scalar, Scalar]:
+        """Of the tyre at a place, along and across the wheel [N]."""
+        tyre = self.at[place]
+        if self.free:
+            tyre = with_expressions(tyre, {name: p[_parameter(place, name)] for name in self.free})
+        scale = self.scales.get(place)
+        if scale is not None:
+            sliding = wheel.rolling_speed - wheel.speed_x
+            wheel = replace(
+                wheel,
+                speed_y=scale.cornering * wheel.speed_y,
+                rolling_speed=wheel.speed_x + scale.longitudinal * sliding,
+                friction=scale.friction,
+            )
+        found = tyre.forces(wheel)
+        return found.longitudinal, found.lateral
+
+
+class HandlingModel(ABC):
+    """Names and equations of one model. Arguments of its methods give values by attribute or by key; values and results
+    are CasADi expressions or numbers."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    driven: tuple[str, ...] = ()  # inputs that keep a speed, the same value for all of them
+
+    @abstractmethod
+    def rates(self, x: Any, u: Any, p: Any) -> list[Scalar]:
+        """Time derivatives of the states, (n,)."""
+
+    @abstractmethod
+    def measured(self, x: Any, u: Any, p: Any) -> list[Scalar]:
+        """Outputs, (m,)."""
+
+    @abstractmethod
+    def rolling(self, speed: float, p: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """States and inputs by name of a car that rolls straight on at `speed` [m/s], without any force; what is left
+        out is zero."""
+
+    def following(self, x: Any, u: Any, p: Any) -> dict[str, Scalar]:
+        """Inputs by name that in a car on the road follow its motion, such as the spin of wheels that roll freely; in
+        straight running they are as in `u`."""
+        return {}
+
+    def numbers(self, vehicle: Vehicle) -> dict[str, float]:
+        """Parameters from a vehicle file, by name [SI]."""
+        known = car_numbers(vehicle) | self.tyre_numbers()
+        return {name: known[name] for name in self.parameters}
+
+    def tyre_numbers(self) -> dict[str, float]:
+        """Parameters that are numbers of tyres."""
+        return {}
+
+
+CHASSIS = ("mass", "yaw_inertia", "to_front", "to_rear", "air_density", "drag_area")
+
+
+class Planar(HandlingModel):
+    """What the models with forward velocity, lateral velocity and yaw rate have in common (Leung 2010, eqs. 3.1 to
+    3.12): a rigid body in the plane, tyre forces on it, the drag of the air, and no roll or pitch.
+
+    The wheels carry their static loads.
+    """
+
+    motion = ("forward_velocity", "lateral_velocity", "yaw_rate")
+    outputs = ("longitudinal_acceleration", "lateral_acceleration", "yaw_rate", "lateral_velocity", "side_slip")
+
+    def __init__(self, tyres: Tyres) -> None:
+        self.tyres = tyres
+
+    @abstractmethod
+    def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:
+        """Of all tyres on the car: ahead and to the left [N], moment about the upward axis [N m], and of each wheel of
+        the model the force along itself [N]."""
+
+    def accelerations(self, x: Any, ahead: Scalar, left: Scalar, p: Any) -> tuple[Scalar, Scalar]:
+        """Of the centre of gravity over ground, ahead and to the left [m/s²]."""
+        speed = x.forward_velocity
+        drag = 0.5 * p.air_density * p.drag_area * speed * ca.fabs(speed)
+        return (ahead - drag) / p.mass, left / p.mass
+
+    def body(self, x: Any, forces: tuple[Scalar, Scalar, Scalar, list[Scalar]], p: Any) -> list[Scalar]:
+        """Derivatives of forward velocity, lateral velocity and yaw rate (eqs. 3.1 to 3.3)."""
+        ahead, left, moment, _ = forces
+        along, across = self.accelerations(x, ahead, left, p)
+        return [
+            along + x.yaw_rate * x.lateral_velocity,
+            across - x.yaw_rate * x.forward_velocity,
+            moment / p.yaw_inertia,
+        ]
+
+    def rates(self, x: Any, u: Any, p: Any) -> list[Scalar]:
+        return self.body(x, self.forces(x, u, p), p)
+
+    def measured(self, x: Any, u: Any, p: Any) -> list[Scalar]:
+        ahead, left, *_ = self.forces(x, u, p)
+        along, across = self.accelerations(x, ahead, left, p)
+        slip = ca.atan2(x.lateral_velocity, ca.fmax(x.forward_velocity, _SMALLEST_SPEED))
+        return [along, across, x.yaw_rate, x.lateral_velocity, slip]
+
+    def tyre_numbers(self) -> dict[str, float]:
+        return self.tyres.numbers()
+
+
+def in_wheel_axes(ahead: Scalar, left: Scalar, steering: Scalar) -> tuple[Scalar, Scalar]:
+    """A vector of the car along and across a wheel that is turned to the left by `steering` [rad]."""
+    cos, sin = ca.cos(steering), ca.sin(steering)
+    return ahead * cos + left * sin, left * cos - ahead * sin
+
+
+def in_car_axes(along: Scalar, across: Scalar, steering: Scalar) -> tuple[Scalar, Scalar]:
+    """The inverse of `in_wheel_axes`."""
+    return in_wheel_axes(along, across, -steering)
+
+
+def loads_at_rest(p: Any) -> tuple[Scalar, Scalar]:
+    """Of one front and one rear wheel [N]."""
+    half = p.mass * GRAVITY / (p.to_front + p.to_rear) / 2
+    return half * p.to_rear, half * p.to_front
+
+
+def static_loads(vehicle: Vehicle) -> tuple[float, float]:
+    """Of one front and one rear wheel of a vehicle [N]."""
+    chassis = vehicle.physics.chassis
+    a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+    half = chassis.mass * GRAVITY / (a + b) / 2
+    return half * b, half * a
+
+
+def slopes(axle: Axle, load: float) -> tuple[float, float]:
+    """Of one tyre at small slips: longitudinal force per slip [N], lateral force per slip angle [N/rad]."""
+    driven, braked = (
+        axle.tyre.forces(TyreInput(load, _AT, 0.0, _AT * (1 + slip))).longitudinal for slip in (_SMALL, -_SMALL)
+    )
+    along = (float(driven) - float(braked)) / (2 * _SMALL) * axle.longitudinal_scale
+    return along, float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
+
+
+def linear_tyre(axle: Axle, load: float) -> Linear:
+    """The linear tyre that an axle's tyre is at small slips under a load [N]."""
+    along, across = slopes(axle, load)
+    return Linear(model="linear", slip_stiffness=along, cornering_stiffness=across, standstill_speed=STANDSTILL_SPEED)
+
+
+def car_numbers(vehicle: Vehicle) -> dict[str, float]:
+    """What a vehicle file says of chassis, wheels and axle stiffnesses, by the names of the models' parameters [SI].
+
+    Stiffnesses are those of both tyres of an axle, radii the effective rolling radii under static load.
+    """
+    physics, loads, radii = vehicle.physics, static_loads(vehicle), rolling_radii(vehicle)
+    found = {
+        "mass": physics.chassis.mass,
+        "yaw_inertia": physics.chassis.yaw_inertia,
+        "to_front": physics.chassis.cog_to_front_axle,
+        "to_rear": physics.chassis.cog_to_rear_axle,
+        "air_density": AIR_DENSITY,
+        "drag_area": physics.aerodynamics.drag_area,
+    }
+    for i, (name, axle) in enumerate(zip(AXLES, (physics.front, physics.rear), strict=True)):
+        found[f"{name}_stiffness"] = 2 * slopes(axle, loads[i])[1]
+        found[f"{name}_half_track"] = axle.track / 2
+        found[f"{name}_radius"] = float(radii[2 * i])
+        found[f"{name}_spin_inertia"] = 2 * axle.wheel_spin_inertia
+    for i, wheel in enumerate(WHEELS):
+        found[f"radius_{wheel}"] = float(radii[i])
+        found[f"spin_inertia_{wheel}"] = axle_of(vehicle, i).wheel_spin_inertia
+    return found
+
+
+def steered_wheels(vehicle: Vehicle, angle: Array) -> tuple[Array, Array]:
+    """Angles of the left and the right front wheel (n,) for mean angles (n,) [rad], by the vehicle's share of
+    Ackermann's geometry; suspension tables are left out."""
+    physics = vehicle.physics
+    wheelbase = physics.chassis.cog_to_front_axle + physics.chassis.cog_to_rear_axle
+    share, tangent, half = physics.steering.ackermann, np.tan(angle), physics.front.track / 2
+    left, right = (np.arctan2(wheelbase * tangent, wheelbase - side * half * tangent) for side in (1, -1))
+    return (1 - share) * angle + share * left, (1 - share) * angle + share * right
+
+
+def _axle_index(place: str) -> int:
+    """0 for the front axle or one of its wheels, 1 for the rear."""
+    return 0 if place in ("front", *WHEELS[:2]) else 1
+
+
+def _parameter(place: str, name: str) -> str:
+    return f"{place}_{name.replace('.', '_')}"
+
+
+def _number(tyre: Tyre, dotted: str) -> Any:
+    found: Any = tyre
+    for part in dotted.split("."):
+        found = getattr(found, part)
+    return found

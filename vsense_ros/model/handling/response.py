@@ -1,0 +1,165 @@
+"""What a handling model does, as numbers: Jacobians, straight running, frequency response, drives with given inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.model.handling.base import HandlingModel
+from vsense_ros.model.parameter import Scalar
+
+Array = NDArray[np.float64]
+
+_GAMMA = 1 - 1 / np.sqrt(2)  # of the step: stable however stiff the wheels are
+_NEWTON_STEPS = 5  # to a straight run: tyres are nearly linear there
+_SQUARINGS, _TERMS = 6, 9  # of the matrix exponential: to the last digits up to ‖A h‖ = 20
+
+
+class Values:
+    """The elements of a vector by name, as attributes or keys."""
+
+    def __init__(self, names: Sequence[str], vector: Any) -> None:
+        self._of = {name: vector[i] for i, name in enumerate(names)}
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self._of:
+            raise AttributeError(name)
+        return self._of[name]
+
+    def __getitem__(self, name: str) -> Any:
+        return self._of[name]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """ẋ = A x + B u, y = C x + D u around one state; (n, n), (n, k), (m, n), (m, k)."""
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+
+    def gain(self, frequency: Array, output: int, direction: Array) -> NDArray[np.complex128]:
+        """Complex response of an output to inputs in a `direction` (k,), at angular frequencies (w,) [rad/s]."""
+        unit = np.eye(len(self.a))
+        b, d = self.b @ direction, self.d[output] @ direction
+        found = [self.c[output] @ np.linalg.solve(1j * w * unit - self.a, b) + d for w in np.atleast_1d(frequency)]
+        return np.array(found)
+
+
+class Response:
+    """A model with numbers for its parameters."""
+
+    def __init__(self, model: HandlingModel, numbers: Mapping[str, float]) -> None:
+        self.model = model
+        self.parameters = np.array([numbers[name] for name in model.parameters])
+        x, u, p = (ca.SX.sym(k, len(n)) for k, n in (("x", model.states), ("u", model.inputs), ("p", model.parameters)))
+        named = [Values(n, v) for n, v in ((model.states, x), (model.inputs, u), (model.parameters, p))]
+        rates, outputs = (ca.vertcat(*found) for found in (model.rates(*named), model.measured(*named)))
+        self.rates = ca.Function("rates", [x, u, p], [rates])
+        self.outputs = ca.Function("outputs", [x, u, p], [outputs])
+        by_state, by_input = ([ca.jacobian(found, at) for found in (rates, outputs)] for at in (x, u))
+        h = ca.SX.sym("h")
+        after = rosenbrock_step(self.rates, by_state[0], x, u, p, h)
+        self._step = ca.Function("step", [x, u, p, h], [after])
+        slopes = ca.SX.sym("slopes", len(model.states), len(model.parameters))
+        moved = ca.jacobian(after, x) @ slopes + ca.jacobian(after, p)
+        both, both_after = (ca.horzcat(*pair) for pair in ((x, slopes), (after, moved)))
+        self._slope_step = ca.Function("slope_step", [both, u, p, h], [both_after])
+        told = ca.jacobian(outputs, x) @ slopes + ca.jacobian(outputs, p)
+        self._told_slopes = ca.Function("told_slopes", [both, u, p], [told])
+        following = model.following(*named)
+        followed = ca.vertcat(*(following.get(name, u[i]) for i, name in enumerate(model.inputs)))
+        by_motion, kept = ca.jacobian(followed, x), ca.jacobian(followed, u)
+        coupled = [found for a, b in zip(by_state, by_input, strict=True) for found in (a + b @ by_motion, b @ kept)]
+        self._jacobians = ca.Function("jacobians", [x, u, p], coupled)
+
+    def straight(self, speed: float) -> tuple[Array, Array]:
+        """State (n,) and inputs (k,) of a steady straight run at `speed` [m/s]: the driven wheels push against the drag
+        of the air."""
+        model = self.model
+        by_name = dict(zip(model.parameters, self.parameters.tolist(), strict=True))
+        moving, inputs = model.rolling(speed, by_name)
+        x = np.array([moving.get(name, 0.0) for name in model.states])
+        u = np.array([inputs.get(name, 0.0) for name in model.inputs])
+        wheels = [i for i, name in enumerate(model.states) if name.startswith("spin_")]
+        pushing = [i for i, name in enumerate(model.inputs) if name in model.driven]
+        if not pushing:
+            return x, u
+        balanced = [0, *wheels]  # forward velocity and spins do not change
+        for _ in range(_NEWTON_STEPS):
+            linear = self.linear(x, u)
+            slope = np.column_stack([linear.b[:, pushing].sum(axis=1), linear.a[:, wheels]])[balanced]
+            unbalance = np.asarray(self.rates(x, u, self.parameters)).ravel()[balanced]
+            change = np.linalg.solve(slope, unbalance)
+            u[pushing] -= change[0]
+            x[wheels] -= change[1:]
+        return x, u
+
+    def linear(self, x: Array, u: Array) -> Linear:
+        """The model around a state (n,) and inputs (k,); wheels roll along with the car (`HandlingModel.following`)."""
+        return Linear(*(np.asarray(found) for found in self._jacobians(x, u, self.parameters)))
+
+    def frequency_response(
+        self, speed: float, frequency: Array, output: str = "lateral_velocity"
+    ) -> NDArray[np.complex128]:
+        """Of an output to the road-wheel angle in straight running at `speed` [m/s], both front wheels turned alike, at
+        angular frequencies (w,) [rad/s]."""
+        direction = np.array([float(name.startswith("steering")) for name in self.model.inputs])
+        return self.linear(*self.straight(speed)).gain(frequency, self.model.outputs.index(output), direction)
+
+    def drive(self, start: Array, inputs: Array, step: float) -> Array:
+        """States (n + 1, states) from `start` on, with inputs (n, k) that are held for `step` [s] each."""
+        steps = len(inputs)
+        run = self._step.mapaccum("drive", steps)
+        held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), steps))
+        after = run(start, inputs.T, held, np.full((1, steps), step))
+        return np.vstack([start, np.asarray(after).T])
+
+    def sensitivities(self, start: Array, inputs: Array, step: float) -> Array:
+        """Derivatives of the outputs by the parameters along a drive, (n, m, p), inputs (n, k) held for `step` [s]: by
+        forward propagation, exactly those of the steps that `drive` takes."""
+        steps, count = len(inputs), len(self.parameters)
+        run, told = self._slope_step.mapaccum("slopes", steps), self._told_slopes.map(steps)
+        held = np.broadcast_to(self.parameters[:, None], (count, steps))
+        begin = ca.horzcat(ca.DM(start), ca.DM.zeros(len(start), count))
+        after = run(begin, inputs.T, held, np.full((1, steps), step))
+        before = ca.horzcat(begin, after[:, : -(count + 1)])
+        found = np.asarray(told(before, inputs.T, held))
+        return found.reshape(len(self.model.outputs), steps, count).transpose(1, 0, 2)
+
+    def told(self, states: Array, inputs: Array) -> Array:
+        """Outputs (n, m) of states (n, states) with inputs (n, k)."""
+        run = self.outputs.map(len(states))
+        held = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(states)))
+        return np.asarray(run(states.T, inputs.T, held)).T
+
+
+def rosenbrock_step(rates: ca.Function, jacobian: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, h: Scalar) -> ca.SX:
+    """State after `h` [s] by the method ROS2 of second order (Verwer et al. 1999): spin of wheels is stiff."""
+    system = ca.SX.eye(x.numel()) - _GAMMA * h * jacobian
+    first = ca.solve(system, rates(x, u, p))
+    second = ca.solve(system, rates(x + h * first, u, p) - 2 * first)
+    return x + h * (1.5 * first + 0.5 * second)
+
+
+def exact_step(a: ca.SX, b: ca.SX, h: Scalar) -> tuple[ca.SX, ca.SX]:
+    """Φ = e^{A h} (n, n) and Γ = ∫ e^{A s} ds B (n, k): a linear system after `h` [s] with held inputs, exactly.
+
+    By scaling and squaring of the matrix [A B; 0 0] with a fixed number of terms, so that it is one expression, also
+    where A has no inverse.
+    """
+    n, k = b.shape
+    system = ca.vertcat(ca.horzcat(a, b), ca.SX(k, n + k)) * (h / 2**_SQUARINGS)
+    found = power = ca.SX.eye(n + k)
+    for i in range(1, _TERMS + 1):
+        power = power @ system / i
+        found = found + power
+    for _ in range(_SQUARINGS):
+        found = found @ found
+    return found[:n, :n], found[:n, n:]
