@@ -14,7 +14,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -35,6 +35,8 @@ _STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0C
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
+
+_DAY = 86_400_000_000_000  # [ns]
 
 CHUNK_SIZE = 256 * 1024  # [byte] before compression: what one damaged spot can cost at most
 
@@ -625,7 +627,13 @@ def read_bag(path: str | Path) -> Recording:
     read = 0
     for file in files:
         contents.schemas, contents.channels, contents.payloads, contents.times = {}, {}, {}, {}
-        _scan(file, contents)
+        try:
+            _scan(file, contents)
+        except InputError as error:
+            if len(files) == 1:
+                raise
+            contents.notes.append(f"left out: {error}")
+            continue
         read += contents.count()
         for number, payloads in contents.payloads.items():
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
@@ -662,11 +670,13 @@ def _channels(
     result: dict[str, Channel] = {}
     lost = 0
     for topic, (kind, payloads, times) in merged.items():
-        received = np.array(times, np.uint64).astype(np.int64)
+        received = np.array(times, np.uint64).astype(np.int64)  # from 2⁶³ on negative
         if (np.diff(received) < 0).any():
             order = np.argsort(received, kind="stable")
             received, payloads = received[order], [payloads[i] for i in order]
         decoded = cdr.decode_channel(kind, topic, payloads, received)
+        if decoded.channel is not None:
+            decoded = replace(decoded, channel=_possible_times(decoded.channel, notes))
         if decoded.channel is not None:
             result[topic] = decoded.channel
         if decoded.bad:
@@ -678,6 +688,28 @@ def _channels(
                 f"{decoded.channel.frame_id if decoded.channel else ''!r}"
             )
     return result, lost
+
+
+def _possible_times(channel: Channel, notes: list[str]) -> Channel:
+    """The channel with each impossible time of arrival replaced by the time of measurement, and the other way round."""
+    if len(channel) < 2:
+        return channel
+    stamp, received = channel.stamp.copy(), channel.received.copy()
+    usual_stamp, usual = float(np.median(stamp)), float(np.median(received))
+    strange = (received < 0) | (np.abs(received - usual) > _DAY)
+    strange &= (np.abs(stamp - usual_stamp) <= _DAY) & (abs(usual_stamp - usual) <= _DAY)
+    if strange.any():
+        notes.append(
+            f"{channel.topic}: {int(strange.sum())} messages with impossible arrival times; stamps used instead"
+        )
+        received[strange] = stamp[strange]
+    unset = (stamp == 0) & (received > _DAY)
+    if unset.any():
+        notes.append(f"{channel.topic}: {int(unset.sum())} messages without a time stamp; arrival times used instead")
+        stamp[unset] = received[unset]
+    if not (strange.any() or unset.any()):
+        return channel
+    return replace(channel, stamp=stamp, received=received).in_order()
 
 
 def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
@@ -700,13 +732,13 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
             raise InputError(f"{metadata}: not the metadata of a bag: no rosbag2_bagfile_information in it")
         contents.notes.append("metadata.yaml is damaged; all .mcap files of the folder were read")
         return found, None
-    storage = information.get("storage_identifier", "mcap")
+    storage = information.get("storage_identifier") or ("mcap" if found else "sqlite3")
     if storage != "mcap":
         raise InputError(
             f"{path}: its storage is {storage!r}, expected 'mcap'; convert it with 'ros2 bag convert' or record with "
             "'ros2 bag record --storage mcap'"
         )
-    if information.get("compression_mode"):
+    if str(information.get("compression_mode") or "NONE").upper() != "NONE":
         raise InputError(
             f"{path}: compressed by rosbag2 ({information['compression_mode']} mode), expected compression inside MCAP "
             "chunks; convert it with 'ros2 bag convert'"

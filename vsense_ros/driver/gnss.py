@@ -5,6 +5,7 @@ from __future__ import annotations
 import calendar
 import datetime
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 
 DAY = 86400 * NANO
+_MOST_KINDS = 64  # of frames that are counted by name
 
 # sensor_msgs/NavSatStatus and NavSatFix
 STATUS_FIX, STATUS_SBAS, STATUS_GBAS = 0, 1, 2
@@ -242,6 +244,7 @@ class LinkStatistics:
         self.name = name
         self.timeout = timeout
         self.counts = {"bytes": 0, "frames": 0, "broken frames": 0, "other bytes": 0}
+        self._passed: Counter[str] = Counter()
         self._last_bytes: int | None = None
         self._last_frame: int | None = None
         self._last_broken: int | None = None
@@ -266,9 +269,21 @@ class LinkStatistics:
         """Bytes that belong to no frame of this protocol."""
         self.counts["other bytes"] += count
 
+    def passed(self, name: str) -> None:
+        """An intact frame of a kind that is not decoded."""
+        if name in self._passed or len(self._passed) < _MOST_KINDS:
+            self._passed[name] += 1
+
+    @property
+    def not_decoded(self) -> str:
+        """The kinds of intact frames that came and are not decoded, the most frequent first; empty if none."""
+        return ", ".join(f"{name} × {count}" for name, count in self._passed.most_common(12))
+
     def diagnostic(self, now: int) -> Diagnostic:
         """Health of the link at `now` [ns]."""
         values = {name: str(count) for name, count in self.counts.items()}
+        if self._passed:
+            values["not decoded"] = self.not_decoded
         silence = self.timeout * NANO
         level, text = Level.OK, "ok"
         if self._last_bytes is None:
@@ -277,6 +292,8 @@ class LinkStatistics:
             level, text = Level.STALE, f"silent for {(now - self._last_bytes) / NANO:.2f} s"
         elif self._last_frame is None or now - self._last_frame > silence:
             level, text = Level.ERROR, "bytes arrive but no intact frame: are baud rate and protocol right?"
+            if self._passed:
+                text = f"none of the frames that arrive is decoded: {self.not_decoded}"
         elif self._last_broken is not None and abs(now - self._last_broken) <= 2 * NANO:
             level, text = Level.WARN, "broken frames (incomplete or wrong checksum)"
         return Diagnostic(self.name, level, text, values)
