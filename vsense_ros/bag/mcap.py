@@ -357,6 +357,7 @@ class _Contents:
     payloads: dict[int, list[bytes]] = field(default_factory=dict)
     times: dict[int, list[int]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
     lost: int = 0  # messages known to be lost
     expected: int | None = None  # messages that the file says it holds
     custom: dict[str, str] = field(default_factory=dict)
@@ -601,12 +602,12 @@ def _scan(path: Path, contents: _Contents) -> None:
         except _Damaged as error:
             following = [position for position in chunk_positions if position > scan.at]
             onward = f"reading went on at byte {following[0]}" if following else "nothing behind it could be read"
-            contents.notes.append(f"{path.name}: damaged at byte {scan.at} of {len(data)}: {error}; {onward}")
+            contents.damage.append(f"{path.name}: damaged at byte {scan.at} of {len(data)}: {error}; {onward}")
             if not following:
                 break
             scan.at = following[0]
     if not finished:
-        contents.notes.append(f"{path.name}: the file is not finished (cut off at byte {len(data)})")
+        contents.damage.append(f"{path.name}: the file is not finished (cut off at byte {len(data)})")
     got = contents.count() - before
     contents.lost += scan.lost if contents.expected is None else max(scan.lost, contents.expected - got)
 
@@ -632,7 +633,7 @@ def read_bag(path: str | Path) -> Recording:
         except InputError as error:
             if len(files) == 1:
                 raise
-            contents.notes.append(f"left out: {error}")
+            contents.damage.append(f"left out: {error}")
             continue
         read += contents.count()
         for number, payloads in contents.payloads.items():
@@ -649,9 +650,14 @@ def read_bag(path: str | Path) -> Recording:
     if promised is not None:
         contents.lost = max(contents.lost, promised - read)
     if not read:
-        reason = f" ({'; '.join(contents.notes)})" if contents.notes else ""
+        told = [*contents.notes, *contents.damage]
+        reason = f" ({'; '.join(told)})" if told else ""
         raise InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
-    notes = [*contents.notes, *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items())]
+    notes = [
+        *contents.notes,
+        *contents.damage,
+        *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items()),
+    ]
     result, bad = _channels(merged, notes)
     stored = contents.custom.pop("notes", "")
     return Recording(
@@ -660,6 +666,7 @@ def read_bag(path: str | Path) -> Recording:
         (*stored.splitlines(), *notes),
         contents.lost + bad,
         contents.custom,
+        tuple(contents.damage),
     )
 
 
