@@ -155,6 +155,10 @@ class _Motion:
         meridian, normal = 6378137.0 * (1 - 6.69438e-3) / root**3, 6378137.0 / root
         self.signals["x"] = self._at(here, normal * np.cos(middle) * (longitude - longitude[0]))
         self.signals["y"] = self._at(here, meridian * (latitude - latitude[0]))
+        if np.abs(longitude).max() < 1.5:  # as they would be with latitude and longitude exchanged
+            middle = float(np.median(longitude))
+            self.signals["x'"] = self._at(here, normal * np.cos(middle) * (latitude - latitude[0]))
+            self.signals["y'"] = self._at(here, meridian * (longitude - longitude[0]))
 
     def _take_wheels(self, channel: Channel | None) -> None:
         if channel is None or channel.columns["velocity"].shape[1] == 0:
@@ -312,7 +316,11 @@ class _Relations:
                 break
         velocity, by_fix, speed = velocity[:, good], by_fix[:, good], speed[good]
         away = float(np.sqrt(np.median(np.sum((velocity - by_fix) ** 2, axis=0))))
-        if away < max(0.25 * usual, 2.0, 5 * error):
+        if away < max(0.1 * usual, 1.0, 5 * error):
+            return
+        swapped = np.array([self._change(s[name], span)[good] for name in ("x'", "y'") if name in s])
+        if len(swapped) and float(np.sqrt(np.median(np.sum((velocity - swapped) ** 2, axis=0)))) < 0.3 * away:
+            self.say("gps/fix", "axes", "latitude and longitude are exchanged: its change is not gps/velocity")
             return
         east, north = by_fix
         size = float(np.median(np.hypot(*velocity)) / usual)
@@ -330,6 +338,8 @@ class _Relations:
         left = [float(np.sqrt(np.median(np.sum((velocity - form) ** 2, axis=0)))) for *_, form in forms]
         best = int(np.argmin(left))
         close = left[best] < 0.35 * away and left[best] < max(0.2 * usual, 2.0)
+        if not close and (away < max(0.4 * usual, 3.0) or good.sum() < 4.0 / _STEP):
+            return
         # Whether velocity or fix is wrong, the gyro tells: the course of the right one turns with it.
         fix_is_wrong = self._turns_with_gyro(by_fix, good) < -0.5 and self._turns_with_gyro(velocity, good) > 0.5
         if fix_is_wrong:
@@ -415,9 +425,7 @@ class _Relations:
             self.pushes["wheels"] = m.slope(m.smooth(self.rolling, 0.1), _SMOOTH)
             sides = [(s[f"wheel_{a}r"] - s[f"wheel_{a}l"]) for a in "rf" if {f"wheel_{a}r", f"wheel_{a}l"} <= s.keys()]
             if sides:
-                turn = m.smooth(sides[0], _SMOOTH) * abs(self.radius) / _TRACK
-                turn[np.abs(m.smooth(np.nan_to_num(self.pushes["wheels"]), 1.0)) > _HARD] = np.nan
-                self.turns["wheels"] = turn
+                self.turns["wheels"] = m.smooth(sides[0], _SMOOTH) * abs(self.radius) / _TRACK
         if "wz" in s:
             self.turns["gyro"] = m.smooth(s["wz"], _SMOOTH)
         if self.speed is None:
@@ -431,8 +439,34 @@ class _Relations:
             if name in s:
                 ratio = 16.0 if name == "steering_wheel" else 1.0
                 self.turns[name] = m.smooth(s[name], _SMOOTH) / ratio * fast / (2.7 + 0.004 * fast**2)
+        # With wheels that may be locked the car does not turn as it is steered.
+        push = self.pushes.get("gnss", self.pushes.get("wheels"))
+        hard = np.zeros(len(m.t), bool) if push is None else np.abs(m.smooth(np.nan_to_num(push), 1.0)) > _HARD
         for turn in self.turns.values():
-            turn[~(self.speed > _SLOW)] = np.nan
+            turn[~(self.speed > _SLOW) | hard] = np.nan
+        self._heading_of_velocity()
+
+    def _heading_of_velocity(self) -> None:
+        """A GNSS velocity whose course stays while the car turns is in the axes of the car."""
+        if "east" not in self.m or "gps/velocity" in self.blamed or "gyro" not in self.turns:
+            return
+        east, north = self.m.signals["east"], self.m.signals["north"]
+        good = (
+            np.isfinite(east) & np.isfinite(north) & np.isfinite(self.turns["gyro"]) & (np.hypot(east, north) > _FAST)
+        )
+        if good.sum() < 2.0 / _STEP:
+            return
+        heading = np.cumsum(np.where(good, self.turns["gyro"], 0.0)) * _STEP
+        course = np.unwrap(np.arctan2(north[good], east[good]))
+        turned = _spread(heading[good] - np.polyval(np.polyfit(self.m.t[good], heading[good], 1), self.m.t[good]))
+        if turned > 0.03 and _spread(course) < 0.2 * turned and abs(float(np.median(course))) < 0.03:
+            text = "its course stays 0 while the car turns: it looks like the axes of the car, expected east, north, up"
+            self.say("gps/velocity", "frame", text)
+            self.turns.pop("gnss", None)
+            if "x" in self.m.signals:
+                self.gnss_span = max(self.gnss_span, 2.0)
+                self.east, self.north = (self._change(self.m.signals[name], self.gnss_span / 2) for name in "xy")
+                self.turns["gnss"] = self._course_rate(self.east, self.north, self.gnss_span)
 
     def _radius(self, mean: Array) -> float:
         """Rolling radius [m]: speed over ground over the turning of the wheels, or that of most cars."""
@@ -678,7 +712,7 @@ class _Relations:
     def _stuck_wheels(self, names: list[str]) -> None:
         """A wheel that stands or keeps its speed while the others change theirs."""
         s = self.m.signals
-        width = round(2.0 / _STEP)
+        width = round(1.5 / _STEP)
         for name in names:
             others = np.array([s[other] for other in names if other != name])
             own = s[name]
@@ -689,7 +723,10 @@ class _Relations:
                     continue
                 part = others[:, begin:end]
                 part = part[:, np.isfinite(part).all(axis=0)]
-                if part.size and float(np.median(np.ptp(part, axis=1))) > 1.0 and float(np.median(np.abs(part))) > 5.0:
+                if part.shape[1] < 2 or float(np.median(np.abs(part))) < 5.0:
+                    continue
+                # A wheel at constant speed keeps its value only if it is coarse, and then the others do so, too.
+                if float(np.median(np.mean(np.diff(part, axis=1) != 0.0, axis=1))) > 0.5:
                     text = f"{name} is frozen for {(end - begin) * _STEP:.1f} s from {self.m.t[begin]:.1f} s on"
                     self.say("vehicle/wheel_speeds", "frozen", text)
                     break
@@ -725,7 +762,7 @@ class _Relations:
         steer = next((n for n in ("road_wheel_front", "steering_wheel") if n in turns), None)
         if "gyro" in turns and _spread(turns["gyro"]) > 0.03:
             if "wheels" in turns:
-                judge(("imu", "wheels"), self._compare(turns, "gyro", "wheels"), (-0.07, 0.07), 0.9)
+                judge(("imu", "wheels"), self._compare(turns, "gyro", "wheels"), (-0.12, 0.12), 0.93)
             if steer is not None:
                 judge(("imu", "steering"), self._compare(turns, "gyro", steer), (-0.06, 0.4))
         slow = self.gnss_span > 1.0
@@ -745,7 +782,8 @@ class _Relations:
                 if other in pushes and _spread(pushes[other]) > 0.5:
                     tolerance = 0.2 if not slow else 0.6
                     match = self._compare(pushes, "accelerometer", other)
-                    judge(("imu", name), match, (-tolerance, tolerance), 0.9)
+                    # The nose dips after the brakes have taken hold, which an accelerometer feels as well.
+                    judge(("imu", name), match, (-tolerance / 2, tolerance), 0.9)
         if "gnss" in pushes and "wheels" in pushes and _spread(pushes["gnss"]) > 0.5:
             tolerance = 0.15 if not slow else 0.6
             judge(("wheels", "gnss"), self._compare(pushes, "wheels", "gnss"), (-tolerance, tolerance), 0.9)
@@ -756,13 +794,19 @@ class _Relations:
                 (-0.3, 0.15) if not slow else (-0.6, 0.6),
                 0.93,
             )
-        self._fix_lag()
         verdict = {pair: max(found, key=lambda item: item[1]) for pair, found in late.items()}
         bad = {pair: lag for pair, (lag, _) in verdict.items() if lag != 0.0}
         fine = [pair for pair, (lag, _) in verdict.items() if lag == 0.0]
         while bad:
             votes = {n: sum(n in p for p in bad) - 0.9 * sum(n in p for p in fine) for n in {x for p in bad for x in p}}
             guilty = max(sorted(votes), key=lambda n: (votes[n], n == "steering", n == "gnss"))
+            if len(bad) == 1 and len({votes[n] for n in votes}) == 1 and "steering" not in votes:
+                # Two that contradict each other, and nobody else to ask.
+                ((one, other),), (lag,) = bad.keys(), bad.values()
+                for name, by, than in ((one, lag, other), (other, -lag, one)):
+                    side = "behind" if by > 0 else "ahead of"
+                    self.say(of[name], "lag", f"lies {abs(by):.2f} s {side} {of[than]}: which of the clocks is wrong?")
+                break
             pairs = [pair for pair in bad if guilty in pair]
             told = []
             for pair in pairs:
@@ -770,6 +814,7 @@ class _Relations:
                 other = pair[1] if pair[0] == guilty else pair[0]
                 told.append(f"{abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} {of[other]}")
             self.say(of[guilty], "lag", f"lies {', '.join(told)}: is its clock or its latency wrong?")
+        self._fix_lag()
 
     def _fix_lag(self) -> None:
         """The fix against the velocity of the same receiver."""
@@ -824,9 +869,9 @@ def _held(recording: Recording) -> Iterator[Finding]:
 _FASTEST: Mapping[str, tuple[float, float]] = {
     "angular_velocity": (60.0, 0.25),
     "linear_acceleration": (2000.0, 6.0),
-    "velocity": (1500.0, 5.0),
-    "steering_wheel": (22.0, 0.15),
-    "road_wheel_front": (2.0, 0.03),
+    "velocity": (600.0, 2.0),
+    "steering_wheel": (20.0, 0.05),
+    "road_wheel_front": (2.0, 0.02),
     "gps": (30.0, 1.5),
 }
 # The largest step of resolution that raises no question.
@@ -842,7 +887,8 @@ _RESOLUTION: Mapping[str, float] = {
 
 def _kind_of(channel: Channel, name: str) -> str | None:
     if channel.topic == "vehicle/steering":
-        return name.partition(".")[2]
+        joint = name.partition(".")[2]
+        return joint if joint in _FASTEST else None
     if channel.topic == "gps/velocity":
         return "gps"
     kind = name.partition(".")[0]
@@ -867,7 +913,7 @@ def _jumps(recording: Recording) -> Iterator[Finding]:
             usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.01
             noise = 1.4826 * float(np.median(np.abs(change - np.median(change))))
             fastest, floor = _FASTEST[kind]
-            allowed = fastest * np.clip(step, usual, 1.0) + 8 * noise + floor
+            allowed = fastest * np.clip(step, usual, 1.0) + 7 * noise + floor
             jumps = np.flatnonzero(np.abs(change) > allowed)
             jumps = jumps[(step[jumps] < 1.0) & (step[jumps] >= 0)]
             if len(jumps) and len(jumps) < 0.05 * len(values):
@@ -904,14 +950,14 @@ def _resolution(values: Array) -> float:
     if len(values) < 50:
         return 0.0
     levels = np.unique(values)
-    if len(levels) < 3 or len(levels) > max(0.5 * len(values), 3):
+    if len(levels) < 3:
         return 0.0
     steps = np.diff(levels)
     step = float(np.min(steps[steps > 1e-9 * np.abs(levels).max()], initial=np.inf))
     if not np.isfinite(step):
         return 0.0
     beside = np.abs(steps / step - np.rint(steps / step))
-    return step if np.mean(beside < 0.05) > 0.95 else 0.0
+    return step if np.mean(beside < 0.03) > 0.97 and np.mean(np.rint(steps / step) < 20) > 0.5 else 0.0
 
 
 def _frozen_fixes(recording: Recording) -> Iterator[Finding]:
@@ -937,30 +983,29 @@ def _apart(recording: Recording) -> Iterator[Finding]:
         for topic in INPUTS
         if (c := recording.channels.get(topic)) is not None and len(c) >= 2
     }
-    if len(spans) >= 2:
-        begins = sorted(b for b, _ in spans.values())
-        ends = sorted(e for _, e in spans.values())
-        for topic, (begin, end) in spans.items():
-            channel = recording.channels[topic]
-            period = (end - begin) / max(len(channel) - 1, 1)
-            others = [span for other, span in spans.items() if other != topic]
-            slack = max(1e9, 5 * period)
-            if all(begin > e or end < b for b, e in others) and len(others) >= (2 if topic != "imu/data" else 1):
-                away = min((begin - e if begin > e else b - end) for b, e in others) * 1e-9
-                yield Finding(
-                    topic, "clock", f"has no time in common with the other topics: {away:.1f} s away from them"
-                )
-                continue
-            last, first = ends[-1], begins[0]
-            if (
-                len(others)
-                and last - end > slack
-                and end < ends[-2] + slack
-                and sum(last - e <= slack for e in ends) >= 1
-            ):
-                yield Finding(topic, "cut", f"ends {(last - end) * 1e-9:.1f} s before the others")
-            if begin - first > slack:
-                yield Finding(topic, "cut", f"begins {(begin - first) * 1e-9:.1f} s after the others")
+    alone = {
+        topic
+        for topic, (begin, end) in spans.items()
+        if len(spans) > 1 and all(begin > e or end < b for other, (b, e) in spans.items() if other != topic)
+    }
+    if len(spans) > 2 or not alone:
+        for topic in alone if len(alone) < len(spans) else ():
+            begin, end = spans[topic]
+            away = min((begin - e if begin > e else b - end) for o, (b, e) in spans.items() if o != topic) * 1e-9
+            yield Finding(topic, "clock", f"has no time in common with the other topics: {away:.1f} s away from them")
+    else:
+        first, second = sorted(spans)
+        yield Finding(first, "clock", f"has no time in common with {second}")
+    together = {topic: span for topic, span in spans.items() if topic not in alone}
+    for topic, (begin, end) in together.items():
+        period = (end - begin) / max(len(recording.channels[topic]) - 1, 1)
+        slack = max(1e9, 5 * period)
+        later = [e - end for o, (_, e) in together.items() if o != topic and e - end > slack]
+        earlier = [begin - b for o, (b, _) in together.items() if o != topic and begin - b > slack]
+        if later and 2 * len(later) >= len(together) - 1:
+            yield Finding(topic, "cut", f"ends {float(np.median(later)) * 1e-9:.1f} s before the others")
+        if earlier and 2 * len(earlier) >= len(together) - 1:
+            yield Finding(topic, "cut", f"begins {float(np.median(earlier)) * 1e-9:.1f} s after the others")
     for topic in spans:
         yield from _clock(recording.channels[topic], recording.start)
 
@@ -1031,10 +1076,12 @@ def findings(recording: Recording, radius: float | None = None) -> list[Finding]
     old = [Finding(topic, _fault(text), text) for topic, texts in doubts(recording, radius).items() for text in texts]
     motion = _Motion.of(recording)
     relations = [] if motion is None else _Relations(motion).run()
-    frames = {f.topic for f in relations if f.fault in ("frame", "axes") and f.topic.startswith("gps/")}
+    frames = {f.topic for f in relations if f.fault in ("frame", "axes", "unit", "sign") and f.topic.startswith("gps/")}
     if frames:
         # What was judged by a GNSS velocity that is wrong itself.
         old = [f for f in old if "GNSS" not in f.text and f.topic not in frames]
+    clocks = {f.topic for f in _apart(recording) if f.fault == "clock"}
+    relations = [f for f in relations if not (f.fault == "lag" and clocks)]
     found: list[Finding] = []
     checks: list[Callable[[Recording], Iterator[Finding]]] = [
         _usable, _held, _jumps, _quantised, _frozen_fixes, _apart, _repeated,
@@ -1141,7 +1188,7 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
         return
     guesses = {"m/s": 1.0, "km/h": 1 / 3.6, "rpm": 2 * np.pi / 60 * 0.32, "deg/s": np.pi / 180 * 0.32}
     for unit, ratio in guesses.items():
-        tolerance = 0.03 if unit in ("m/s", "km/h") else 0.4
+        tolerance = {"m/s": 0.03, "km/h": 0.02}.get(unit, 0.4)
         if abs(abs(radius) / ratio - 1.0) < tolerance:
             yield f"look like {unit}, expected rad/s: GNSS speed is {abs(radius):.4f} times their values"
             return
