@@ -13,12 +13,17 @@ from vsense_ros.cli.common import EXISTING, Commands, key_value_pairs
 @click.command("import")
 @click.argument("source", type=EXISTING)
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--mapping", type=EXISTING, help="Names, units and signs of the columns (CSV, MDF4).")
+@click.option(
+    "--mapping", type=EXISTING, help="Which column or signal is what: names, units, signs (tables, measurements, CAN)."
+)
+@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
 @click.option(
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a bag that stands at OUT.")
-def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, Any], overwrite: bool) -> None:
+def import_(
+    source: Path, out: Path, mapping: Path | None, dbc: Path | None, options: dict[str, Any], overwrite: bool
+) -> None:
     """Turn a recording from elsewhere into a bag that rosbag2 plays.
 
     The format is found by looking at SOURCE.
@@ -27,6 +32,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     Examples:
       vsense import laps/med_lap_center_8_21.mat med_lap
       vsense import log.csv log --mapping log.yaml
+      vsense import drive.blf drive --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
       vsense import segment/ rav4 --option rolling_radius=0.35
     """
     from vsense_ros.bag import write_bag
@@ -35,8 +41,7 @@ def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, An
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
-    if mapping is not None:
-        options["mapping"] = mapping
+    options |= {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
     with waiting(f"importing {source.name}"):
         recording = import_recording(source, **options)
         write_bag(out, recording, overwrite=overwrite)

@@ -318,10 +318,6 @@ class _Relations:
         away = float(np.sqrt(np.median(np.sum((velocity - by_fix) ** 2, axis=0))))
         if away < max(0.1 * usual, 1.0, 5 * error):
             return
-        swapped = np.array([self._change(s[name], span)[good] for name in ("x'", "y'") if name in s])
-        if len(swapped) and float(np.sqrt(np.median(np.sum((velocity - swapped) ** 2, axis=0)))) < 0.3 * away:
-            self.say("gps/fix", "axes", "latitude and longitude are exchanged: its change is not gps/velocity")
-            return
         east, north = by_fix
         size = float(np.median(np.hypot(*velocity)) / usual)
         units = {"km/h": 3.6, "mph": 1 / 0.44704, "knots": 3600 / 1852}
@@ -337,6 +333,12 @@ class _Relations:
         ]  # fmt: skip
         left = [float(np.sqrt(np.median(np.sum((velocity - form) ** 2, axis=0)))) for *_, form in forms]
         best = int(np.argmin(left))
+        swapped = np.array([self._change(s[name], span)[good] for name in ("x'", "y'") if name in s])
+        if len(swapped):
+            without = float(np.sqrt(np.median(np.sum((velocity - swapped) ** 2, axis=0))))
+            if without < min(0.3 * away, left[best]):
+                self.say("gps/fix", "axes", "latitude and longitude are exchanged: its change is not gps/velocity")
+                return
         close = left[best] < 0.35 * away and left[best] < max(0.2 * usual, 2.0)
         if not close and (away < max(0.4 * usual, 3.0) or good.sum() < 4.0 / _STEP):
             return
@@ -459,7 +461,7 @@ class _Relations:
         heading = np.cumsum(np.where(good, self.turns["gyro"], 0.0)) * _STEP
         course = np.unwrap(np.arctan2(north[good], east[good]))
         turned = _spread(heading[good] - np.polyval(np.polyfit(self.m.t[good], heading[good], 1), self.m.t[good]))
-        if turned > 0.03 and _spread(course) < 0.2 * turned and abs(float(np.median(course))) < 0.03:
+        if 0.03 < turned < 3.0 and _spread(course) < 0.2 * turned and abs(float(np.median(course))) < 0.03:
             text = "its course stays 0 while the car turns: it looks like the axes of the car, expected east, north, up"
             self.say("gps/velocity", "frame", text)
             self.turns.pop("gnss", None)
@@ -716,7 +718,7 @@ class _Relations:
         for name in names:
             others = np.array([s[other] for other in names if other != name])
             own = s[name]
-            still = np.concatenate([[False], np.diff(own) == 0.0])
+            still = np.concatenate([[False], np.abs(np.diff(own)) < 1e-9])
             ends = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
             for begin, end in zip(ends[::2], ends[1::2], strict=True):
                 if end - begin < width:
@@ -798,9 +800,12 @@ class _Relations:
         bad = {pair: lag for pair, (lag, _) in verdict.items() if lag != 0.0}
         fine = [pair for pair, (lag, _) in verdict.items() if lag == 0.0]
         while bad:
-            votes = {n: sum(n in p for p in bad) - 0.9 * sum(n in p for p in fine) for n in {x for p in bad for x in p}}
+            votes = {
+                n: sum(n in p for p in bad) - sum(0.2 if "steering" in p else 0.9 for p in fine if n in p)
+                for n in {x for p in bad for x in p}
+            }
             guilty = max(sorted(votes), key=lambda n: (votes[n], n == "steering", n == "gnss"))
-            if len(bad) == 1 and len({votes[n] for n in votes}) == 1 and "steering" not in votes:
+            if len(bad) == 1 and np.ptp(list(votes.values())) < 0.5 and "steering" not in votes:
                 # Two that contradict each other, and nobody else to ask.
                 ((one, other),), (lag,) = bad.keys(), bad.values()
                 for name, by, than in ((one, lag, other), (other, -lag, one)):
@@ -814,9 +819,9 @@ class _Relations:
                 other = pair[1] if pair[0] == guilty else pair[0]
                 told.append(f"{abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} {of[other]}")
             self.say(of[guilty], "lag", f"lies {', '.join(told)}: is its clock or its latency wrong?")
-        self._fix_lag()
+        self._fix_lag(("imu", "gnss") in fine or ("wheels", "gnss") in fine)
 
-    def _fix_lag(self) -> None:
+    def _fix_lag(self, velocity_is_right: bool) -> None:
         """The fix against the velocity of the same receiver."""
         s = self.m.signals
         if "x" not in s or "east" not in s or "gps/velocity" in self.blamed or "gps/fix" in self.blamed:
@@ -836,10 +841,11 @@ class _Relations:
             and match.share > 2.0
             and abs(match.lag) > max(0.15, 0.5 * self.gnss_span)
         ):
-            side = "behind" if match.lag > 0 else "ahead of"
-            self.say(
-                "gps/fix", "lag", f"lies {abs(match.lag):.2f} s {side} gps/velocity: is a clock or a latency wrong?"
-            )
+            one_of = "is a clock or a latency wrong?" if velocity_is_right else "which of the two is wrong?"
+            topics = ("gps/fix", "gps/velocity") if not velocity_is_right else ("gps/fix",)
+            for topic, by in zip(topics, (match.lag, -match.lag), strict=False):
+                other = "gps/velocity" if topic == "gps/fix" else "gps/fix"
+                self.say(topic, "lag", f"lies {abs(by):.2f} s {'behind' if by > 0 else 'ahead of'} {other}: {one_of}")
 
 
 # Signals that cannot be right by themselves
@@ -1081,7 +1087,8 @@ def findings(recording: Recording, radius: float | None = None) -> list[Finding]
         # What was judged by a GNSS velocity that is wrong itself.
         old = [f for f in old if "GNSS" not in f.text and f.topic not in frames]
     clocks = {f.topic for f in _apart(recording) if f.fault == "clock"}
-    relations = [f for f in relations if not (f.fault == "lag" and clocks)]
+    repeating = {f.topic for f in _held(recording)}
+    relations = [f for f in relations if not (f.fault == "lag" and (clocks or repeating))]
     found: list[Finding] = []
     checks: list[Callable[[Recording], Iterator[Finding]]] = [
         _usable, _held, _jumps, _quantised, _frozen_fixes, _apart, _repeated,
