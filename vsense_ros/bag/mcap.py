@@ -658,7 +658,7 @@ def read_bag(path: str | Path) -> Recording:
         *contents.damage,
         *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items()),
     ]
-    result, bad = _channels(merged, notes)
+    result, bad = channels_of(merged, notes)
     stored = contents.custom.pop("notes", "")
     return Recording(
         result,
@@ -670,7 +670,7 @@ def read_bag(path: str | Path) -> Recording:
     )
 
 
-def _channels(
+def channels_of(
     merged: Mapping[str, tuple[str, list[bytes], list[int]]], notes: list[str]
 ) -> tuple[dict[str, Channel], int]:
     """Decode the messages of each topic; returns the channels and the number of messages that are none."""

@@ -848,6 +848,62 @@ class _Relations:
                 self.say(topic, "lag", f"lies {abs(by):.2f} s {'behind' if by > 0 else 'ahead of'} {other}: {one_of}")
 
 
+def clock_offset(reference: Recording, other: Recording) -> tuple[float, float] | None:
+    """What has to be added to the times of a recording to have those of another of the same drive [s], and how alike
+    the motions are then (a correlation); None where they have none to compare.
+
+    Whatever both tell is compared: the turning rate, or the speed, of whichever sensor.
+    """
+    motions = [_Motion.of(recording) for recording in (reference, other)]
+    if motions[0] is None or motions[1] is None:
+        return None
+    relations = [_Relations(motion) for motion in motions if motion is not None]
+    for relation in relations:
+        relation.velocity_and_fix()
+        relation.derive()
+    best: tuple[float, float] | None = None
+    pairs = [(relations[0].turns, relations[1].turns), (relations[0].pushes, relations[1].pushes)]
+    for one, two in pairs:
+        for a in one.values():
+            for b in two.values():
+                found = _offset(a, b)
+                if found is not None and (best is None or found[1] > best[1]):
+                    best = found
+    if best is None or best[1] < 0.7:
+        return None
+    return best[0] + (motions[0].start - motions[1].start) * 1e-9, best[1]
+
+
+def _offset(one: Array, other: Array) -> tuple[float, float] | None:
+    """By how much `other` has to be put later to go along with `one` [s], and their correlation then.
+
+    By way of the Fourier transform, as two recordings may begin at any time of each other.
+    """
+    if _spread(one) == 0.0 or _spread(other) == 0.0:
+        return None
+    a, b = (np.nan_to_num(v - np.nanmean(v)) for v in (one, other))
+    good = [np.isfinite(v).astype(float) for v in (one, other)]
+    size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
+
+    def across(x: Array, y: Array) -> Array:
+        return np.fft.irfft(np.fft.rfft(x, size) * np.conj(np.fft.rfft(y, size)), size)
+
+    both = np.maximum(np.rint(across(*good)), 0.0)
+    power = across(a**2, good[1]) * across(good[0], b**2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        alike = across(a, b) / np.sqrt(np.maximum(power, 1e-12))
+    least = max(5.0 / _STEP, 0.3 * min(good[0].sum(), good[1].sum()))
+    alike[both < least] = -1.0
+    at = int(np.argmax(alike))
+    before, here, behind = (float(alike[(at + k) % size]) for k in (-1, 0, 1))
+    if here <= 0.0:
+        return None
+    bend = before - 2 * here + behind
+    part = 0.5 * (before - behind) / bend if bend < 0 and min(before, behind) > 0 else 0.0
+    shift = at if at < size // 2 else at - size
+    return (shift + part) * _STEP, here
+
+
 # Signals that cannot be right by themselves
 
 

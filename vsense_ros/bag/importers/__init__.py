@@ -35,11 +35,11 @@ class Importer:
 
 
 def importers() -> list[Importer]:
-    """The importers of this folder in the order in which they are asked: by name, those that judge by a file's ending
-    alone (LAST = True) after the others."""
+    """The importers of this folder in the order in which they are asked: by name, some before the
+    others (FIRST = True), and those that judge by a file's ending alone (LAST = True) after them."""
     modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
     formats = [module for module in modules if hasattr(module, "NAME")]
-    formats.sort(key=lambda module: getattr(module, "LAST", False))
+    formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
     return [Importer(module.NAME, module.DESCRIPTION, module.matches, module.read) for module in formats]
 
 
