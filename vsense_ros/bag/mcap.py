@@ -36,6 +36,7 @@ _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 
+_LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
 
 CHUNK_SIZE = 256 * 1024  # [byte] before compression: what one damaged spot can cost at most
@@ -360,6 +361,7 @@ class _Contents:
     damage: list[str] = field(default_factory=list)
     lost: int = 0  # messages known to be lost
     expected: int | None = None  # messages that the file says it holds
+    packed_messages: bool = False  # each message is compressed by rosbag2
     custom: dict[str, str] = field(default_factory=dict)
 
     def count(self) -> int:
@@ -637,6 +639,8 @@ def read_bag(path: str | Path) -> Recording:
             continue
         read += contents.count()
         for number, payloads in contents.payloads.items():
+            if contents.packed_messages:
+                payloads = [_unpacked(payload) for payload in payloads]
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
             if kind not in FIELDS or encoding != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
@@ -668,6 +672,14 @@ def read_bag(path: str | Path) -> Recording:
         contents.custom,
         tuple(contents.damage),
     )
+
+
+def _unpacked(payload: bytes) -> bytes:
+    """A message that rosbag2 has compressed; empty, which is no message, if it is damaged."""
+    try:
+        return zstandard.ZstdDecompressor().decompress(payload, max_output_size=_LARGEST_MESSAGE)
+    except zstandard.ZstdError:
+        return b""
 
 
 def channels_of(
@@ -745,11 +757,7 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
             f"{path}: its storage is {storage!r}, expected 'mcap'; convert it with 'ros2 bag convert' or record with "
             "'ros2 bag record --storage mcap'"
         )
-    if str(information.get("compression_mode") or "NONE").upper() != "NONE":
-        raise InputError(
-            f"{path}: compressed by rosbag2 ({information['compression_mode']} mode), expected compression inside MCAP "
-            "chunks; convert it with 'ros2 bag convert'"
-        )
+    contents.packed_messages = str(information.get("compression_mode") or "").lower() == "message"
     _take_information(contents, information)
     files = [path / str(name) for name in information.get("relative_file_paths") or []]
     missing = [file.name for file in files if not file.exists()]

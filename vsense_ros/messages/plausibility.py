@@ -728,7 +728,7 @@ class _Relations:
                 if part.shape[1] < 2 or float(np.median(np.abs(part))) < 5.0:
                     continue
                 # A wheel at constant speed keeps its value only if it is coarse, and then the others do so, too.
-                if float(np.median(np.mean(np.diff(part, axis=1) != 0.0, axis=1))) > 0.5:
+                if float(np.median(np.mean(np.abs(np.diff(part, axis=1)) > 1e-9, axis=1))) > 0.5:
                     text = f"{name} is frozen for {(end - begin) * _STEP:.1f} s from {self.m.t[begin]:.1f} s on"
                     self.say("vehicle/wheel_speeds", "frozen", text)
                     break

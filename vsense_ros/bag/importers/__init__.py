@@ -27,6 +27,7 @@ class Importer:
     description: str
     matches: Callable[[Path], bool]
     read: Callable[..., Recording]
+    needs: tuple[str, ...] = ()  # options without which another importer of the same file is meant
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -40,7 +41,10 @@ def importers() -> list[Importer]:
     modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
     formats = [module for module in modules if hasattr(module, "NAME")]
     formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
-    return [Importer(module.NAME, module.DESCRIPTION, module.matches, module.read) for module in formats]
+    return [
+        Importer(module.NAME, module.DESCRIPTION, module.matches, module.read, getattr(module, "NEEDS", ()))
+        for module in formats
+    ]
 
 
 def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
@@ -51,6 +55,7 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
         raise InputError(f"{path}: no such file or folder")
     known = importers()
     matching = [importer for importer in known if importer.matches(path)]
+    matching.sort(key=lambda importer: not set(importer.needs) <= set(options))
     for importer in matching:
         if set(options) <= set(importer.options):
             return importer

@@ -22,6 +22,7 @@ from vsense_ros.messages.recording import FIELDS, Channel, Recording
 
 NAME = "can_log"
 DESCRIPTION = "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4)"
+NEEDS = ("dbc",)  # without a database an MDF4 file is one of signals
 
 Output = JointStateOutput | ImuOutput
 _Part = tuple[Output, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name

@@ -136,8 +136,16 @@ class _Lines:
             text = self._next(file)
             if text is not None and self._is_units(self.split(text)):
                 cells = [cell.strip() for cell in self.split(text)]
-                self.units = [*cells, *[""] * len(self.header)][: len(self.header)]
+                own = [cell if units.canonical(cell) else "" for cell in cells]
+                self.units = [*own, *[""] * len(self.header)][: len(self.header)]
                 self.start = file.tell()
+                # RaceChrono has another line below, which says where each column comes from.
+                before = self.line
+                text = self._next(file)
+                while text is not None and text.strip() and not self._has_number(text) and self.line - before < 3:
+                    self.start, before = file.tell(), self.line
+                    text = self._next(file)
+                self.line = before
             else:
                 self.line = before
 
@@ -183,6 +191,12 @@ class _Lines:
 
     def split(self, text: str) -> list[str]:
         return next(csv.reader([text], delimiter=self.wanted.delimiter, skipinitialspace=True), [])
+
+    def _has_number(self, text: str) -> bool:
+        cells = [cell.strip() for cell in self.split(text)]
+        return any(
+            _is_number(cell, self.wanted.decimal) or _ISO.fullmatch(cell) or re.match(_CLOCK, cell) for cell in cells
+        )
 
     def _is_units(self, cells: list[str]) -> bool:
         """Whether the line below the header tells units: no number in it, and a unit that is known."""

@@ -19,6 +19,7 @@ from pydantic import Field
 
 from vsense_ros.messages.topics import TOPICS, Topic
 from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Response, SensorBase, Tells
+from vsense_ros.model.sensors.body_velocity import BodyVelocity
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
 from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
@@ -84,6 +85,7 @@ def telling(sensors: Iterable[tuple[str, SensorBase]], what: Tells) -> str | Non
 __all__ = [
     "KINDS",
     "Bias",
+    "BodyVelocity",
     "ComparedSignal",
     "Component",
     "GnssAttitude",
