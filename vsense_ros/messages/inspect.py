@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.messages.plausibility import Finding, doubts, findings, measured
+from vsense_ros.messages.plausibility import Finding, doubts, findings, measured, present
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.messages.topics import INPUTS, TOPICS, Topic
 
@@ -96,7 +96,8 @@ def _topic(channel: Channel, start: int, expected: Topic | None, doubts: list[st
     step = np.diff(channel.stamp) * 1e-9
     jumped = np.abs(step) >= _CLOCK_JUMP
     normal = step[(step > 0) & ~jumped]
-    period = float(np.median(normal)) if len(normal) else float("nan")
+    # Messages that carry parts of a topic come in groups: the longer of their steps is the period.
+    period = float(np.percentile(normal, 75)) if len(normal) else float("nan")
     paused = np.flatnonzero((step > _GAP * period) & ~jumped)
     steady = normal[normal <= _GAP * period]
     gaps = tuple(Gap((int(channel.stamp[i]) - start) * 1e-9, float(step[i])) for i in paused)
@@ -117,14 +118,18 @@ def _topic(channel: Channel, start: int, expected: Topic | None, doubts: list[st
     late = float(np.median(latency))
     if not -0.1 <= late <= 2.0 and not np.isnan(late):
         problems.append(f"time stamps are {late:.3f} s older than the arrival (median): is a clock wrong?")
-    signals = dict(measured(channel))
+    signals = dict(measured(present(channel)))
     share = (
         float(np.mean([np.isnan(values).mean() for values in signals.values()])) if signals and len(channel) else 0.0
     )
     live = {name: values for name, values in signals.items() if not np.isnan(values).all()}
     constant = tuple(name for name, values in live.items() if len(values) > 1 and np.nanstd(values) == 0.0)
     problems += _inertial(channel, live)
-    holes = {name: int(np.isnan(values).sum()) for name, values in live.items() if np.isnan(values).any()}
+    holes = {
+        name: int(np.isnan(values).sum())
+        for name, values in live.items()
+        if np.isnan(values).any() and not _takes_turns(channel, values)
+    }
     problems += [f"{name} is NaN in {count} of {len(channel)} messages" for name, count in holes.items()]
     return TopicInfo(
         channel.topic,
@@ -143,6 +148,15 @@ def _topic(channel: Channel, start: int, expected: Topic | None, doubts: list[st
         constant,
         tuple(problems),
     )
+
+
+def _takes_turns(channel: Channel, values: Array) -> bool:
+    """Whether a signal is absent from messages that carry other parts of the topic, and comes regularly itself."""
+    stamp = channel.stamp[np.isfinite(values)]
+    if len(stamp) < 10:
+        return False
+    step = np.diff(np.concatenate([channel.stamp[:1], stamp, channel.stamp[-1:]]))
+    return bool(step.max() <= _GAP * np.percentile(step, 75)) and len(stamp) < 0.9 * len(channel)
 
 
 def _frames(channel: Channel, expected: Topic | None) -> Iterator[str]:
@@ -169,8 +183,8 @@ def _inertial(channel: Channel, live: dict[str, Array]) -> Iterator[str]:
     """Inertial signals that stand still."""
     if channel.topic != "imu/data" or len(channel) < 2:
         return
-    seconds = channel.seconds
     for name, values in live.items():
+        seconds, values = channel.seconds[np.isfinite(values)], values[np.isfinite(values)]
         breaks = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
         first, last = breaks[:-1], breaks[1:] - 1
         length = seconds[last] - seconds[first]

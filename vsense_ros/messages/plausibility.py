@@ -12,7 +12,7 @@ changed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Literal
 
@@ -1205,7 +1205,22 @@ def _channel(recording: Recording, topic: str) -> Channel | None:
     channel = recording.channels.get(topic)
     if channel is None or channel.kind != TOPICS[topic].kind or len(channel) < 10 or np.ptp(channel.seconds) < 1.0:
         return None
-    return channel
+    return present(channel)
+
+
+def present(channel: Channel) -> Channel:
+    """The channel with NaN where a message marks a vector as absent, as those do that carry a part of a topic."""
+    if channel.kind != "sensor_msgs/msg/Imu":
+        return channel
+    columns = dict(channel.columns)
+    for name in ("orientation", "angular_velocity", "linear_acceleration"):
+        mark = columns.get(f"{name}_covariance")
+        if mark is None or not mark.shape[1]:
+            continue
+        absent = mark[:, 0] == -1
+        if absent.any() and not absent.all():
+            columns[name] = np.where(absent[:, None], np.nan, columns[name])
+    return replace(channel, columns=columns)
 
 
 def _gnss_motion(recording: Recording) -> tuple[NDArray[np.int64], Array, Array] | None:
