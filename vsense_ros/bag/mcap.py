@@ -10,6 +10,7 @@ broken is left out and counted by its message index, a chunk cut off by the end 
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -34,8 +35,10 @@ _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_IN
 _STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE_READ = struct.Struct("<xQH4xQ8x")  # of it, length, channel and log time
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 
+_LARGEST_METADATA = 1 << 22  # [byte]
 _LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
 
@@ -361,6 +364,7 @@ class _Contents:
     damage: list[str] = field(default_factory=list)
     lost: int = 0  # messages known to be lost
     expected: int | None = None  # messages that the file says it holds
+    informed: bool = False  # metadata.yaml is read
     packed_messages: bool = False  # each message is compressed by rosbag2
     custom: dict[str, str] = field(default_factory=dict)
 
@@ -404,16 +408,23 @@ def _take_definition(contents: _Contents, opcode: int, body: bytes) -> None:
             (contents.expected,) = struct.unpack_from("<Q", body)
         elif opcode == _METADATA:
             name, at = _take_text(body, 0)
-            if name == "rosbag2":
+            if name == "rosbag2" and not contents.informed:  # the same stands in metadata.yaml
                 _take_information(contents, _yaml(_take_map(body, at).get("serialized_metadata", "")))
     except (struct.error, _Damaged) as error:
         raise _Damaged(f"record {opcode:#04x}: {error}") from None
 
 
+_TOPICS_BLOCK = re.compile(r"^( *)topics_with_message_count:[^\n]*\n(?:(?:\1[ -][^\n]*| *)\n)*", re.MULTILINE)
+
+
 def _yaml(text: str) -> object:
+    """A YAML document; of the metadata of a bag, without the qualities of service of its topics, which are most of it."""
+    if len(text) > _LARGEST_METADATA:
+        return None
+    text = _TOPICS_BLOCK.sub("", text, count=1)
     try:
         return YAML(typ="safe", pure=True).load(text)
-    except YAMLError:
+    except (YAMLError, RecursionError, ValueError):
         return None
 
 
@@ -426,18 +437,22 @@ def _take_information(contents: _Contents, information: object) -> None:
 def _take_records(contents: _Contents, data: bytes) -> int:
     """Gather the records of a chunk; returns the position behind the last whole one."""
     at, end = 0, len(data)
-    unpack, head = _MESSAGE_HEAD.unpack_from, _MESSAGE_HEAD.size
+    unpack, head = _MESSAGE_READ.unpack_from, _MESSAGE_HEAD.size
     payloads, times = contents.payloads, contents.times
+    sinks = {channel: (payloads[channel].append, times[channel].append) for channel in payloads}
+    last = end - head
     while at + 9 <= end:
-        if data[at] == _MESSAGE and at + head <= end:
-            _, length, channel, _, log_time, _ = unpack(data, at)
+        if at <= last and data[at] == _MESSAGE:
+            length, channel, log_time = unpack(data, at)
             after = at + 9 + length
             if after > end or length < 22:
                 break
-            if channel not in payloads:
+            sink = sinks.get(channel)
+            if sink is None:
                 payloads[channel], times[channel] = [], []
-            payloads[channel].append(data[at + head : after])
-            times[channel].append(log_time)
+                sink = sinks[channel] = (payloads[channel].append, times[channel].append)
+            sink[0](data[at + head : after])
+            sink[1](log_time)
         else:
             opcode, length = _RECORD.unpack_from(data, at)
             after = at + 9 + length
@@ -759,6 +774,7 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
         )
     contents.packed_messages = str(information.get("compression_mode") or "").lower() == "message"
     _take_information(contents, information)
+    contents.informed = True
     files = [path / str(name) for name in information.get("relative_file_paths") or []]
     missing = [file.name for file in files if not file.exists()]
     if missing:
