@@ -72,7 +72,7 @@ def test_a_truncated_binary_log_gives_its_intact_messages_and_says_what_is_lost(
         ("drive.blf", b"garbage", "not a CAN log"),
         ("drive.blf", b"LOGGarbage", "not one intact CAN message"),
         ("drive.mf4", b"garbage", "not a CAN log"),
-        ("drive.mf4", b"MDF     garbage", "not one intact CAN message"),
+        ("drive.mf4", b"MDF     ".ljust(64) + b"##HD garbage", "not one intact CAN message"),
     ],
 )
 def test_a_file_that_is_no_can_log_is_refused_in_words(tmp_path, name, content, expected):

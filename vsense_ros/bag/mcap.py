@@ -38,6 +38,7 @@ _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, l
 _MESSAGE_READ = struct.Struct("<xQH4xQ8x")  # of it, length, channel and log time
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _LARGEST_METADATA = 1 << 22  # [byte]
 _LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
@@ -365,7 +366,6 @@ class _Contents:
     lost: int = 0  # messages known to be lost
     expected: int | None = None  # messages that the file says it holds
     informed: bool = False  # metadata.yaml is read
-    packed_messages: bool = False  # each message is compressed by rosbag2
     custom: dict[str, str] = field(default_factory=dict)
 
     def count(self) -> int:
@@ -654,7 +654,7 @@ def read_bag(path: str | Path) -> Recording:
             continue
         read += contents.count()
         for number, payloads in contents.payloads.items():
-            if contents.packed_messages:
+            if payloads[0].startswith(_ZSTD):  # by rosbag2, each of them
                 payloads = [_unpacked(payload) for payload in payloads]
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
             if kind not in FIELDS or encoding != "cdr":
@@ -772,7 +772,6 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
             f"{path}: its storage is {storage!r}, expected 'mcap'; convert it with 'ros2 bag convert' or record with "
             "'ros2 bag record --storage mcap'"
         )
-    contents.packed_messages = str(information.get("compression_mode") or "").lower() == "message"
     _take_information(contents, information)
     contents.informed = True
     files = [path / str(name) for name in information.get("relative_file_paths") or []]

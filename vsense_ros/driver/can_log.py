@@ -26,6 +26,7 @@ from can.io.asc import ASCReader
 from numpy.typing import NDArray
 
 from vsense_ros.driver.can_signal import Frames
+from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
 
 FORMATS = "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4"
@@ -106,7 +107,7 @@ class CanLog:
                 else:
                     self.lost(f"message {count} has no time")
         # python-can's readers let through whatever their parsing stumbles over.
-        except (can.CanError, ValueError, LookupError, OSError, EOFError, struct.error, TypeError) as error:
+        except (can.CanError, ValueError, LookupError, OSError, EOFError, struct.error, TypeError, AttributeError) as error:
             self.lost(f"unreadable after message {count}: {error}")
         except Exception as error:
             if type(error).__module__.partition(".")[0] not in ("asammdf", "zlib"):
@@ -129,7 +130,8 @@ def format_of(path: Path) -> str | None:
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(b"MDF"):
-        return "mf4"
+        # asammdf recurses without end when it drops a file whose header it could not read.
+        return "mf4" if head[64:68] == b"##HD" else None
     lines = [line for line in head.decode("utf-8-sig", errors="replace").splitlines() if line.strip()]
     if not lines:
         return None
@@ -166,7 +168,7 @@ def read_can_log(path: str | Path) -> CanLog:
         "blf": lambda log: _python_can(log, can.BLFReader(log.path)),
         "trc": lambda log: _python_can(log, can.TRCReader(log.path)),
         "csv": lambda log: _python_can(log, can.CSVReader(log.path)),
-        "mf4": lambda log: _python_can(log, can.MF4Reader(log.path)),
+        "mf4": _mf4,
     }
     return CanLog(path, readers[found], found)
 
@@ -328,6 +330,11 @@ def _asc(log: CanLog) -> Iterator[can.Message]:
                 total += message.timestamp - reader.start_time
                 message.timestamp = reader.start_time + total
             yield message
+
+
+def _mf4(log: CanLog) -> Iterator[can.Message]:
+    make_asammdf_careful()
+    yield from _python_can(log, can.MF4Reader(log.path))
 
 
 def _python_can(log: CanLog, reader: Any) -> Iterator[can.Message]:

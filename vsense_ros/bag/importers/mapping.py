@@ -51,6 +51,7 @@ from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS
 
 _DEG = np.pi / 180.0
+_LAST = 4e9  # [s] of any time
 _LARGEST = 1 << 20  # [byte] of a mapping file
 
 _QUANTITIES_OF_UNITS: Mapping[str, Mapping[str, float]] = {
@@ -379,6 +380,8 @@ class _Maker:
         time = time[keep]
         if not len(time):
             raise InputError(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
+        if not (np.abs(time) < _LAST).all():
+            raise InputError(f"{topic}: a time of {time[np.argmax(~(np.abs(time) < _LAST))]:g} s is none; is its unit right?")
 
         def value(field: str, signal: Signal | None) -> Array:
             if signal is None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers.mapping import Column, Ref
+from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
@@ -42,7 +43,7 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
 
 
 def _open(path: Path) -> Any:
-    """The file, by asammdf, which recurses without end when it drops one whose header it could not read."""
+    """The file, by asammdf."""
     from asammdf import MDF
     from asammdf.blocks.utils import MdfException
 
@@ -50,6 +51,7 @@ def _open(path: Path) -> Any:
         stream.seek(64)
         if stream.read(4).removeprefix(b"##")[:2] != b"HD":
             raise InputError(f"{path}: the MDF file is damaged: no measurement header at byte 64; copy it again")
+    make_asammdf_careful()
     try:
         return MDF(path)
     except MemoryError:

@@ -31,6 +31,7 @@ _CREATED = re.compile(r"File created on (\d{1,2})/(\d{1,2})/(\d{4})(?:\s*@?\s*(\
 _KMH, _KNOT = 1.0 / 3.6, 1852.0 / 3600.0
 _DAY = 86_400.0  # [s]
 _USED = ("time", "lat", "long")
+_NOT_ASCII = bytes(range(128, 256))
 _LONGEST_HEAD = 1 << 20  # [byte]
 
 
@@ -101,6 +102,7 @@ def _table(path: Path, rows: bytes, names: list[str], notes: list[str]) -> dict[
     )
     while b"  " in plain:
         plain = plain.replace(b"  ", b" ")
+    plain = plain.translate(None, _NOT_ASCII)
     try:
         table = pyarrow.csv.read_csv(
             BytesIO(plain),
