@@ -345,16 +345,24 @@ class CanDecoder:
         self.mapping = mapping if isinstance(mapping, CanMapping) else load_mapping(mapping)
         self.channel = channel
         where = f"CAN mapping {self.mapping.name}"
-        known = {message.name: message for message in self.database.messages}
+        known: dict[str, Message] = {}
+        twice: dict[str, list[Message]] = {}
+        for message in self.database.messages:
+            twice.setdefault(message.name, []).append(message)
+            known[f"{message.name}@0x{message.frame_id:X}"] = message
+        known |= {name: messages[0] for name, messages in twice.items() if len(messages) == 1}
         self._receivers: dict[tuple[int, bool], _Receiver] = {}
         self._by_pgn: dict[int, _Receiver] = {}
         notes = list(read.notes)
         for name in dict.fromkeys(output.message for output in self.mapping.outputs):
+            if len(alike := twice.get(name, [])) > 1:
+                told = ", ".join(f"{name}@0x{message.frame_id:X}" for message in alike)
+                raise InputError(f"{where}: the database has {len(alike)} messages {name!r}; say which: {told}")
             if name not in known:
                 left_out = next((note for note in read.notes if f" {name} left out" in note), "")
                 raise InputError(
-                    f"{where}: the database has no message {name!r}{suggestion(name, known)}; "
-                    f"it has {len(known)} messages" + (f" ({left_out})" if left_out else "")
+                    f"{where}: the database has no message {name!r}{suggestion(name, twice)}; "
+                    f"it has {len(self.database.messages)} messages" + (f" ({left_out})" if left_out else "")
                 )
             message = known[name]
             outputs = [output for output in self.mapping.outputs if output.message == name]
@@ -368,7 +376,7 @@ class CanDecoder:
                 receiver.by_group = True
                 self._by_pgn[_pgn(message.frame_id)] = receiver
         self.notes: tuple[str, ...] = tuple(notes)
-        self._database_ids = {(m.frame_id, m.is_extended_frame) for m in known.values()}
+        self._database_ids = {(m.frame_id, m.is_extended_frame) for m in self.database.messages}
         self._passed: Counter[tuple[int, bool]] = Counter()  # frames that nobody listens to
         self._counts = dict.fromkeys(
             ("frames", "not mapped", "not in the database", "error frames", "broken frames", "without time stamp"), 0

@@ -107,7 +107,16 @@ class CanLog:
                 else:
                     self.lost(f"message {count} has no time")
         # python-can's readers let through whatever their parsing stumbles over.
-        except (can.CanError, ValueError, LookupError, OSError, EOFError, struct.error, TypeError, AttributeError) as error:
+        except (
+            can.CanError,
+            ValueError,
+            LookupError,
+            OSError,
+            EOFError,
+            struct.error,
+            TypeError,
+            AttributeError,
+        ) as error:
             self.lost(f"unreadable after message {count}: {error}")
         except Exception as error:
             if type(error).__module__.partition(".")[0] not in ("asammdf", "zlib"):

@@ -1080,7 +1080,7 @@ def _clock(channel: Channel, start: int) -> Iterator[Finding]:
     seconds = (channel.received - channel.received[0]) * 1e-9
     steps = np.diff(delay)
     usual = float(np.median(np.abs(steps))) + 1e-6
-    sudden = np.flatnonzero((np.abs(steps) > max(0.25, 20 * usual)))
+    sudden = np.flatnonzero(np.abs(steps) > max(0.25, 20 * usual))
     for index in sudden[:1]:
         before, after = (
             float(np.median(delay[max(index - 8, 0) : index + 1])),

@@ -15,7 +15,6 @@ from typing import Any
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
-
 _MOST_MEMORY, _MOST_OF_FILE = 768 << 20, 24  # [byte], and times the size of a file, that reading it may take
 
 

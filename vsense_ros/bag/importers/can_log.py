@@ -132,7 +132,7 @@ def _channel(topic: str, parts: list[_Part]) -> Channel:
     if isinstance(output, JointStateOutput):
         names = tuple(dict.fromkeys(name for part in parts for name in part[3]))
         empty = np.zeros((len(stamp), 0))
-        columns = {field: empty for field in FIELDS["sensor_msgs/msg/JointState"]}
+        columns = dict.fromkeys(FIELDS["sensor_msgs/msg/JointState"], empty)
         columns[output.field] = np.column_stack([column(name) for name in names])
         return Channel(topic, "sensor_msgs/msg/JointState", stamp, received, columns, "", names)
     return Channel(topic, "sensor_msgs/msg/Imu", stamp, received, _imu(parts, order), output.frame_id)

@@ -381,7 +381,9 @@ class _Maker:
         if not len(time):
             raise InputError(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
         if not (np.abs(time) < _LAST).all():
-            raise InputError(f"{topic}: a time of {time[np.argmax(~(np.abs(time) < _LAST))]:g} s is none; is its unit right?")
+            raise InputError(
+                f"{topic}: a time of {time[np.argmax(~(np.abs(time) < _LAST))]:g} s is none; is its unit right?"
+            )
 
         def value(field: str, signal: Signal | None) -> Array:
             if signal is None:

@@ -61,7 +61,16 @@ def read(path: Path) -> Recording:
                 times.append(time)
     except MemoryError:
         raise
-    except (ReaderError, OSError, EOFError, ValueError, LookupError, struct.error, AssertionError) as error:
+    except (
+        ReaderError,
+        OSError,
+        EOFError,
+        ValueError,
+        LookupError,
+        struct.error,
+        AssertionError,
+        RuntimeError,
+    ) as error:
         if not count:
             hint = "; 'rosbag reindex' may mend a bag that was not closed" if "index" in str(error).lower() else ""
             raise InputError(f"{path}: cannot be read as a ROS 1 bag: {error}{hint}") from None
