@@ -133,7 +133,8 @@ def main() -> int:
     told = found["planted"]
     print(f"cases: {sum(found['cases'].values())} of {len(found['cases'])}")
     print(
-        f"planted: {told['named']} of {told['n']} named rightly, {told['false']} of {told['clean']} clean drives doubted"
+        f"planted: {told['named']} of {told['n']} named rightly, "
+        f"{told['false']} of {told['clean']} clean drives doubted"
     )
     for text in (*told["missed"], *told["false_findings"]):
         print(f"  {text}")
@@ -142,7 +143,8 @@ def main() -> int:
         print(f"{name:<26}{speed['mb_s']:>8.1f}{speed['us_per_message']:>12.2f}")
     bag = found["formats"]["mcap"]
     print(
-        f"bags: {bag['written_messages_per_s']:,.0f} messages/s written, {bag['read_us_per_message']:.2f} µs a message read"
+        f"bags: {bag['written_messages_per_s']:,.0f} messages/s written, "
+        f"{bag['read_us_per_message']:.2f} µs a message read"
     )
     if "databases" in found:
         told = found["databases"]

@@ -246,19 +246,13 @@ def mdf_unit_contradicts_mapping(folder: Path) -> None:
     np.testing.assert_allclose(found.columns["angular_velocity"][:, 2], math.radians(5.0))
     for stated, said in (("°", "rad"), ("degree", "rad"), ("KPH", "m/s"), ("m/s2", "g")):
         dbc = DBC.replace('"deg" X', f'"{stated}" X')
-        quantity = "position" if said == "rad" else "velocity" if said == "m/s" else ""
+        if said == "g":
+            output = imu_output("STEER", "linear_acceleration_y", "ANGLE", said)
+        else:
+            joint = {"signals": "ANGLE", "unit": said} | ({"rolling_radius": 0.3} if said == "m/s" else {})
+            field = "velocity" if said == "m/s" else "position"
+            output = {"kind": "joint_state", "topic": "a", "message": "STEER", "field": field, "joints": {"x": joint}}
         with pytest.raises(InputError, match=f"in '{stated}', the mapping says '{said}'"):
-            if quantity == "":
-                decoder(folder, imu_output("STEER", "linear_acceleration_y", "ANGLE", said), dbc=dbc)
-            radius = {"rolling_radius": 0.3} if quantity == "velocity" else {}
-            joint = {"signals": "ANGLE", "unit": said, **radius}
-            output = {
-                "kind": "joint_state",
-                "topic": "a",
-                "message": "STEER",
-                "field": quantity,
-                "joints": {"x": joint},
-            }
             decoder(folder, output, dbc=dbc)
 
 

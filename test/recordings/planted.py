@@ -25,6 +25,8 @@ Change = Callable[[Channel], Channel]
 _TURNING = ("double_lane_change", "steering_sweep", "sine_with_dwell")
 _CIRCLE = ("steady_state_circle", "slow_ramp_steer", "step_steer")
 _BRAKING = ("brake_in_turn", "accelerate_and_brake")
+_MIXED = ("brake_in_turn", *_TURNING)
+_PLACE = ("latitude", "longitude")
 _ANY = ("double_lane_change", "steady_state_circle", "accelerate_and_brake")
 
 
@@ -112,6 +114,10 @@ def exchanged_fix(channel: Channel) -> Channel:
     return replace(channel, columns={**channel.columns, "latitude": longitude, "longitude": latitude})
 
 
+def quarter_turn(v: np.ndarray) -> np.ndarray:
+    return v[:, [1, 0, 2]] * [1, -1, 1]
+
+
 def fast_clock(channel: Channel) -> Channel:
     since = (channel.stamp - channel.stamp[0]) * 1.01
     return replace(channel, stamp=channel.stamp[0] + since.astype(np.int64))
@@ -145,17 +151,18 @@ class Fault:
 
 
 _BOTH = ("angular_velocity", "linear_acceleration")
+_LEFT, _RIGHT, _AXES = [1, 0, 2], [1, 0, 3, 2], ("axes",)
 FAULTS = (
     Fault("sign of the lateral acceleration", IMU, scaled(_BOTH[1], (1, -1, 1)), ("sign", "axes"), _TURNING),
     Fault("sign of the longitudinal acceleration", IMU, scaled(_BOTH[1], (-1, 1, 1)), ("sign", "axes"), _BRAKING),
     Fault("sign of the yaw rate", IMU, scaled(_BOTH[0], -1.0), ("sign",), _CIRCLE),
     Fault("sign of the steering", STEERING, scaled("position", -1.0), ("sign",), _TURNING),
     Fault("sign of the wheel speeds", WHEELS, scaled("velocity", -1.0), ("sign",), _ANY),
-    Fault("IMU turned by 180°", IMU, both(*(scaled(f, (-1, -1, 1)) for f in _BOTH)), ("axes", "sign"), ("brake_in_turn", *_TURNING)),
-    Fault("IMU turned by 90°", IMU, both(*(values(f, lambda v: v[:, [1, 0, 2]] * [1, -1, 1]) for f in _BOTH)), ("axes",), _TURNING),
-    Fault("x and y of the accelerometer exchanged", IMU, values(_BOTH[1], lambda v: v[:, [1, 0, 2]]), ("axes",), ("brake_in_turn", *_TURNING)),
+    Fault("IMU turned by 180°", IMU, both(*(scaled(f, (-1, -1, 1)) for f in _BOTH)), ("axes", "sign"), _MIXED),
+    Fault("IMU turned by 90°", IMU, both(*(values(f, quarter_turn) for f in _BOTH)), _AXES, _TURNING),
+    Fault("x and y of the accelerometer exchanged", IMU, values(_BOTH[1], lambda v: v[:, _LEFT]), _AXES, _MIXED),
     Fault("IMU upside down", IMU, both(*(scaled(f, (1, -1, -1)) for f in _BOTH)), ("axes", "sign"), _ANY),
-    Fault("wheels left and right exchanged", WHEELS, values("velocity", lambda v: v[:, [1, 0, 3, 2]]), ("axes",), _CIRCLE),
+    Fault("wheels left and right exchanged", WHEELS, values("velocity", lambda v: v[:, _RIGHT]), _AXES, _CIRCLE),
     Fault("yaw rate in deg/s", IMU, scaled(_BOTH[0], 180 / np.pi), ("unit",), _TURNING),
     Fault("accelerations in g", IMU, scaled(_BOTH[1], 1 / 9.80665), ("unit",), _ANY),
     Fault("steering in degrees", STEERING, scaled("position", 180 / np.pi), ("unit",), _TURNING),
@@ -169,10 +176,10 @@ FAULTS = (
     Fault("steering jumps by 0.5 rad", STEERING, jump("position", 0, 0.5), ("jump",), _TURNING),
     Fault("fix jumps by 20 m and stays", FIX, jump("latitude", 0, 20 / 111_200, None), ("jump",), _ANY),
     Fault("yaw rate in steps of 1 deg/s", IMU, rounded(_BOTH[0], np.radians(1.0)), ("quantised",), _TURNING),
-    Fault("fix in steps of 1e-5 deg", FIX, both(rounded("latitude", 1e-5), rounded("longitude", 1e-5)), ("quantised",), _ANY),
+    Fault("fix in steps of 1e-5 deg", FIX, both(*(rounded(f, 1e-5) for f in _PLACE)), ("quantised",), _ANY),
     Fault("the clock of the IMU 1 % fast", IMU, fast_clock, ("clock",), _ANY),
     Fault("the clock of the wheels set by 1 s", WHEELS, set_clock, ("clock",), _ANY),
-    Fault("GNSS velocity in the axes of the car", VELOCITY, in_axes_of_car, ("frame",), ("steady_state_circle", "double_lane_change")),
+    Fault("GNSS velocity in the axes of the car", VELOCITY, in_axes_of_car, ("frame",), _ANY[:2]),
     Fault("GNSS velocity north, east", VELOCITY, north_east, ("frame",), _ANY),
     Fault("latitude and longitude exchanged", FIX, exchanged_fix, ("axes", "frame"), _ANY),
     Fault("messages that come twice", WHEELS, twice, ("duplicates",), _ANY),

@@ -47,14 +47,14 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         twice = sorted(channels.keys() & other.channels.keys())
         if twice:
             raise InputError(
-                f"{other.name}: has {', '.join(twice)}, which {first.name} has, too; a topic has one source: leave it out of "
-                "one of the mappings"
+                f"{other.name}: has {', '.join(twice)}, which {first.name} has, too; a topic has one source: leave it "
+                "out of one of the mappings"
             )
         found = clock_offset(replace(first, channels=channels), other)
         if found is None:
             raise InputError(
-                f"{other.name}: nothing in it tells the same motion as {first.name} (a speed or a turning rate in both), "
-                "so that the difference of their clocks cannot be found"
+                f"{other.name}: nothing in it tells the same motion as {first.name} (a speed or a turning rate in "
+                "both), so that the difference of their clocks cannot be found"
             )
         offset, alike = found
         notes.append(

@@ -418,7 +418,7 @@ _TOPICS_BLOCK = re.compile(r"^( *)topics_with_message_count:[^\n]*\n(?:(?:\1[ -]
 
 
 def _yaml(text: str) -> object:
-    """A YAML document; of the metadata of a bag, without the qualities of service of its topics, which are most of it."""
+    """A YAML document; of the metadata of a bag, without the qualities of service of its topics, which are its most."""
     if len(text) > _LARGEST_METADATA:
         return None
     text = _TOPICS_BLOCK.sub("", text, count=1)

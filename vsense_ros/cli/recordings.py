@@ -19,8 +19,8 @@ from vsense_ros.errors import InputError
     "mappings",
     multiple=True,
     type=EXISTING,
-    help="Which column or signal is what: names, units, signs (tables, measurements, CAN). With several sources one for "
-    "each that needs it, in their order; default: the YAML file beside it.",
+    help="Which column or signal is what: names, units, signs (tables, measurements, CAN). With several sources one "
+    "for each that needs it, in their order; default: the YAML file beside it.",
 )
 @click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
 @click.option(

@@ -338,9 +338,10 @@ class CanDecoder:
         mapping: str | Path | CanMapping,
         channel: str | int | None = None,
     ) -> None:
-        read = database if isinstance(database, CanDatabase) else None
-        if read is None:
-            read = CanDatabase(database) if isinstance(database, Database) else read_database(database)
+        if isinstance(database, str | Path):
+            read = read_database(database)
+        else:
+            read = database if isinstance(database, CanDatabase) else CanDatabase(database)
         self.database = read.database
         self.mapping = mapping if isinstance(mapping, CanMapping) else load_mapping(mapping)
         self.channel = channel

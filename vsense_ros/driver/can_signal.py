@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]  # (frames, bytes), data that is too short filled with zeros
 
-_FLOATS = {16: np.dtype(np.float16), 32: np.dtype(np.float32), 64: np.dtype(np.float64)}
+_FLOATS: dict[int, str] = {16: "f2", 32: "f4", 64: "f8"}
 _UNPACK = {16: struct.Struct("<e"), 32: struct.Struct("<f"), 64: struct.Struct("<d")}
 
 
@@ -136,5 +136,5 @@ class SignalField:
         raw = self.raw_of(frames)
         if self.is_float:
             bits = raw.view(np.uint64).astype(np.dtype(f"u{self.length // 8}"))
-            return bits.view(_FLOATS[self.length]).astype(np.float64) * self.scale + self.offset
+            return np.frombuffer(bits.tobytes(), _FLOATS[self.length]).astype(np.float64) * self.scale + self.offset
         return raw.astype(np.float64) * self.scale + self.offset

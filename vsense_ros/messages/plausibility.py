@@ -1,8 +1,8 @@
 """Whether the signals of one drive can be true together: the one set of checks that everybody asks.
 
-Sensors of one car tell the same motion in different ways. Speed times yaw rate is the lateral acceleration, the change of
-speed the longitudinal one; the change of the fix is the GNSS velocity; the wheels turn as fast as the car drives, and
-those on the outside faster; a steered car turns. Where two of these do not go together, a sign, an axis, a unit, a
+Sensors of one car tell the same motion in different ways. Speed times yaw rate is the lateral acceleration, the change
+of speed the longitudinal one; the change of the fix is the GNSS velocity; the wheels turn as fast as the car drives,
+and those on the outside faster; a steered car turns. Where two of these do not go together, a sign, an axis, a unit, a
 frame or a clock is wrong, and who contradicts the most others has it. A `Finding` is a sentence for people; nothing is
 changed.
 
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
@@ -116,10 +116,7 @@ class _Motion:
             return np.full(len(self.t), np.nan)
         steps = np.diff(seconds)
         usual = float(np.median(steps))
-        if usual < _STEP / 2:
-            found = _averaged(self.t, seconds, values, _STEP)
-        else:
-            found = np.interp(self.t, seconds, values)
+        found = _averaged(self.t, seconds, values, _STEP) if usual < _STEP / 2 else np.interp(self.t, seconds, values)
         found[(self.t < seconds[0]) | (self.t > seconds[-1])] = np.nan
         limit = max(_HOLE, 3 * usual)
         for hole in np.flatnonzero(steps > limit):
@@ -206,8 +203,8 @@ def _averaged(at: Array, t: Array, value: Array, span: float) -> Array:
 @dataclass(frozen=True)
 class _Match:
     """How two signals go together: their correlation and the size of the first over the second, both without a shift,
-    and by how much the first is the later one [s], with the correlation then. `share` is what is left unexplained without
-    the shift over what is left with it."""
+    and by how much the first is the later one [s], with the correlation then. `share` is what is left unexplained
+    without the shift over what is left with it."""
 
     correlation: float
     size: float
@@ -263,6 +260,9 @@ def _correlation(one: Array, other: Array, shift: int) -> tuple[float, float] | 
 def _spread(values: Array) -> float:
     good = values[np.isfinite(values)]
     return float(np.std(good)) if len(good) > 10 else 0.0
+
+
+_BODY_AXES = "it looks like the axes of the car (forward, left), expected east, north, up"
 
 
 class _Relations:
@@ -322,7 +322,7 @@ class _Relations:
         size = float(np.median(np.hypot(*velocity)) / usual)
         units = {"km/h": 3.6, "mph": 1 / 0.44704, "knots": 3600 / 1852}
         forms: list[tuple[str, Fault, Array]] = [
-            ("it looks like the axes of the car (forward, left), expected east, north, up", "frame", np.array([speed, 0 * speed])),
+            (_BODY_AXES, "frame", np.array([speed, 0 * speed])),
             ("east and north are exchanged", "frame", np.array([north, east])),
             ("its east has the opposite sign", "sign", np.array([-east, north])),
             ("its north has the opposite sign", "sign", np.array([east, -north])),
@@ -381,7 +381,7 @@ class _Relations:
             return 0.0
         full = np.full((2, len(self.m.t)), np.nan)
         full[:, good] = velocity
-        turn = self._course_rate(*full, 1.0)
+        turn = self._course_rate(full[0], full[1], 1.0)
         yaw = self.m.smooth(self.m.signals["wz"], 1.0)
         if _spread(turn) < 0.01 or _spread(yaw) < 0.01:
             return 0.0
@@ -844,8 +844,8 @@ class _Relations:
             one_of = "is a clock or a latency wrong?" if velocity_is_right else "which of the two is wrong?"
             topics = ("gps/fix", "gps/velocity") if not velocity_is_right else ("gps/fix",)
             for topic, by in zip(topics, (match.lag, -match.lag), strict=False):
-                other = "gps/velocity" if topic == "gps/fix" else "gps/fix"
-                self.say(topic, "lag", f"lies {abs(by):.2f} s {'behind' if by > 0 else 'ahead of'} {other}: {one_of}")
+                than = "gps/velocity" if topic == "gps/fix" else "gps/fix"
+                self.say(topic, "lag", f"lies {abs(by):.2f} s {'behind' if by > 0 else 'ahead of'} {than}: {one_of}")
 
 
 def clock_offset(reference: Recording, other: Recording) -> tuple[float, float] | None:
@@ -1096,8 +1096,8 @@ def _clock(channel: Channel, start: int) -> Iterator[Finding]:
     if seconds[-1] < 5.0 or len(channel) < 40:
         return
     edges = np.linspace(0, len(channel), parts + 1).astype(int)
-    least = np.array([delay[a:b].min() for a, b in zip(edges[:-1], edges[1:], strict=True)])
-    middle = np.array([float(np.median(seconds[a:b])) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    least = np.array([delay[a:b].min() for a, b in pairwise(edges)])
+    middle = np.array([float(np.median(seconds[a:b])) for a, b in pairwise(edges)])
     slope, offset = np.polyfit(middle, least, 1)
     left = float(np.std(least - slope * middle - offset))
     drift = slope * (middle[-1] - middle[0])

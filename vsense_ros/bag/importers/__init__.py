@@ -47,8 +47,10 @@ def importers() -> list[Importer]:
 
 
 def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
-    """The importer for what `path` holds, of several the first that takes the `options`. Raises `InputError` if there is
-    none."""
+    """The importer for what `path` holds, of several the first that takes the `options`.
+
+    Raises `InputError` if there is none.
+    """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
@@ -99,8 +101,8 @@ def bounded_memory(path: Path) -> Iterator[None]:
         yield
     except MemoryError:
         raise InputError(
-            f"{path}: reading its {size} bytes would take more than {(_MOST_MEMORY + _MOST_OF_FILE * size) >> 20} MiB of "
-            "memory; what it promises to hold cannot be in it"
+            f"{path}: reading its {size} bytes would take more than {(_MOST_MEMORY + _MOST_OF_FILE * size) >> 20} MiB "
+            "of memory; what it promises to hold cannot be in it"
         ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

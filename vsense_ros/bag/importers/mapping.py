@@ -1,7 +1,7 @@
 """From columns of any table or measurement file to topics, as a YAML file says.
 
     time: {column: t, unit: s, start: 2018-08-20T21:00:00Z}   # start: time of t = 0; without it t is Unix time
-    delimiter: ";"                       # tables of text only, as are decimal, skip_lines, encoding, missing, units_line
+    delimiter: ";"        # tables of text only, as are decimal, skip_lines, encoding, missing, units_line, comment
     topics:
       imu/data:
         angular_velocity: [null, null, {column: yaw_rate, unit: deg/s, sign: -1}]
@@ -21,8 +21,8 @@ told by its number, counted from 1 (`column: 4`), or in a measurement file by it
 
 Other forms of fields: `gps/fix` from local `east`, `north`, `up` with an `origin: {latitude, longitude, altitude}`;
 `gps/velocity` from velocities in the axes of the car, `forward`, `left` and its `heading` (clockwise from north);
-`vehicle/velocity` from `forward` and `left`, or a `speed` alone; `reference/odometry` from `speed` and `side_slip`, with
-`heading` instead of `yaw`.
+`vehicle/velocity` from `forward` and `left`, or a `speed` alone; `reference/odometry` from `speed` and `side_slip`,
+with `heading` instead of `yaw`.
 
 Units of time beside s, ms, us, ns, min, h: `iso` (2024-05-01T12:00:00.1Z), `hms` (12:00:00.1), `hhmmss` (120000.1) and
 `gps` (seconds of the GPS week; `week` is its number or a column). Those without a date count from the midnight of
@@ -483,8 +483,8 @@ class _Fields:
         if "forward" in self._fields:
             if not {"heading", "yaw"} & self._fields.keys():
                 raise InputError(
-                    "mapping: gps/velocity: velocities in the axes of the car need its heading or yaw; without one they "
-                    "are vehicle/velocity"
+                    "mapping: gps/velocity: velocities in the axes of the car need its heading or yaw; without one "
+                    "they are vehicle/velocity"
                 )
             yaw, along, across = self.yaw(), self.scalar("forward"), self.scalar("left")
             across = across if "left" in self._fields else np.zeros(self._rows)

@@ -294,8 +294,8 @@ def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
         clock = _clock_cell(cells[0], as_text, lines.wanted.decimal)
         if clock is None:
             message = (
-                f"{lines.path}, line {number}: the time column {lines.header[time_index]!r} is empty; every row needs a "
-                "time"
+                f"{lines.path}, line {number}: the time column {lines.header[time_index]!r} is empty; every row needs "
+                "a time"
                 if cells[0] in missing
                 else f"{lines.path}, line {number}, column {lines.header[time_index]!r}: expected a "
                 f"{'time' if as_text else 'number'}, found {cells[0]!r}"
