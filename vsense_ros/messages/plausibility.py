@@ -1266,7 +1266,7 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
         return
     guesses = {"m/s": 1.0, "km/h": 1 / 3.6, "rpm": 2 * np.pi / 60 * 0.32, "deg/s": np.pi / 180 * 0.32}
     for unit, ratio in guesses.items():
-        tolerance = {"m/s": 0.03, "km/h": 0.02}.get(unit, 0.4)
+        tolerance = 0.03 if unit in ("m/s", "km/h") else 0.4
         if abs(abs(radius) / ratio - 1.0) < tolerance:
             yield f"look like {unit}, expected rad/s: GNSS speed is {abs(radius):.4f} times their values"
             return
