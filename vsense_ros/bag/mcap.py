@@ -655,7 +655,7 @@ def read_bag(path: str | Path) -> Recording:
         read += contents.count()
         for number, payloads in contents.payloads.items():
             if payloads[0].startswith(_ZSTD):  # by rosbag2, each of them
-                payloads = [_unpacked(payload) for payload in payloads]
+                payloads = _unpacked(payloads)
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
             if kind not in FIELDS or encoding != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
@@ -689,12 +689,16 @@ def read_bag(path: str | Path) -> Recording:
     )
 
 
-def _unpacked(payload: bytes) -> bytes:
-    """A message that rosbag2 has compressed; empty, which is no message, if it is damaged."""
-    try:
-        return zstandard.ZstdDecompressor().decompress(payload, max_output_size=_LARGEST_MESSAGE)
-    except zstandard.ZstdError:
-        return b""
+def _unpacked(payloads: list[bytes]) -> list[bytes]:
+    """Messages that rosbag2 has compressed one by one; empty, which is no message, where they are damaged."""
+    unpack = zstandard.ZstdDecompressor().decompress
+    found = []
+    for payload in payloads:
+        try:
+            found.append(unpack(payload, max_output_size=_LARGEST_MESSAGE))
+        except zstandard.ZstdError:
+            found.append(b"")
+    return found
 
 
 def channels_of(

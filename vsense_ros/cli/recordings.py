@@ -12,7 +12,7 @@ from vsense_ros.errors import InputError
 
 
 @click.command("import")
-@click.argument("sources", nargs=-1, required=True, type=EXISTING, metavar="SOURCE...")
+@click.argument("sources", nargs=-1, type=EXISTING, metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
     "--mapping",
@@ -27,6 +27,7 @@ from vsense_ros.errors import InputError
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a bag that stands at OUT.")
+@click.option("--guess", "proposed", is_flag=True, help="Propose a column mapping for a table or measurement; no OUT.")
 def import_(
     sources: tuple[Path, ...],
     out: Path,
@@ -34,6 +35,7 @@ def import_(
     dbc: Path | None,
     options: dict[str, Any],
     overwrite: bool,
+    proposed: bool,
 ) -> None:
     """Turn a recording from elsewhere into a bag that rosbag2 plays.
 
@@ -43,6 +45,7 @@ def import_(
     \b
     Examples:
       vsense import laps/med_lap_center_8_21.mat med_lap
+      vsense import log.csv --guess > log.yaml
       vsense import log.csv log --mapping log.yaml
       vsense import drive.blf drive --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
       vsense import drive.blf gnss.csv drive --dbc car.dbc --mapping can.yaml --mapping gnss.yaml
@@ -55,6 +58,11 @@ def import_(
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
+    if proposed:
+        _propose((*sources, out))
+        return
+    if not sources:
+        raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
     given = list(mappings)
     recordings = []
     for source in sources:
@@ -73,6 +81,20 @@ def import_(
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording, known_topics()), console())
     say(f"Written to {out}.")
+
+
+def _propose(sources: tuple[Path, ...]) -> None:
+    """Print a mapping, with what was assumed as comments."""
+    from vsense_ros.bag.importers.guess import guess
+
+    for source in sources:
+        if not source.is_file():
+            raise InputError(f"{source}: no such file; --guess proposes a mapping for a table or a measurement file")
+        proposal = guess(source)
+        click.echo(f"# A proposal for {source.name}: look at every line, then import with --mapping.")
+        for remark in proposal.remarks:
+            click.echo(f"# {remark}")
+        click.echo(proposal.text, nl=False)
 
 
 @click.command()

@@ -42,6 +42,22 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
         return mapping_file.apply(wanted, lambda ref: _column(path, file, ref), path.stem, NAME)
 
 
+def channels(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """Values (n,) and units of all channels of numbers whose names stand once, by name."""
+    values: dict[str, Any] = {}
+    stated: dict[str, str] = {}
+    with _open(path) as file:
+        for name, places in file.channels_db.items():
+            if len(places) != 1 or name.lower() in ("t", "time", "timestamp", "timestamps"):
+                continue
+            try:
+                found = _column(path, file, Ref(name))
+            except InputError:
+                continue
+            values[name], stated[name] = found.values, found.unit
+    return values, stated
+
+
 def _open(path: Path) -> Any:
     """The file, by asammdf."""
     from asammdf import MDF

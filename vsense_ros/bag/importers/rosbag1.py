@@ -43,7 +43,9 @@ def read(path: Path) -> Recording:
     count = 0
     try:
         with Reader(path) as bag:
-            for connection, time, data in bag.messages():
+            # One topic after the other: between chunks that overlap in time, each would be unpacked for each message.
+            rows = (row for connection in bag.connections for row in bag.messages(connections=[connection]))
+            for connection, time, data in rows:
                 topic, kind = connection.topic.lstrip("/"), connection.msgtype
                 if kind not in FIELDS or merged.get(topic, (kind,))[0] != kind:
                     skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
