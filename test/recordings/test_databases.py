@@ -56,7 +56,6 @@ def test_a_signal_is_what_cantools_decodes_of_one_frame_and_of_many(signal: tupl
         ("BO_ 1075054137 O: 8 X\n SG_ A : 0|8@1+ (1,0) [0|1] \"\" X\n", "is no identifier"),
         ("BO_ 3 O: 8 X\n SG_ 0A : 0|8@1+ (1,0) [0|1] \"\" X\n", "signal 0A of O left out"),
         ("BO_ 3 O: 8 X\n SG_ A : 0|1000000000@1+ (1,0) [0|1] \"\" X\n", "signal A of O left out"),
-        ("BO_ 3 M: 8 X\n SG_ A : 0|8@1+ (1,0) [0|1] \"\" X\n", "message M stands twice"),
         ("CM_ 17 no quotes;\n", "Invalid syntax"),
     ],
 )  # fmt: skip

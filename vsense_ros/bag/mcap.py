@@ -23,6 +23,8 @@ from typing import BinaryIO
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -36,6 +38,9 @@ _STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0C
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _MESSAGE_READ = struct.Struct("<xQH4xQ8x")  # of it, length, channel and log time
+_HEAD_ROWS = np.dtype(  # the same, of many
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"), ("publish", "<u8")]
+)
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -353,6 +358,10 @@ def write_bag(path: str | Path, recording: Recording, *, compression: str = "zst
             writer.write_raw(channel.topic, channel.kind, int(received[index]), data)
 
 
+Times = list[int] | NDArray[np.uint64]  # [ns]
+Payloads = list[bytes] | NDArray[np.uint8]  # messages, as rows where all have one length
+
+
 @dataclass
 class _Contents:
     """What has been gathered from the files of a bag."""
@@ -361,6 +370,8 @@ class _Contents:
     channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # number → topic, type, encoding
     payloads: dict[int, list[bytes]] = field(default_factory=dict)
     times: dict[int, list[int]] = field(default_factory=dict)
+    # Of chunks with an index that holds: messages of one length as rows of bytes, and their times.
+    blocks: dict[int, list[tuple[NDArray[np.uint8], NDArray[np.uint64]]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     lost: int = 0  # messages known to be lost
@@ -369,7 +380,20 @@ class _Contents:
     custom: dict[str, str] = field(default_factory=dict)
 
     def count(self) -> int:
-        return sum(map(len, self.payloads.values()))
+        return sum(map(len, self.payloads.values())) + sum(len(t) for b in self.blocks.values() for _, t in b)
+
+    def forget(self) -> None:
+        """Make room for the next file."""
+        self.schemas, self.channels, self.payloads, self.times, self.blocks = {}, {}, {}, {}, {}
+
+    def messages(self, number: int) -> tuple[Payloads, NDArray[np.uint64]]:
+        """All messages of a channel, and their times."""
+        blocks = self.blocks.get(number, [])
+        payloads = self.payloads.get(number, [])
+        times = [np.array(self.times.get(number, []), np.uint64), *(times for _, times in blocks)]
+        if not payloads and len({rows.shape[1] for rows, _ in blocks}) == 1:
+            return np.concatenate([rows for rows, _ in blocks]), np.concatenate(times)
+        return [*payloads, *(row.tobytes() for rows, _ in blocks for row in rows)], np.concatenate(times)
 
 
 class _Damaged(Exception):
@@ -463,6 +487,46 @@ def _take_records(contents: _Contents, data: bytes) -> int:
     return at
 
 
+def _take_indexed(contents: _Contents, data: bytes, index: Mapping[int, list[bytes]]) -> bool:
+    """Gather the records of a chunk at once by its message index; False, and nothing gathered, if it does not hold."""
+    if not index or any(len(part) % 16 for parts in index.values() for part in parts):
+        return False
+    whole = np.frombuffer(data, np.uint8)
+    head = _MESSAGE_HEAD.size
+    found: list[tuple[int, NDArray[np.int64], NDArray[np.int64], NDArray[np.uint64]]] = []
+    for channel, parts in index.items():
+        offsets = np.sort(np.frombuffer(b"".join(parts), "<u8").reshape(-1, 2)[:, 1])
+        if not len(offsets) or offsets[-1] > len(data) - head or (np.diff(offsets) < head).any():
+            return False
+        at = offsets.astype(np.int64)
+        heads = np.ascontiguousarray(sliding_window_view(whole, head)[at]).view(_HEAD_ROWS)[:, 0]
+        length = heads["length"]
+        if (heads["opcode"] != _MESSAGE).any() or (heads["channel"] != channel).any() or (length > len(data)).any():
+            return False
+        if (length < head - _RECORD.size).any():
+            return False
+        found.append((channel, at, length.astype(np.int64) - (head - _RECORD.size), heads["time"]))
+    begin = np.concatenate([at for _, at, _, _ in found])
+    end = np.concatenate([at + head + size for _, at, size, _ in found])
+    order = np.argsort(begin)
+    begin, end = begin[order], np.concatenate([[0], end[order]])
+    begin = np.concatenate([begin, [len(data)]])
+    between = begin - end
+    if (between < 0).any():
+        return False
+    # What lies between the messages are definitions, or messages that the index has not.
+    for place in np.flatnonzero(between).tolist():
+        part = data[end[place] : begin[place]]
+        if _take_records(contents, part) < len(part):
+            raise _Damaged(f"it ends after {int(end[place])} of {len(data)} bytes")
+    for channel, at, size, times in found:
+        for one in np.unique(size).tolist():
+            rows = at[size == one] + head
+            block = sliding_window_view(whole, one)[rows] if one else np.zeros((len(rows), 0), np.uint8)
+            contents.blocks.setdefault(channel, []).append((block, times[size == one]))
+    return True
+
+
 @dataclass(frozen=True)
 class _Chunk:
     first: int  # time of the first message [ns]
@@ -548,6 +612,8 @@ class _Scan:
     lost: int = 0
     start: int | None = None  # time of the first chunk [ns]
     broken: tuple[int, _Chunk, str] | None = None  # chunk that was left out: position, chunk, reason
+    waiting: tuple[int, _Chunk] | None = None  # chunk whose message index is still to come, and its position
+    index: dict[int, list[bytes]] = field(default_factory=dict)  # of it: entries by channel
     indexed: int = 0  # messages in it, as its message index says
 
     def run(self, end: int) -> None:
@@ -557,12 +623,14 @@ class _Scan:
                 self.at = position
                 if opcode == _MESSAGE_INDEX:
                     self.indexed += max(len(body) - 6, 0) // 16
+                    if self.waiting is not None and len(body) > 6:
+                        self.index.setdefault(int.from_bytes(body[:2], "little"), []).append(body[6:])
                     continue
                 self.settle()
                 if opcode == _FOOTER:
                     break
                 if opcode == _CHUNK:
-                    self.chunk(_Chunk.parse(body, whole))
+                    self.waiting, self.index, self.indexed = (self.at, _Chunk.parse(body, whole)), {}, 0
                 elif not whole:
                     raise _Damaged("a record is cut off")
                 elif opcode == _MESSAGE:
@@ -572,19 +640,23 @@ class _Scan:
         finally:
             self.settle()
 
-    def chunk(self, chunk: _Chunk) -> None:
+    def chunk(self, position: int, chunk: _Chunk) -> None:
         self.start = chunk.first if self.start is None else self.start
-        self.indexed = 0
         try:
             records = chunk.records()
+            if chunk.whole and _take_indexed(self.contents, records, self.index):
+                return
             done = _take_records(self.contents, records)
             if done < chunk.size:
                 raise _Damaged(f"it ends after {done} of {chunk.size} bytes")
         except _Damaged as error:
-            self.broken = (self.at, chunk, str(error))
+            self.broken = (position, chunk, str(error))
 
     def settle(self) -> None:
-        """Note what a broken chunk cost, now that its message index has been passed."""
+        """Read the chunk that waits, now that its message index has been passed, and note what it cost if broken."""
+        if self.waiting is not None:
+            waiting, self.waiting = self.waiting, None
+            self.chunk(*waiting)
         if self.broken is None:
             return
         position, chunk, reason = self.broken
@@ -640,11 +712,11 @@ def read_bag(path: str | Path) -> Recording:
     path = Path(path)
     contents = _Contents()
     files, promised = _files(path, contents)
-    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    merged: dict[str, tuple[str, Payloads, Times]] = {}
     skipped: dict[tuple[str, str], int] = {}
     read = 0
     for file in files:
-        contents.schemas, contents.channels, contents.payloads, contents.times = {}, {}, {}, {}
+        contents.forget()
         try:
             _scan(file, contents)
         except InputError as error:
@@ -653,19 +725,20 @@ def read_bag(path: str | Path) -> Recording:
             contents.damage.append(f"left out: {error}")
             continue
         read += contents.count()
-        for number, payloads in contents.payloads.items():
-            if payloads[0].startswith(_ZSTD):  # by rosbag2, each of them
+        for number in dict.fromkeys((*contents.payloads, *contents.blocks)):
+            payloads, times = contents.messages(number)
+            if bytes(payloads[0][:4]) == _ZSTD:  # by rosbag2, each of them
                 payloads = _unpacked(payloads)
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
             if kind not in FIELDS or encoding != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
             elif topic in merged and merged[topic][0] == kind:
-                merged[topic][1].extend(payloads)
-                merged[topic][2].extend(contents.times[number])
+                _, before, earlier = merged[topic]
+                merged[topic] = (kind, _together(before, payloads), np.concatenate([earlier, times]))
             elif topic in merged:
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
             else:
-                merged[topic] = (kind, payloads, contents.times[number])
+                merged[topic] = (kind, payloads, times)
     if promised is not None:
         contents.lost = max(contents.lost, promised - read)
     if not read:
@@ -689,21 +762,26 @@ def read_bag(path: str | Path) -> Recording:
     )
 
 
-def _unpacked(payloads: list[bytes]) -> list[bytes]:
+def _together(one: Payloads, other: Payloads) -> Payloads:
+    """The messages of two files."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape[1] == other.shape[1]:
+        return np.concatenate([one, other])
+    return [*map(bytes, one), *map(bytes, other)]
+
+
+def _unpacked(payloads: Payloads) -> list[bytes]:
     """Messages that rosbag2 has compressed one by one; empty, which is no message, where they are damaged."""
     unpack = zstandard.ZstdDecompressor().decompress
     found = []
     for payload in payloads:
         try:
-            found.append(unpack(payload, max_output_size=_LARGEST_MESSAGE))
+            found.append(unpack(bytes(payload), max_output_size=_LARGEST_MESSAGE))
         except zstandard.ZstdError:
             found.append(b"")
     return found
 
 
-def channels_of(
-    merged: Mapping[str, tuple[str, list[bytes], list[int]]], notes: list[str]
-) -> tuple[dict[str, Channel], int]:
+def channels_of(merged: Mapping[str, tuple[str, Payloads, Times]], notes: list[str]) -> tuple[dict[str, Channel], int]:
     """Decode the messages of each topic; returns the channels and the number of messages that are none."""
     result: dict[str, Channel] = {}
     lost = 0
@@ -711,7 +789,8 @@ def channels_of(
         received = np.array(times, np.uint64).astype(np.int64)  # from 2⁶³ on negative
         if (np.diff(received) < 0).any():
             order = np.argsort(received, kind="stable")
-            received, payloads = received[order], [payloads[i] for i in order]
+            received = received[order]
+            payloads = payloads[order] if isinstance(payloads, np.ndarray) else [payloads[i] for i in order]
         decoded = cdr.decode_channel(kind, topic, payloads, received)
         if decoded.channel is not None:
             decoded = replace(decoded, channel=_possible_times(decoded.channel, notes))
