@@ -34,6 +34,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.messages.units import contradiction
+from vsense_ros.messages.watch import PlausibilityWatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,6 +379,7 @@ class CanDecoder:
                 self._by_pgn[_pgn(message.frame_id)] = receiver
         self.notes: tuple[str, ...] = tuple(notes)
         self._database_ids = {(m.frame_id, m.is_extended_frame) for m in self.database.messages}
+        self.watch = PlausibilityWatch("can")
         self._passed: Counter[tuple[int, bool]] = Counter()  # frames that nobody listens to
         self._counts = dict.fromkeys(
             ("frames", "not mapped", "not in the database", "error frames", "broken frames", "without time stamp"), 0
@@ -415,7 +417,10 @@ class CanDecoder:
             self._counts["not mapped" if key in self._database_ids else "not in the database"] += 1
             self._passed[key] += 1
             return []
-        return receiver.feed(message, received)
+        samples_ = receiver.feed(message, received)
+        for sample in samples_:
+            self.watch.add(sample)
+        return samples_
 
     def receiver(self, identifier: int, is_extended: bool) -> _Receiver | None:
         """Who listens to an identifier: by itself, or by its parameter group where that is of J1939."""
@@ -439,7 +444,8 @@ class CanDecoder:
         """Health of the bus, then of each message that is listened to, at `now` [ns]."""
         for (identifier, is_extended), receiver in self._receivers.items():
             receiver.monitor.absence = self._absence(identifier, is_extended)
-        return [self._bus(now), *(receiver.diagnostic(now) for receiver in self._receivers.values())]
+        health = [receiver.diagnostic(now) for receiver in self._receivers.values()]
+        return [self._bus(now), *health, *self.watch.diagnostics(now)]
 
     def passed(self) -> str:
         """Identifiers that came and that nothing listens to, the most frequent first; empty if there were none."""

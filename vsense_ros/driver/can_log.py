@@ -119,7 +119,7 @@ class CanLog:
         ) as error:
             self.lost(f"unreadable after message {count}: {error}")
         except Exception as error:
-            if type(error).__module__.partition(".")[0] not in ("asammdf", "zlib"):
+            if type(error).__module__.partition(".")[0] not in ("asammdf", "can", "zlib"):
                 raise
             self.lost(f"unreadable after message {count}: {error}")
         if self._lost > _MOST_LOSSES:

@@ -6,7 +6,7 @@ import calendar
 import datetime
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.watch import PlausibilityWatch
 
 DAY = 86400 * NANO
 _MOST_KINDS = 64  # of frames that are counted by name
@@ -100,6 +101,7 @@ class GnssChannels:
         self.fix_monitor = StreamMonitor(f"gnss: {settings.fix_topic}", limits)
         self.velocity_monitor = StreamMonitor(f"gnss: {settings.velocity_topic}", limits)
         self.attitude_monitor = StreamMonitor(f"gnss: {settings.attitude_topic}", limits)
+        self.watch = PlausibilityWatch("gnss")
         self._delay = 0  # arrival of the latest measurement after its stamp [ns]
         self._last_fix: tuple[int, float, float] | None = None
         self._last_velocity: tuple[int, float, float] | None = None
@@ -140,16 +142,10 @@ class GnssChannels:
         values = {name: np.array([value], float) for name, value in fields.items()}
         values["position_covariance"] = samples.diagonal(variances)
         settings = self.settings
-        return [
-            Sample(
-                settings.fix_topic,
-                "sensor_msgs/msg/NavSatFix",
-                stamp,
-                values,
-                settings.frame_id,
-                received=received,
-            )
-        ]
+        kind = "sensor_msgs/msg/NavSatFix"
+        made = Sample(settings.fix_topic, kind, stamp, values, settings.frame_id, received=received)
+        self.watch.add(replace(made, topic="gps/fix"))
+        return [made]
 
     def _look_for_a_jump(self, stamp: int, received: int, latitude: float, longitude: float) -> None:
         last, self._last_fix = self._last_fix, (stamp, latitude, longitude)
@@ -185,7 +181,9 @@ class GnssChannels:
         }
         kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
         settings = self.settings
-        return [Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)]
+        made = Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)
+        self.watch.add(replace(made, topic="gps/velocity"))
+        return [made]
 
     def attitude(
         self,
@@ -234,7 +232,7 @@ class GnssChannels:
             text = f"the computer's clock is {abs(self._delay) / NANO:.1f} s {side} the receiver's: "
             text += "set it by UTC (chrony, PTP), or look at the receiver's date"
             found.append(Diagnostic("gnss: clocks", Level.WARN, text))
-        return found
+        return [*found, *self.watch.diagnostics(now)]
 
 
 class LinkStatistics:

@@ -120,7 +120,9 @@ def _one_bus(frames: CanFrames, group: NDArray[np.intp], name: str, notes: list[
 def _channel(topic: str, parts: list[_Part]) -> Channel:
     """One topic from the messages that give parts of it: each row has the values of one, and NaN for the others."""
     received = np.concatenate([part[2] for part in parts])
-    order = np.argsort(received, kind="stable")
+    order: NDArray[np.intp] | slice = np.argsort(received, kind="stable")
+    if len(parts) == 1 and (np.diff(received) >= 0).all():
+        order = slice(None)  # nothing is copied
     stamp = np.concatenate([part[1] for part in parts])[order]
     received = received[order]
 
@@ -138,8 +140,8 @@ def _channel(topic: str, parts: list[_Part]) -> Channel:
     return Channel(topic, "sensor_msgs/msg/Imu", stamp, received, _imu(parts, order), output.frame_id)
 
 
-def _imu(parts: list[_Part], order: NDArray[np.intp]) -> dict[str, Array]:
-    rows = len(order)
+def _imu(parts: list[_Part], order: NDArray[np.intp] | slice) -> dict[str, Array]:
+    rows = sum(len(part[1]) for part in parts)
     columns: dict[str, Array] = {
         "orientation": np.broadcast_to([0.0, 0.0, 0.0, 1.0], (rows, 4)),
         "orientation_covariance": build.same(rows, 9, -1.0),
@@ -158,6 +160,6 @@ def _imu(parts: list[_Part], order: NDArray[np.intp]) -> dict[str, Array]:
             deviation = {str(axis): signal.standard_deviation or 0.0 for axis, signal in output.axes.items()}
             variances = [deviation.get(name, 0.0) ** 2 or UNMEASURED_VARIANCE for name in names]
             covariances.append(np.broadcast_to(np.diag(variances).ravel(), (len(stamps), 9)))
-        columns[field] = np.concatenate(vectors)[order]
-        columns[f"{field}_covariance"] = np.concatenate(covariances)[order]
+        columns[field] = (np.concatenate(vectors) if len(vectors) > 1 else vectors[0])[order]
+        columns[f"{field}_covariance"] = (np.concatenate(covariances) if len(parts) > 1 else covariances[0])[order]
     return columns
