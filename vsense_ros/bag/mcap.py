@@ -11,6 +11,7 @@ broken is left out and counted by its message index, a chunk cut off by the end 
 from __future__ import annotations
 
 import re
+import shutil
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -44,6 +45,7 @@ _HEAD_ROWS = np.dtype(  # the same, of many
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_ENCODED_AT_ONCE = 8192  # messages
 _LARGEST_METADATA = 1 << 22  # [byte]
 _LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
@@ -340,22 +342,38 @@ def _quoted(text: str) -> str:
 
 
 def write_bag(path: str | Path, recording: Recording, *, compression: str = "zstd", overwrite: bool = False) -> None:
-    """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`."""
+    """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`.
+
+    Nothing half-written is left behind if that fails.
+    """
     metadata = dict(recording.metadata)
     if recording.notes:
         metadata["notes"] = "\n".join(recording.notes)
-    channels = [channel for channel in recording.channels.values() if len(channel)]
+    channels = [channel.in_order() for channel in recording.channels.values() if len(channel)]
     with BagWriter(path, compression=compression, overwrite=overwrite, metadata=metadata) as writer:
         if not channels:
             return
-        rows = [cdr.encode_channel(channel) for channel in channels]
         received = np.concatenate([channel.received for channel in channels])
         source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
-        row = np.concatenate([np.arange(len(channel)) for channel in channels])
-        for index in np.argsort(received, kind="stable").tolist():
-            channel = channels[source[index]]
-            data = rows[source[index]][row[index]].tobytes()
-            writer.write_raw(channel.topic, channel.kind, int(received[index]), data)
+        order = np.argsort(received, kind="stable")
+        streams = [(channel.topic, channel.kind, _encoded(channel).__next__) for channel in channels]
+        try:
+            for number, time in zip(source[order].tolist(), received[order].tolist(), strict=True):
+                topic, kind, following = streams[number]
+                writer.write_raw(topic, kind, time, following())
+        except BaseException:
+            writer.abandon()
+            shutil.rmtree(writer.path, ignore_errors=True)
+            raise
+
+
+def _encoded(channel: Channel) -> Iterator[bytes]:
+    """The messages of a channel one after the other, encoded some thousands at a time."""
+    for begin in range(0, len(channel), _ENCODED_AT_ONCE):
+        rows = cdr.encode_channel(channel.select(slice(begin, begin + _ENCODED_AT_ONCE)))
+        data, length = rows.tobytes(), rows.shape[1]
+        for at in range(0, len(data), length):
+            yield data[at : at + length]
 
 
 Times = list[int] | NDArray[np.uint64]  # [ns]
