@@ -42,7 +42,11 @@ def nanoseconds(seconds: Array, base: int = 0) -> Stamps:
     Whole seconds are converted apart, because a float64 of the size of Unix time resolves 0.2 µs only.
     """
     whole = np.floor(seconds)
-    return whole.astype(np.int64) * 1_000_000_000 + np.rint((seconds - whole) * 1e9).astype(np.int64) + base
+    found = whole.astype(np.int64)
+    found *= 1_000_000_000
+    found += np.rint((seconds - whole) * 1e9).astype(np.int64)
+    found += base
+    return found
 
 
 def same(rows: int, width: int, first: float = 0.0) -> Array:

@@ -51,6 +51,7 @@ from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS
 
 _DEG = np.pi / 180.0
+_LOOKED_AT = 100_000  # rows at the beginning that tell whether values are held
 _LAST = 4e9  # [s] of any time
 _LARGEST = 1 << 20  # [byte] of a mapping file
 
@@ -402,10 +403,11 @@ class _Maker:
     def _updates(self, topic: str, raw: Mapping[Ref, Column], keep: np.ndarray) -> np.ndarray:
         """Rows at which a slower source brought something new, where a faster table repeats its values."""
         rows = np.flatnonzero(keep)
-        values = np.column_stack([column.values[rows] for column in raw.values()])
-        every = period_of_updates(values)
+        beginning = rows[:_LOOKED_AT]
+        every = period_of_updates(np.column_stack([column.values[beginning] for column in raw.values()]))
         if every is None:
             return keep
+        values = np.column_stack([column.values[rows] for column in raw.values()])
         changed = np.concatenate([[True], (np.diff(np.nan_to_num(values), axis=0) != 0).any(axis=1)])
         since = np.arange(len(rows)) - np.maximum.accumulate(np.where(changed, np.arange(len(rows)), 0))
         fresh = changed | (since % every == 0)  # standing still, the same value comes again
