@@ -99,7 +99,9 @@ def _propose(sources: tuple[Path, ...]) -> None:
 
 @click.command()
 @click.argument("bag", type=EXISTING)
-def info(bag: Path) -> None:
+@click.option("--mapping", type=EXISTING, help="Which column or signal is what; default: the YAML file beside it.")
+@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
+def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
     """Say what BAG holds and what looks wrong in it.
 
     Signals, rates, gaps, clocks, latencies; frozen signals, units, signs and frames that cannot be right. BAG may also
@@ -109,14 +111,16 @@ def info(bag: Path) -> None:
     Examples:
       vsense info bags/double_lane_change
       vsense info laps/med_lap_center_8_21.mat
+      vsense info drive.blf --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
     """
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
+    options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
     with waiting(f"reading {bag.name}"):
-        inspection = inspect(import_recording(bag), known_topics())
+        inspection = inspect(import_recording(bag, **options), known_topics())
     show_inspection(inspection, console())
 
 
