@@ -139,6 +139,14 @@ def stuck_wheel(channel: Channel) -> Channel:
     return values("velocity", change)(channel)
 
 
+def stuck_steering(channel: Channel) -> Channel:
+    def change(v: np.ndarray) -> np.ndarray:
+        v[len(v) // 3 :] = v[len(v) // 3]
+        return v
+
+    return values("position", change)(channel)
+
+
 @dataclass(frozen=True)
 class Fault:
     """A fault: where it is, what it does, how it may be called, and in which manoeuvres it can be seen."""
@@ -184,6 +192,9 @@ FAULTS = (
     Fault("latitude and longitude exchanged", FIX, exchanged_fix, ("axes", "frame"), _ANY),
     Fault("messages that come twice", WHEELS, twice, ("duplicates",), _ANY),
     Fault("the second half of the wheels missing", WHEELS, lambda c: c.select(slice(0, len(c) // 2)), ("cut",), _ANY),
+    Fault("GNSS velocity 5 s late as a whole", VELOCITY, later(5.0), ("clock", "lag"), _ANY),
+    Fault("a fix that steps by 10 m", FIX, jump("latitude", 0, 10 / 111_200, None), ("jump",), _ANY[:2]),
+    Fault("a steering angle that is frozen", STEERING, stuck_steering, ("frozen",), ("double_lane_change",)),
     Fault("a wheel that is frozen", WHEELS, stuck_wheel, ("frozen",), ("double_lane_change", "steady_state_circle")),
 )  # fmt: skip
 

@@ -50,6 +50,7 @@ _MOST_LAG = 1.0  # [s]
 _SLOW = 3.0  # [m/s] below which courses and ratios say little
 _FAST = 5.0  # [m/s] below which the course of GNSS says little
 _HARD = 4.0  # [m/s²] of braking from which on wheels may lock
+_FIXES = 10  # before and behind a step of the position
 _SWAY = 3.0  # [s] over which a change has to happen to tell a lag
 _TRACK = 1.5  # [m] about that of any car
 
@@ -268,8 +269,9 @@ _BODY_AXES = "it looks like the axes of the car (forward, left), expected east, 
 class _Relations:
     """The contradictions between the sensors of one drive."""
 
-    def __init__(self, motion: _Motion) -> None:
+    def __init__(self, motion: _Motion, begin: int | None = None) -> None:
         self.m = motion
+        self.begin = motion.start if begin is None else begin  # of the recording [ns]
         self.found: list[Finding] = []
         self.span = _SMOOTH
         gnss = max((motion.period[t] for t in ("gps/velocity", "gps/fix") if t in motion.period), default=0.0)
@@ -284,7 +286,9 @@ class _Relations:
 
     def run(self) -> list[Finding]:
         self.velocity_and_fix()
+        self.fix_steps()
         self.derive()
+        self.steering_still()
         self.turning()
         self.along()
         self.wheels()
@@ -374,6 +378,57 @@ class _Relations:
             bend = bend[np.isfinite(bend)]
             found.append(1.4826 * float(np.median(np.abs(bend))) / np.sqrt(6) if len(bend) else 0.0)
         return max(found)
+
+    def fix_steps(self) -> None:
+        """A fix that steps to another place and stays there: what it is away from the way of the velocity."""
+        s = self.m.signals
+        if "x" not in s or "east" not in s or self.blamed & {"gps/fix", "gps/velocity"}:
+            return
+        every = max(round(self.m.period["gps/fix"] / _STEP), 1)
+        steps = []
+        for place, velocity in (("x", "east"), ("y", "north")):
+            off = s[place] - np.cumsum(np.nan_to_num(s[velocity])) * _STEP
+            off[~np.isfinite(s[velocity])] = np.nan
+            rows = off[::every]
+            if len(rows) < 4 * _FIXES:
+                return
+            means = np.convolve(rows, np.ones(_FIXES) / _FIXES, "valid")
+            steps.append(means[_FIXES:] - means[:-_FIXES])
+        size = np.hypot(*steps)
+        known = size[np.isfinite(size)]
+        if len(known) < 2 * _FIXES:
+            return
+        usual = float(np.median(known))
+        at = int(np.nanargmax(size))
+        if size[at] > max(4.0, 6.0 * usual):
+            when = float(self.m.t[min((at + _FIXES) * every, len(self.m.t) - 1)])
+            when += (self.m.start - self.begin) * 1e-9
+            self.say("gps/fix", "jump", f"the position steps by {size[at]:.1f} m at {when:.1f} s against the velocity")
+
+    def steering_still(self) -> None:
+        """A steering angle that keeps its value while the car changes how it turns."""
+        if self.speed is None or "gyro" not in self.turns:
+            return
+        lateral = self.m.smooth(self.speed * self.turns["gyro"], _SMOOTH)
+        shape = lateral / np.maximum(self.speed, 1.0) ** 2
+        for name in ("steering_wheel", "road_wheel_front"):
+            if name not in self.m:
+                continue
+            own = self.m.signals[name]
+            still = np.concatenate([[False], np.abs(np.diff(own)) < 1e-12])
+            ends = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+            for begin, end in zip(ends[::2], ends[1::2], strict=True):
+                if (end - begin) * _STEP < 2.0:
+                    continue
+                # The car needs a while to follow what went before.
+                inside = slice(begin + round(0.5 / _STEP), end - round(0.3 / _STEP))
+                part, form = lateral[inside], shape[inside]
+                form = form[np.isfinite(part)]
+                part = part[np.isfinite(part)]
+                if len(part) > 10 and np.ptp(part) > 1.5 and np.ptp(form) > 0.5 * np.max(np.abs(form)):
+                    text = f"{name} is frozen for {(end - begin) * _STEP:.1f} s from {self.m.t[begin]:.1f} s on"
+                    self.say("vehicle/steering", "frozen", f"{text}: the car turns otherwise meanwhile")
+                    break
 
     def _turns_with_gyro(self, velocity: Array, good: NDArray[np.bool_]) -> float:
         """Correlation of the turning of a velocity's course with the yaw rate; 0 where that says nothing."""
@@ -1059,6 +1114,12 @@ def _apart(recording: Recording) -> Iterator[Finding]:
         first, second = sorted(spans)
         yield Finding(first, "clock", f"has no time in common with {second}")
     together = {topic: span for topic, span in spans.items() if topic not in alone}
+    for topic, away in _moved(together).items():
+        side = "later" if away > 0 else "earlier"
+        yield Finding(
+            topic, "clock", f"begins and ends {abs(away):.1f} s {side} than the others: is its clock another one?"
+        )
+        del together[topic]
     for topic, (begin, end) in together.items():
         period = (end - begin) / max(len(recording.channels[topic]) - 1, 1)
         slack = max(1e9, 5 * period)
@@ -1070,6 +1131,19 @@ def _apart(recording: Recording) -> Iterator[Finding]:
             yield Finding(topic, "cut", f"begins {float(np.median(earlier)) * 1e-9:.1f} s after the others")
     for topic in spans:
         yield from _clock(recording.channels[topic], recording.start)
+
+
+def _moved(spans: Mapping[str, tuple[int, int]]) -> dict[str, float]:
+    """Topics that begin and end by the same time [s] later or earlier than the others, which agree."""
+    found = {}
+    if len(spans) < 3:
+        return {}
+    begins, ends = (float(np.median([span[i] for span in spans.values()])) for i in (0, 1))
+    for topic, (begin, end) in spans.items():
+        first, last = (begin - begins) * 1e-9, (end - ends) * 1e-9
+        if min(abs(first), abs(last)) > 1.0 and abs(first - last) < 0.3:
+            found[topic] = (first + last) / 2
+    return found if len(found) == 1 else {}
 
 
 def _clock(channel: Channel, start: int) -> Iterator[Finding]:
@@ -1137,12 +1211,16 @@ def findings(recording: Recording, radius: float | None = None) -> list[Finding]
     """All doubts about a recording; the rolling `radius` [m] is that of the car, if it is known."""
     old = [Finding(topic, _fault(text), text) for topic, texts in doubts(recording, radius).items() for text in texts]
     motion = _Motion.of(recording)
-    relations = [] if motion is None else _Relations(motion).run()
+    relations = [] if motion is None else _Relations(motion, recording.start).run()
     frames = {f.topic for f in relations if f.fault in ("frame", "axes", "unit", "sign") and f.topic.startswith("gps/")}
     if frames:
         # What was judged by a GNSS velocity that is wrong itself.
         old = [f for f in old if "GNSS" not in f.text and f.topic not in frames]
     clocks = {f.topic for f in _apart(recording) if f.fault == "clock"}
+    if clocks:  # what does not go together at other times
+        old = [f for f in old if "GNSS" not in f.text or not clocks & {"gps/velocity", "gps/fix", f.topic}]
+    if frozen := {f.topic for f in _frozen_fixes(recording)}:
+        relations = [f for f in relations if f.topic not in frozen and f.fault not in ("lag", "jump", "frame")]
     repeating = {f.topic for f in _held(recording)}
     relations = [f for f in relations if not (f.fault == "lag" and (clocks or repeating))]
     found: list[Finding] = []
