@@ -182,6 +182,16 @@ class _Receiver:
             raise InputError(
                 f"{where}: {message.name} with {self.length} data bytes has no room for {', '.join(beyond)}"
             )
+        self.places = [
+            (
+                name,
+                field,
+                field.shift + 8 * (self.length - 1 - field.last if field.big_endian else field.first),
+                (1 << field.length) - 1,
+                1 << (field.length - 1) if field.is_signed else 0,
+            )
+            for name, field in self.fields.items()
+        ]
         self.latency = round(check.latency * NANO)
         self.checksum = check.checksum
         if self.checksum is not None and not -1 <= self.checksum.byte < self.length:
@@ -220,7 +230,7 @@ class _Receiver:
             if self.paged and not all(field.has(data) for field in self.paged):
                 monitor.passed("other multiplexer page")
                 return []
-            physical = {name: field.physical(data) for name, field in self.fields.items()}
+            physical = self._physical(data)
         if reason is None and self.counter is not None:
             reason = self.counter.objection(int(physical[self.counter.check.signal]))
         if reason is None:
@@ -241,6 +251,21 @@ class _Receiver:
             return []
         stamp = arrival - self.latency
         return [_sample(output, values, stamp, at) for output, values in made]
+
+    def _physical(self, data: bytes) -> dict[str, float]:
+        """Physical values of the signals that are asked for, from the whole of the data as one number."""
+        big = int.from_bytes(data[: self.length], "big")
+        little = int.from_bytes(data, "little")
+        found = {}
+        for name, field, shift, mask, sign in self.places:
+            if field.is_float:
+                found[name] = field.physical(data)
+                continue
+            raw = ((big if field.big_endian else little) >> shift) & mask
+            if raw & sign:
+                raw -= mask + 1
+            found[name] = raw * field.scale + field.offset
+        return found
 
     def _out_of_range(self, physical: dict[str, float]) -> str | None:
         for name, limits in self.ranges.items():
@@ -379,6 +404,7 @@ class CanDecoder:
                 self._by_pgn[_pgn(message.frame_id)] = receiver
         self.notes: tuple[str, ...] = tuple(notes)
         self._database_ids = {(m.frame_id, m.is_extended_frame) for m in self.database.messages}
+        self._ignored: dict[tuple[int, bool], str] = {}  # why, by identifier
         self.watch = PlausibilityWatch("can")
         self._passed: Counter[tuple[int, bool]] = Counter()  # frames that nobody listens to
         self._counts = dict.fromkeys(
@@ -412,10 +438,18 @@ class CanDecoder:
         if message.is_remote_frame:
             return []
         key = (message.arbitration_id, message.is_extended_id)
+        ignored = self._ignored.get(key)  # most frames are for others
+        if ignored is not None:
+            self._counts[ignored] += 1
+            self._passed[key] += 1
+            return []
         receiver = self.receiver(*key)
         if receiver is None:
-            self._counts["not mapped" if key in self._database_ids else "not in the database"] += 1
+            reason = "not mapped" if key in self._database_ids else "not in the database"
+            self._counts[reason] += 1
             self._passed[key] += 1
+            if not self._by_pgn:  # whose sender may change
+                self._ignored[key] = reason
             return []
         samples_ = receiver.feed(message, received)
         for sample in samples_:

@@ -13,8 +13,8 @@ from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 _SPAN = 40.0  # [s] that are looked at
 _LEAST = 15.0  # [s] below which nothing is said
 _EVERY = 10.0  # [s] between two looks
-_RATE = 50.0  # [Hz] of a topic above which samples are left out
 _NANO = 1_000_000_000
+_STEP = _NANO // 50  # [ns] within which further samples of a topic are left out
 # What a few seconds cannot tell, or the monitor of a stream tells at once.
 _NOT_ASKED = ("cut", "missing", "duplicates", "clock", "frozen", "held", "quantised", "jump")
 
@@ -25,21 +25,24 @@ class PlausibilityWatch:
     def __init__(self, name: str) -> None:
         self.name = name
         self._samples: dict[str, deque[Sample]] = {}
+        self._last: dict[str, tuple[int, int, tuple[str, ...]]] = {}  # kept: stamp, that of the next, names
         self._last_look: int | None = None
         self._found: list[Finding] = []
 
     def add(self, sample: Sample) -> None:
         """Keep a sample."""
+        last = self._last.get(sample.topic)
+        stamp = sample.stamp
+        if last is not None and last[0] < stamp < last[1] and last[2] == sample.names:
+            return
+        self._last[sample.topic] = stamp, stamp + _STEP, sample.names
         kept = self._samples.get(sample.topic)
         if kept is None:
             kept = self._samples[sample.topic] = deque()
         if kept:
-            if not 0 < sample.stamp - kept[-1].stamp < 10 * _NANO:
-                if abs(sample.stamp - kept[-1].stamp) >= 10 * _NANO:
-                    kept.clear()  # the clock was set, or the stream begins anew
-            elif sample.stamp - kept[-1].stamp < _NANO / _RATE and sample.names == kept[-1].names:
-                return
-            while kept and sample.stamp - kept[0].stamp > _SPAN * _NANO:
+            if abs(stamp - kept[-1].stamp) >= 10 * _NANO:
+                kept.clear()  # the clock was set, or the stream begins anew
+            while kept and stamp - kept[0].stamp > _SPAN * _NANO:
                 kept.popleft()
         kept.append(sample)
 
@@ -55,7 +58,7 @@ class PlausibilityWatch:
 
     def _look(self) -> list[Finding]:
         channels = {}
-        for topic, kept in self._samples.items():
+        for topic, kept in list(self._samples.items()):
             if len(kept) > 20 and kept[-1].stamp - kept[0].stamp > _LEAST * _NANO:
                 channels[topic] = _channel(list(kept))
         if not channels:
