@@ -16,10 +16,10 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench thesis genesis road blind bags clean
+.PHONY: help venv check test lint format demo bench thesis genesis road blind recordings bags clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
@@ -60,6 +60,11 @@ blind: venv ## examine vsense explain: physics hidden in cars that are not our m
 	for ablation in no_refit no_projection chi2_thresholds; do \
 	    $(BLIND_RUN) --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
 	$(BLIND_RUN) $(BLIND) score
+
+# DBC=FOLDER also loads every DBC file below a folder, as that of commaai/opendbc.
+DBC ?=
+recordings: venv ## cases of public bug reports, planted faults and speeds of all formats, to out/recordings.json
+	PYTHONPATH=test $(VENV)/bin/python -m recordings $(if $(DBC),--dbc $(DBC))
 
 thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
 	$(VENV)/bin/vsense thesis

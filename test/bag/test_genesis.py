@@ -93,8 +93,9 @@ def test_a_rate_that_the_file_does_not_have_is_an_input_error(genesis_path: Path
 def test_a_mat_file_of_something_else_is_no_lap(tmp_path: Path) -> None:
     file = tmp_path / "other.mat"
     scipy.io.savemat(file, {"t": np.arange(3.0)})
-    with pytest.raises(InputError, match="no importer knows this"):
+    with pytest.raises(InputError, match=r"Expected a mapping file other\.yaml beside it"):
         import_recording(file)
     file.write_bytes(b"garbage")
-    with pytest.raises(InputError, match="no importer knows this"):
-        import_recording(file)
+    mapping = {"time": {"column": "t"}, "topics": {}}
+    with pytest.raises(InputError, match="not a MATLAB file that can be read"):
+        import_recording(file, mapping=mapping)

@@ -373,3 +373,13 @@ def test_unchunked_messages_are_read(tmp_path: Path) -> None:
     found = read_bag(file)
     assert found["t"].columns["vector"].tolist() == [[0, 1, 2]]
     assert (found["t"].stamp[0], found["t"].received[0], found.notes) == (7, 9, ())
+
+
+def test_a_bag_that_cannot_be_written_to_its_end_leaves_nothing_behind(tmp_path):
+    stamp = 1_600_000_000_000_000_000 + np.arange(20_000) * 10_000_000
+    columns = {field: np.zeros((len(stamp), width)) for field, width in FIELDS["sensor_msgs/msg/NavSatFix"].items()}
+    columns["status"][15_000] = np.nan  # an integer in the message
+    channel = Channel("gps/fix", "sensor_msgs/msg/NavSatFix", stamp, stamp, columns, "gnss_link")
+    with pytest.raises(ValueError, match="status is an integer"):
+        write_bag(tmp_path / "bag", Recording({"gps/fix": channel}))
+    assert not (tmp_path / "bag").exists()

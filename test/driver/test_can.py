@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.driver.can import CanDecoder, load_database
+from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_checksum import CHECKSUMS
+from vsense_ros.driver.can_database import read_database
 from vsense_ros.driver.can_mapping import CanMapping, load_mapping
 from vsense_ros.driver.samples import UNMEASURED_VARIANCE
 from vsense_ros.errors import InputError
@@ -335,7 +336,7 @@ def test_a_unit_that_is_not_that_of_the_database_is_refused():
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("unit: km/h", "unit: kmh", r"line 14, outputs.0.joints.wheel_fl: unit 'kmh' is not known"),
+        ("unit: km/h", "unit: kmhh", r"line 14, outputs.0.joints.wheel_fl: unit 'kmhh' is not known"),
         (", rolling_radius: 0.3", "", r"line \d+, outputs.0: wheel_fl: velocity is in rad/s, but .* m/s"),
         (
             "rolling_radius: 0.3",
@@ -387,7 +388,7 @@ def test_a_file_that_is_no_database_is_refused_in_words(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"car.dbc: "):
-        load_database(path)
+        read_database(path)
 
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.driver.can_bus import open_bus, paced, read_can_log, schedule
+from vsense_ros.driver.can_bus import open_bus, paced, schedule
+from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
 
 
@@ -44,8 +45,8 @@ def test_a_damaged_line_of_a_candump_log_costs_itself_alone(tmp_path):
     lines = ["(1.0) can0 123#0102", "(1.1) can0 123#01", "", "(1.2) can0 12", "rubbish", "(1.3) can1 7FF#"]
     path.write_text("\n".join(lines) + "\n(1.4) can0 123#0")
     log = read_can_log(path)
-    assert [m.timestamp for m in log] == [1.0, 1.1, 1.3, 1.4]
-    assert [loss.partition(" is")[0] for loss in log.losses] == ["line 4", "line 5"]
+    assert [m.timestamp for m in log] == [1.0, 1.1, 1.3]
+    assert [loss.partition(" is")[0] for loss in log.losses] == ["line 4", "line 5", "line 7"]
 
 
 def test_a_truncated_binary_log_gives_its_intact_messages_and_says_what_is_lost(tmp_path):
@@ -63,12 +64,15 @@ def test_a_truncated_binary_log_gives_its_intact_messages_and_says_what_is_lost(
     ("name", "content", "expected"),
     [
         ("drive.log", None, "no such file"),
-        ("drive.txt", b"x", "unknown format '.txt'; expected .log, .asc, .blf, .mf4"),
-        ("drive.log", b"", "not one intact CAN message"),
-        ("drive.log", b"\x00\xff\xfe garbage", "not one intact CAN message"),
-        ("drive.asc", b"garbage\n", "not one intact CAN message"),
-        ("drive.blf", b"garbage", "not one intact CAN message"),
-        ("drive.mf4", b"garbage", "not one intact CAN message"),
+        ("drive.txt", b"x", "not a CAN log; expected candump"),
+        ("drive.log", b"", "the file is empty"),
+        ("drive.log", b"\x00\xff\xfe garbage", "not a CAN log"),
+        ("drive.asc", b"garbage\n", "not a CAN log"),
+        ("drive.asc", b"date Mon May 1 02:00:00 pm 2023\ngarbage\n", "not one intact CAN message"),
+        ("drive.blf", b"garbage", "not a CAN log"),
+        ("drive.blf", b"LOGGarbage", "not one intact CAN message"),
+        ("drive.mf4", b"garbage", "not a CAN log"),
+        ("drive.mf4", b"MDF     ".ljust(64) + b"##HD garbage", "not one intact CAN message"),
     ],
 )
 def test_a_file_that_is_no_can_log_is_refused_in_words(tmp_path, name, content, expected):

@@ -87,6 +87,7 @@ def pvt(moment: datetime.datetime, **fields) -> bytes:
         "nano": moment.microsecond * 1000,
         "validDate": 1,
         "validTime": 1,
+        "fullyResolved": 1,
         "fixType": 3,
         "gnssFixOk": 1,
         "lat": 48.1,
@@ -454,6 +455,7 @@ def test_nav_relposned_gives_yaw_and_pitch_at_the_time_of_its_epoch():
         ({"fixType": 0}, "no fix"),
         ({"gnssFixOk": 0}, "no fix"),
         ({"validTime": 0}, "time not known"),
+        ({"fullyResolved": 0}, "time not resolved: the leap seconds are not known yet"),
         ({"month": 13}, "time out of range"),
     ],
 )

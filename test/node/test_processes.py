@@ -344,15 +344,14 @@ def test_a_fault_that_nobody_foresaw_in_a_sentence_does_not_come_back_with_the_n
 def test_a_can_log_whose_times_count_from_its_start_is_replayed_after_the_lead_of_the_clock(
     start: Start, tmp_path: Path
 ) -> None:
-    frames = [f" {0.005 * i:.6f} 1  AA  Rx   d 8 {wheel_frame(0.5 * i).data.hex(' ')}\n" for i in range(200)]
-    heading = "date Thu Aug 2 08:34:47.000 am 2018\nbase hex  timestamps absolute\ninternal events logged\n"
-    (tmp_path / "drive.asc").write_text(heading + "".join(frames))
+    frames = [f"({0.005 * i:.6f}) can0 0AA#{wheel_frame(0.5 * i).data.hex()}\n" for i in range(200)]
+    (tmp_path / "drive.log").write_text("".join(frames))
     recorder = start("recorder", bag=str(tmp_path / "bag"), use_sim_time=True)
     driver = start("can_driver", use_sim_time=True, **can_settings(tmp_path, "slcan", str(tmp_path / "can")))
     driver.wait_until_active()
     recorder.wait_until_active()
     driver.wait_for("connected", 15.0)
-    replay = start("replay", can_log=str(tmp_path / "drive.asc"), can_channel=str(tmp_path / "can"), lead=2.0)
+    replay = start("replay", can_log=str(tmp_path / "drive.log"), can_channel=str(tmp_path / "can"), lead=2.0)
     assert replay.wait_until_ended(60.0) == 0, replay.output
     time.sleep(0.3)
     assert driver.stop() == 0

@@ -10,11 +10,13 @@ broken is left out and counted by its message index, a chunk cut off by the end 
 
 from __future__ import annotations
 
+import re
+import shutil
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -22,6 +24,8 @@ from typing import BinaryIO
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -34,7 +38,17 @@ _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_IN
 _STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE_READ = struct.Struct("<xQH4xQ8x")  # of it, length, channel and log time
+_HEAD_ROWS = np.dtype(  # the same, of many
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"), ("publish", "<u8")]
+)
 _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
+
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_ENCODED_AT_ONCE = 8192  # messages
+_LARGEST_METADATA = 1 << 22  # [byte]
+_LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
+_DAY = 86_400_000_000_000  # [ns]
 
 CHUNK_SIZE = 256 * 1024  # [byte] before compression: what one damaged spot can cost at most
 
@@ -328,22 +342,42 @@ def _quoted(text: str) -> str:
 
 
 def write_bag(path: str | Path, recording: Recording, *, compression: str = "zstd", overwrite: bool = False) -> None:
-    """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`."""
+    """Write a recording as a bag, in order of arrival. Its name, metadata and notes go into `custom_data`.
+
+    Nothing half-written is left behind if that fails.
+    """
     metadata = dict(recording.metadata)
     if recording.notes:
         metadata["notes"] = "\n".join(recording.notes)
-    channels = [channel for channel in recording.channels.values() if len(channel)]
+    channels = [channel.in_order() for channel in recording.channels.values() if len(channel)]
     with BagWriter(path, compression=compression, overwrite=overwrite, metadata=metadata) as writer:
         if not channels:
             return
-        rows = [cdr.encode_channel(channel) for channel in channels]
         received = np.concatenate([channel.received for channel in channels])
         source = np.repeat(np.arange(len(channels)), [len(channel) for channel in channels])
-        row = np.concatenate([np.arange(len(channel)) for channel in channels])
-        for index in np.argsort(received, kind="stable").tolist():
-            channel = channels[source[index]]
-            data = rows[source[index]][row[index]].tobytes()
-            writer.write_raw(channel.topic, channel.kind, int(received[index]), data)
+        order = np.argsort(received, kind="stable")
+        streams = [(channel.topic, channel.kind, _encoded(channel).__next__) for channel in channels]
+        try:
+            for number, time in zip(source[order].tolist(), received[order].tolist(), strict=True):
+                topic, kind, following = streams[number]
+                writer.write_raw(topic, kind, time, following())
+        except BaseException:
+            writer.abandon()
+            shutil.rmtree(writer.path, ignore_errors=True)
+            raise
+
+
+def _encoded(channel: Channel) -> Iterator[bytes]:
+    """The messages of a channel one after the other, encoded some thousands at a time."""
+    for begin in range(0, len(channel), _ENCODED_AT_ONCE):
+        rows = cdr.encode_channel(channel.select(slice(begin, begin + _ENCODED_AT_ONCE)))
+        data, length = rows.tobytes(), rows.shape[1]
+        for at in range(0, len(data), length):
+            yield data[at : at + length]
+
+
+Times = list[int] | NDArray[np.uint64]  # [ns]
+Payloads = list[bytes] | NDArray[np.uint8]  # messages, as rows where all have one length
 
 
 @dataclass
@@ -354,13 +388,30 @@ class _Contents:
     channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # number → topic, type, encoding
     payloads: dict[int, list[bytes]] = field(default_factory=dict)
     times: dict[int, list[int]] = field(default_factory=dict)
+    # Of chunks with an index that holds: messages of one length as rows of bytes, and their times.
+    blocks: dict[int, list[tuple[NDArray[np.uint8], NDArray[np.uint64]]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
     lost: int = 0  # messages known to be lost
     expected: int | None = None  # messages that the file says it holds
+    informed: bool = False  # metadata.yaml is read
     custom: dict[str, str] = field(default_factory=dict)
 
     def count(self) -> int:
-        return sum(map(len, self.payloads.values()))
+        return sum(map(len, self.payloads.values())) + sum(len(t) for b in self.blocks.values() for _, t in b)
+
+    def forget(self) -> None:
+        """Make room for the next file."""
+        self.schemas, self.channels, self.payloads, self.times, self.blocks = {}, {}, {}, {}, {}
+
+    def messages(self, number: int) -> tuple[Payloads, NDArray[np.uint64]]:
+        """All messages of a channel, and their times."""
+        blocks = self.blocks.get(number, [])
+        payloads = self.payloads.get(number, [])
+        times = [np.array(self.times.get(number, []), np.uint64), *(times for _, times in blocks)]
+        if not payloads and len({rows.shape[1] for rows, _ in blocks}) == 1:
+            return np.concatenate([rows for rows, _ in blocks]), np.concatenate(times)
+        return [*payloads, *(row.tobytes() for rows, _ in blocks for row in rows)], np.concatenate(times)
 
 
 class _Damaged(Exception):
@@ -399,16 +450,23 @@ def _take_definition(contents: _Contents, opcode: int, body: bytes) -> None:
             (contents.expected,) = struct.unpack_from("<Q", body)
         elif opcode == _METADATA:
             name, at = _take_text(body, 0)
-            if name == "rosbag2":
+            if name == "rosbag2" and not contents.informed:  # the same stands in metadata.yaml
                 _take_information(contents, _yaml(_take_map(body, at).get("serialized_metadata", "")))
     except (struct.error, _Damaged) as error:
         raise _Damaged(f"record {opcode:#04x}: {error}") from None
 
 
+_TOPICS_BLOCK = re.compile(r"^( *)topics_with_message_count:[^\n]*\n(?:(?:\1[ -][^\n]*| *)\n)*", re.MULTILINE)
+
+
 def _yaml(text: str) -> object:
+    """A YAML document; of the metadata of a bag, without the qualities of service of its topics, which are its most."""
+    if len(text) > _LARGEST_METADATA:
+        return None
+    text = _TOPICS_BLOCK.sub("", text, count=1)
     try:
         return YAML(typ="safe", pure=True).load(text)
-    except YAMLError:
+    except (YAMLError, RecursionError, ValueError):
         return None
 
 
@@ -421,18 +479,22 @@ def _take_information(contents: _Contents, information: object) -> None:
 def _take_records(contents: _Contents, data: bytes) -> int:
     """Gather the records of a chunk; returns the position behind the last whole one."""
     at, end = 0, len(data)
-    unpack, head = _MESSAGE_HEAD.unpack_from, _MESSAGE_HEAD.size
+    unpack, head = _MESSAGE_READ.unpack_from, _MESSAGE_HEAD.size
     payloads, times = contents.payloads, contents.times
+    sinks = {channel: (payloads[channel].append, times[channel].append) for channel in payloads}
+    last = end - head
     while at + 9 <= end:
-        if data[at] == _MESSAGE and at + head <= end:
-            _, length, channel, _, log_time, _ = unpack(data, at)
+        if at <= last and data[at] == _MESSAGE:
+            length, channel, log_time = unpack(data, at)
             after = at + 9 + length
             if after > end or length < 22:
                 break
-            if channel not in payloads:
+            sink = sinks.get(channel)
+            if sink is None:
                 payloads[channel], times[channel] = [], []
-            payloads[channel].append(data[at + head : after])
-            times[channel].append(log_time)
+                sink = sinks[channel] = (payloads[channel].append, times[channel].append)
+            sink[0](data[at + head : after])
+            sink[1](log_time)
         else:
             opcode, length = _RECORD.unpack_from(data, at)
             after = at + 9 + length
@@ -441,6 +503,46 @@ def _take_records(contents: _Contents, data: bytes) -> int:
             _take_definition(contents, opcode, data[at + 9 : after])
         at = after
     return at
+
+
+def _take_indexed(contents: _Contents, data: bytes, index: Mapping[int, list[bytes]]) -> bool:
+    """Gather the records of a chunk at once by its message index; False, and nothing gathered, if it does not hold."""
+    if not index or any(len(part) % 16 for parts in index.values() for part in parts):
+        return False
+    whole = np.frombuffer(data, np.uint8)
+    head = _MESSAGE_HEAD.size
+    found: list[tuple[int, NDArray[np.int64], NDArray[np.int64], NDArray[np.uint64]]] = []
+    for channel, parts in index.items():
+        offsets = np.sort(np.frombuffer(b"".join(parts), "<u8").reshape(-1, 2)[:, 1])
+        if not len(offsets) or offsets[-1] > len(data) - head or (np.diff(offsets) < head).any():
+            return False
+        at = offsets.astype(np.int64)
+        heads = np.ascontiguousarray(sliding_window_view(whole, head)[at]).view(_HEAD_ROWS)[:, 0]
+        length = heads["length"]
+        if (heads["opcode"] != _MESSAGE).any() or (heads["channel"] != channel).any() or (length > len(data)).any():
+            return False
+        if (length < head - _RECORD.size).any():
+            return False
+        found.append((channel, at, length.astype(np.int64) - (head - _RECORD.size), heads["time"]))
+    begin = np.concatenate([at for _, at, _, _ in found])
+    end = np.concatenate([at + head + size for _, at, size, _ in found])
+    order = np.argsort(begin)
+    begin, end = begin[order], np.concatenate([[0], end[order]])
+    begin = np.concatenate([begin, [len(data)]])
+    between = begin - end
+    if (between < 0).any():
+        return False
+    # What lies between the messages are definitions, or messages that the index has not.
+    for place in np.flatnonzero(between).tolist():
+        part = data[end[place] : begin[place]]
+        if _take_records(contents, part) < len(part):
+            raise _Damaged(f"it ends after {int(end[place])} of {len(data)} bytes")
+    for channel, at, size, times in found:
+        for one in np.unique(size).tolist():
+            rows = at[size == one] + head
+            block = sliding_window_view(whole, one)[rows] if one else np.zeros((len(rows), 0), np.uint8)
+            contents.blocks.setdefault(channel, []).append((block, times[size == one]))
+    return True
 
 
 @dataclass(frozen=True)
@@ -528,6 +630,8 @@ class _Scan:
     lost: int = 0
     start: int | None = None  # time of the first chunk [ns]
     broken: tuple[int, _Chunk, str] | None = None  # chunk that was left out: position, chunk, reason
+    waiting: tuple[int, _Chunk] | None = None  # chunk whose message index is still to come, and its position
+    index: dict[int, list[bytes]] = field(default_factory=dict)  # of it: entries by channel
     indexed: int = 0  # messages in it, as its message index says
 
     def run(self, end: int) -> None:
@@ -537,12 +641,14 @@ class _Scan:
                 self.at = position
                 if opcode == _MESSAGE_INDEX:
                     self.indexed += max(len(body) - 6, 0) // 16
+                    if self.waiting is not None and len(body) > 6:
+                        self.index.setdefault(int.from_bytes(body[:2], "little"), []).append(body[6:])
                     continue
                 self.settle()
                 if opcode == _FOOTER:
                     break
                 if opcode == _CHUNK:
-                    self.chunk(_Chunk.parse(body, whole))
+                    self.waiting, self.index, self.indexed = (self.at, _Chunk.parse(body, whole)), {}, 0
                 elif not whole:
                     raise _Damaged("a record is cut off")
                 elif opcode == _MESSAGE:
@@ -552,19 +658,23 @@ class _Scan:
         finally:
             self.settle()
 
-    def chunk(self, chunk: _Chunk) -> None:
+    def chunk(self, position: int, chunk: _Chunk) -> None:
         self.start = chunk.first if self.start is None else self.start
-        self.indexed = 0
         try:
             records = chunk.records()
+            if chunk.whole and _take_indexed(self.contents, records, self.index):
+                return
             done = _take_records(self.contents, records)
             if done < chunk.size:
                 raise _Damaged(f"it ends after {done} of {chunk.size} bytes")
         except _Damaged as error:
-            self.broken = (self.at, chunk, str(error))
+            self.broken = (position, chunk, str(error))
 
     def settle(self) -> None:
-        """Note what a broken chunk cost, now that its message index has been passed."""
+        """Read the chunk that waits, now that its message index has been passed, and note what it cost if broken."""
+        if self.waiting is not None:
+            waiting, self.waiting = self.waiting, None
+            self.chunk(*waiting)
         if self.broken is None:
             return
         position, chunk, reason = self.broken
@@ -599,12 +709,12 @@ def _scan(path: Path, contents: _Contents) -> None:
         except _Damaged as error:
             following = [position for position in chunk_positions if position > scan.at]
             onward = f"reading went on at byte {following[0]}" if following else "nothing behind it could be read"
-            contents.notes.append(f"{path.name}: damaged at byte {scan.at} of {len(data)}: {error}; {onward}")
+            contents.damage.append(f"{path.name}: damaged at byte {scan.at} of {len(data)}: {error}; {onward}")
             if not following:
                 break
             scan.at = following[0]
     if not finished:
-        contents.notes.append(f"{path.name}: the file is not finished (cut off at byte {len(data)})")
+        contents.damage.append(f"{path.name}: the file is not finished (cut off at byte {len(data)})")
     got = contents.count() - before
     contents.lost += scan.lost if contents.expected is None else max(scan.lost, contents.expected - got)
 
@@ -620,31 +730,45 @@ def read_bag(path: str | Path) -> Recording:
     path = Path(path)
     contents = _Contents()
     files, promised = _files(path, contents)
-    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    merged: dict[str, tuple[str, Payloads, Times]] = {}
     skipped: dict[tuple[str, str], int] = {}
     read = 0
     for file in files:
-        contents.schemas, contents.channels, contents.payloads, contents.times = {}, {}, {}, {}
-        _scan(file, contents)
+        contents.forget()
+        try:
+            _scan(file, contents)
+        except InputError as error:
+            if len(files) == 1:
+                raise
+            contents.damage.append(f"left out: {error}")
+            continue
         read += contents.count()
-        for number, payloads in contents.payloads.items():
+        for number in dict.fromkeys((*contents.payloads, *contents.blocks)):
+            payloads, times = contents.messages(number)
+            if bytes(payloads[0][:4]) == _ZSTD:  # by rosbag2, each of them
+                payloads = _unpacked(payloads)
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
             if kind not in FIELDS or encoding != "cdr":
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
             elif topic in merged and merged[topic][0] == kind:
-                merged[topic][1].extend(payloads)
-                merged[topic][2].extend(contents.times[number])
+                _, before, earlier = merged[topic]
+                merged[topic] = (kind, _together(before, payloads), np.concatenate([earlier, times]))
             elif topic in merged:
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
             else:
-                merged[topic] = (kind, payloads, contents.times[number])
+                merged[topic] = (kind, payloads, times)
     if promised is not None:
         contents.lost = max(contents.lost, promised - read)
     if not read:
-        reason = f" ({'; '.join(contents.notes)})" if contents.notes else ""
+        told = [*contents.notes, *contents.damage]
+        reason = f" ({'; '.join(told)})" if told else ""
         raise InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
-    notes = [*contents.notes, *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items())]
-    result, bad = _channels(merged, notes)
+    notes = [
+        *contents.notes,
+        *contents.damage,
+        *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items()),
+    ]
+    result, bad = channels_of(merged, notes)
     stored = contents.custom.pop("notes", "")
     return Recording(
         result,
@@ -652,21 +776,42 @@ def read_bag(path: str | Path) -> Recording:
         (*stored.splitlines(), *notes),
         contents.lost + bad,
         contents.custom,
+        tuple(contents.damage),
     )
 
 
-def _channels(
-    merged: Mapping[str, tuple[str, list[bytes], list[int]]], notes: list[str]
-) -> tuple[dict[str, Channel], int]:
+def _together(one: Payloads, other: Payloads) -> Payloads:
+    """The messages of two files."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape[1] == other.shape[1]:
+        return np.concatenate([one, other])
+    return [*map(bytes, one), *map(bytes, other)]
+
+
+def _unpacked(payloads: Payloads) -> list[bytes]:
+    """Messages that rosbag2 has compressed one by one; empty, which is no message, where they are damaged."""
+    unpack = zstandard.ZstdDecompressor().decompress
+    found = []
+    for payload in payloads:
+        try:
+            found.append(unpack(bytes(payload), max_output_size=_LARGEST_MESSAGE))
+        except zstandard.ZstdError:
+            found.append(b"")
+    return found
+
+
+def channels_of(merged: Mapping[str, tuple[str, Payloads, Times]], notes: list[str]) -> tuple[dict[str, Channel], int]:
     """Decode the messages of each topic; returns the channels and the number of messages that are none."""
     result: dict[str, Channel] = {}
     lost = 0
     for topic, (kind, payloads, times) in merged.items():
-        received = np.array(times, np.uint64).astype(np.int64)
+        received = np.array(times, np.uint64).astype(np.int64)  # from 2⁶³ on negative
         if (np.diff(received) < 0).any():
             order = np.argsort(received, kind="stable")
-            received, payloads = received[order], [payloads[i] for i in order]
+            received = received[order]
+            payloads = payloads[order] if isinstance(payloads, np.ndarray) else [payloads[i] for i in order]
         decoded = cdr.decode_channel(kind, topic, payloads, received)
+        if decoded.channel is not None:
+            decoded = replace(decoded, channel=_possible_times(decoded.channel, notes))
         if decoded.channel is not None:
             result[topic] = decoded.channel
         if decoded.bad:
@@ -678,6 +823,28 @@ def _channels(
                 f"{decoded.channel.frame_id if decoded.channel else ''!r}"
             )
     return result, lost
+
+
+def _possible_times(channel: Channel, notes: list[str]) -> Channel:
+    """The channel with each impossible time of arrival replaced by the time of measurement, and the other way round."""
+    if len(channel) < 2:
+        return channel
+    stamp, received = channel.stamp.copy(), channel.received.copy()
+    usual_stamp, usual = float(np.median(stamp)), float(np.median(received))
+    strange = (received < 0) | (np.abs(received - usual) > _DAY)
+    strange &= (np.abs(stamp - usual_stamp) <= _DAY) & (abs(usual_stamp - usual) <= _DAY)
+    if strange.any():
+        notes.append(
+            f"{channel.topic}: {int(strange.sum())} messages with impossible arrival times; stamps used instead"
+        )
+        received[strange] = stamp[strange]
+    unset = (stamp == 0) & (received > _DAY)
+    if unset.any():
+        notes.append(f"{channel.topic}: {int(unset.sum())} messages without a time stamp; arrival times used instead")
+        stamp[unset] = received[unset]
+    if not (strange.any() or unset.any()):
+        return channel
+    return replace(channel, stamp=stamp, received=received).in_order()
 
 
 def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
@@ -700,18 +867,14 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
             raise InputError(f"{metadata}: not the metadata of a bag: no rosbag2_bagfile_information in it")
         contents.notes.append("metadata.yaml is damaged; all .mcap files of the folder were read")
         return found, None
-    storage = information.get("storage_identifier", "mcap")
+    storage = information.get("storage_identifier") or ("mcap" if found else "sqlite3")
     if storage != "mcap":
         raise InputError(
             f"{path}: its storage is {storage!r}, expected 'mcap'; convert it with 'ros2 bag convert' or record with "
             "'ros2 bag record --storage mcap'"
         )
-    if information.get("compression_mode"):
-        raise InputError(
-            f"{path}: compressed by rosbag2 ({information['compression_mode']} mode), expected compression inside MCAP "
-            "chunks; convert it with 'ros2 bag convert'"
-        )
     _take_information(contents, information)
+    contents.informed = True
     files = [path / str(name) for name in information.get("relative_file_paths") or []]
     missing = [file.name for file in files if not file.exists()]
     if missing:

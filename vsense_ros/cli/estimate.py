@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
+from vsense_ros.cli.common import EXISTING, load_car, vehicle_option, warn
 
 
 @click.command()
@@ -30,18 +30,31 @@ def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: b
     """
     from dataclasses import replace
 
+    import numpy as np
+
     from vsense_ros import observer
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
+    from vsense_ros.messages.plausibility import findings
+    from vsense_ros.model.sensors import unheard
+    from vsense_ros.model.simulation.closed_loop import rolling_radii
     from vsense_ros.observer.catalogue import FILTERS
 
     car, make = load_car(vehicle), None if chosen is None else FILTERS[chosen].make
     with waiting(f"reading {bag.name}"):
         recording = import_recording(bag)
     name = recording.name or bag.stem
+    for sentence in unheard(recording.channels, car.sensors.values(), car.name):
+        warn(sentence)
+    radius = float(np.mean(rolling_radii(car)))
+    for finding in findings(recording, radius):
+        warn(f"{finding.topic}: {finding.text}")
+    heading = [sensor.topic for sensor in car.sensors.values() if sensor.on_map]
+    if heading and not any(topic in recording for topic in heading):
+        warn(f"none of {', '.join(heading)} is in the recording: the car's heading on the map stays unknown")
     with progress(f"estimating {name}") as done:
         result = observer.run(recording, car, make=make, progress=done)
     compared = replace(result, output=at_reference(result.output, car))

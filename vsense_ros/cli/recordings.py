@@ -8,45 +8,100 @@ from typing import Any
 import click
 
 from vsense_ros.cli.common import EXISTING, Commands, key_value_pairs
+from vsense_ros.errors import InputError
 
 
 @click.command("import")
-@click.argument("source", type=EXISTING)
+@click.argument("sources", nargs=-1, type=EXISTING, metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--mapping", type=EXISTING, help="Names, units and signs of the columns (CSV, MDF4).")
+@click.option(
+    "--mapping",
+    "mappings",
+    multiple=True,
+    type=EXISTING,
+    help="Which column or signal is what: names, units, signs (tables, measurements, CAN). With several sources one "
+    "for each that needs it, in their order; default: the YAML file beside it.",
+)
+@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
 @click.option(
     "--option", "options", multiple=True, metavar="KEY=VALUE", callback=key_value_pairs, help="Passed to the importer."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a bag that stands at OUT.")
-def import_(source: Path, out: Path, mapping: Path | None, options: dict[str, Any], overwrite: bool) -> None:
+@click.option("--guess", "proposed", is_flag=True, help="Propose a column mapping for a table or measurement; no OUT.")
+def import_(
+    sources: tuple[Path, ...],
+    out: Path,
+    mappings: tuple[Path, ...],
+    dbc: Path | None,
+    options: dict[str, Any],
+    overwrite: bool,
+    proposed: bool,
+) -> None:
     """Turn a recording from elsewhere into a bag that rosbag2 plays.
 
-    The format is found by looking at SOURCE.
+    The format is found by looking at SOURCE. Several, of one drive by loggers with clocks of their own, become one
+    recording in the time of the first; by how much the clocks differ is found from the motion that they tell.
 
     \b
     Examples:
       vsense import laps/med_lap_center_8_21.mat med_lap
+      vsense import log.csv --guess > log.yaml
       vsense import log.csv log --mapping log.yaml
+      vsense import drive.blf drive --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
+      vsense import drive.blf gnss.csv drive --dbc car.dbc --mapping can.yaml --mapping gnss.yaml
       vsense import segment/ rav4 --option rolling_radius=0.35
     """
     from vsense_ros.bag import write_bag
-    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.bag.importers import find_importer, import_recording
+    from vsense_ros.bag.join import joined
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
-    if mapping is not None:
-        options["mapping"] = mapping
-    with waiting(f"importing {source.name}"):
-        recording = import_recording(source, **options)
+    if proposed:
+        _propose((*sources, out))
+        return
+    if not sources:
+        raise InputError(f"{out}: expected a recording and the bag to write, found one of the two")
+    given = list(mappings)
+    recordings = []
+    for source in sources:
+        own = dict(options)
+        with_dbc = {} if dbc is None else {"dbc": dbc}
+        importer = find_importer(source, {*own, *with_dbc})
+        own |= with_dbc if "dbc" in importer.options or len(sources) == 1 else {}
+        if given and ("mapping" in importer.options or len(sources) == 1):
+            own["mapping"] = given.pop(0)
+        with waiting(f"importing {source.name}"):
+            recordings.append(import_recording(source, **own))
+    if given:
+        raise InputError(f"{given[0]}: a mapping more than there are sources that take one")
+    with waiting(f"writing {out.name}"):
+        recording = joined(recordings) if len(recordings) > 1 else recordings[0]
         write_bag(out, recording, overwrite=overwrite)
     show_inspection(inspect(recording, known_topics()), console())
     say(f"Written to {out}.")
 
 
+def _propose(sources: tuple[Path, ...]) -> None:
+    """Print a mapping, with what was assumed as comments."""
+    from vsense_ros.bag.importers.guess import guess
+
+    for source in sources:
+        if not source.is_file():
+            raise InputError(f"{source}: no such file; --guess proposes a mapping for a table or a measurement file")
+        proposal = guess(source)
+        click.echo(f"# A proposal for {source.name}: look at every line, then import with --mapping.")
+        for remark in proposal.remarks:
+            click.echo(f"# {remark}")
+        click.echo(proposal.text, nl=False)
+
+
 @click.command()
 @click.argument("bag", type=EXISTING)
-def info(bag: Path) -> None:
+@click.option("--mapping", type=EXISTING, help="Which column or signal is what; default: the YAML file beside it.")
+@click.option("--dbc", type=EXISTING, help="Database of a CAN log.")
+def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
     """Say what BAG holds and what looks wrong in it.
 
     Signals, rates, gaps, clocks, latencies; frozen signals, units, signs and frames that cannot be right. BAG may also
@@ -56,14 +111,16 @@ def info(bag: Path) -> None:
     Examples:
       vsense info bags/double_lane_change
       vsense info laps/med_lap_center_8_21.mat
+      vsense info drive.blf --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
     """
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
+    options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
     with waiting(f"reading {bag.name}"):
-        inspection = inspect(import_recording(bag), known_topics())
+        inspection = inspect(import_recording(bag, **options), known_topics())
     show_inspection(inspection, console())
 
 

@@ -14,25 +14,7 @@ from ruamel.yaml.error import YAMLError
 
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.errors import InputError
-
-# Unit of a signal -> (SI unit, factor to it).
-UNITS: dict[str, tuple[str, float]] = {
-    "rad": ("rad", 1.0),
-    "deg": ("rad", math.pi / 180),
-    "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", math.pi / 180),
-    "rpm": ("rad/s", 2 * math.pi / 60),
-    "m/s": ("m/s", 1.0),
-    "km/h": ("m/s", 1 / 3.6),
-    "mph": ("m/s", 0.44704),
-    "m/s^2": ("m/s^2", 1.0),
-    "g": ("m/s^2", 9.80665),
-    "m": ("m", 1.0),
-    "mm": ("m", 1e-3),
-    "Pa": ("Pa", 1.0),
-    "bar": ("Pa", 1e5),
-    "N m": ("N m", 1.0),
-}
+from vsense_ros.messages.units import QUANTITIES, canonical, quantity_of, to_si
 
 JointField = Literal["position", "velocity", "effort"]
 JOINT_UNITS: dict[str, tuple[str, ...]] = {
@@ -40,6 +22,11 @@ JOINT_UNITS: dict[str, tuple[str, ...]] = {
     "velocity": ("rad/s",),
     "effort": ("N m", "Pa"),
 }
+UNITS = tuple(
+    unit
+    for quantity in ("angle", "angular velocity", "velocity", "acceleration", "length", "pressure", "torque")
+    for unit in QUANTITIES[quantity]
+)
 ImuAxis = Literal[
     "angular_velocity_x",
     "angular_velocity_y",
@@ -73,10 +60,11 @@ class Signal(_Part):
         default=None, description="plausible values [unit]; replaces the ranges of the DBC"
     )
     standard_deviation: float | None = Field(default=None, gt=0, description="of the noise [SI]; for Imu messages")
+    ignore_stated_unit: bool = Field(default=False, description="the unit that the DBC gives is wrong")
 
     @model_validator(mode="after")
     def _consistent(self) -> Signal:
-        if self.unit not in UNITS:
+        if canonical(self.unit) not in UNITS:
             raise ValueError(f"unit {self.unit!r} is not known; known are {', '.join(UNITS)}")
         if self.factor == 0 or not math.isfinite(self.factor):
             raise ValueError(f"factor is {self.factor}, expected a finite number other than 0")
@@ -89,7 +77,12 @@ class Signal(_Part):
     @property
     def si_unit(self) -> str:
         """SI unit before a rolling radius is applied."""
-        return UNITS[self.unit][0]
+        return next(iter(QUANTITIES[quantity_of(self.unit) or "number"]))
+
+    @property
+    def to_si(self) -> float:
+        """Size of the unit in SI."""
+        return to_si(self.unit)
 
     @property
     def output_unit(self) -> str:
@@ -98,7 +91,7 @@ class Signal(_Part):
 
 
 class JointStateOutput(_Part):
-    """A sensor_msgs/JointState made from one CAN message."""
+    """A sensor_msgs/JointState made from one CAN message; other messages may give other joints of the same topic."""
 
     kind: Literal["joint_state"]
     topic: str = Field(min_length=1)
@@ -122,7 +115,7 @@ class JointStateOutput(_Part):
 
 
 class ImuOutput(_Part):
-    """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN."""
+    """A sensor_msgs/Imu made from one CAN message; axes that are not listed are NaN. Other messages may give those."""
 
     kind: Literal["imu"]
     topic: str = Field(min_length=1)
@@ -133,7 +126,7 @@ class ImuOutput(_Part):
     @model_validator(mode="after")
     def _units(self) -> ImuOutput:
         for axis, signal in self.axes.items():
-            expected = "rad/s" if axis.startswith("angular") else "m/s^2"
+            expected = "rad/s" if axis.startswith("angular") else "m/s²"
             if signal.output_unit != expected:
                 raise ValueError(f"{axis} is in {expected}, but the signal gives {signal.output_unit}")
             if signal.standard_deviation is None:
@@ -168,12 +161,18 @@ class ChecksumCheck(_Part):
 class MessageCheck(_Part):
     """What is known of a message besides its signals."""
 
-    length: int | None = Field(default=None, ge=0, le=64, description="data bytes; default: as in the DBC")
+    length: int | None = Field(
+        default=None, ge=0, le=64, description="exact number of data bytes; default: that of the DBC or more"
+    )
     rate: float | None = Field(default=None, gt=0, description="nominal rate [Hz]")
     timeout: float = Field(default=0.5, gt=0, description="silence that makes the sensor stale [s]")
     latency: float = Field(default=0.0, ge=-1, le=1, description="from the measurement to the frame's stamp [s]")
     counter: CounterCheck | None = None
     checksum: ChecksumCheck | None = None
+    j1939: bool | None = Field(
+        default=None, description="found by its PGN, whoever sends it; default: if the DBC says that it is of J1939"
+    )
+    source: int | None = Field(default=None, ge=0, le=255, description="source address; default: the first one heard")
 
 
 class CanMapping(_Part):
@@ -186,15 +185,33 @@ class CanMapping(_Part):
 
     @model_validator(mode="after")
     def _one_source_per_topic(self) -> CanMapping:
-        topics = [output.topic for output in self.outputs]
-        for topic in topics:
-            if topics.count(topic) > 1:
-                raise ValueError(f"topic {topic} is made twice; a topic has one source")
+        by_topic: dict[str, list[JointStateOutput | ImuOutput]] = {}
+        for output in self.outputs:
+            by_topic.setdefault(output.topic, []).append(output)
+        for topic, parts in by_topic.items():
+            _must_be_parts(topic, parts)
         used = {output.message for output in self.outputs}
         for name in self.messages:
             if name not in used:
                 raise ValueError(f"message {name} is described under messages but no output uses it")
         return self
+
+
+def _must_be_parts(topic: str, parts: list[JointStateOutput | ImuOutput]) -> None:
+    """A topic may come from several messages, each of which gives other joints or axes of it."""
+    if len({part.kind for part in parts}) > 1:
+        raise ValueError(f"topic {topic} is made as two kinds of message; it has one")
+    alike = {part.field if isinstance(part, JointStateOutput) else part.frame_id for part in parts}
+    if len(alike) > 1:
+        raise ValueError(f"topic {topic} is made as {' and as '.join(sorted(alike))}; its parts must agree")
+    given: dict[str, str] = {}
+    for part in parts:
+        for name in part.named_signals():
+            if name in given:
+                raise ValueError(
+                    f"topic {topic}: {name} is made twice, of {given[name]} and of {part.message}; it has one source"
+                )
+            given[name] = part.message
 
 
 def load_mapping(path: str | Path) -> CanMapping:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import calendar
 import datetime
 import math
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.watch import PlausibilityWatch
 
 DAY = 86400 * NANO
+_MOST_KINDS = 64  # of frames that are counted by name
 
 # sensor_msgs/NavSatStatus and NavSatFix
 STATUS_FIX, STATUS_SBAS, STATUS_GBAS = 0, 1, 2
@@ -98,6 +101,7 @@ class GnssChannels:
         self.fix_monitor = StreamMonitor(f"gnss: {settings.fix_topic}", limits)
         self.velocity_monitor = StreamMonitor(f"gnss: {settings.velocity_topic}", limits)
         self.attitude_monitor = StreamMonitor(f"gnss: {settings.attitude_topic}", limits)
+        self.watch = PlausibilityWatch("gnss")
         self._delay = 0  # arrival of the latest measurement after its stamp [ns]
         self._last_fix: tuple[int, float, float] | None = None
         self._last_velocity: tuple[int, float, float] | None = None
@@ -138,16 +142,10 @@ class GnssChannels:
         values = {name: np.array([value], float) for name, value in fields.items()}
         values["position_covariance"] = samples.diagonal(variances)
         settings = self.settings
-        return [
-            Sample(
-                settings.fix_topic,
-                "sensor_msgs/msg/NavSatFix",
-                stamp,
-                values,
-                settings.frame_id,
-                received=received,
-            )
-        ]
+        kind = "sensor_msgs/msg/NavSatFix"
+        made = Sample(settings.fix_topic, kind, stamp, values, settings.frame_id, received=received)
+        self.watch.add(replace(made, topic="gps/fix"))
+        return [made]
 
     def _look_for_a_jump(self, stamp: int, received: int, latitude: float, longitude: float) -> None:
         last, self._last_fix = self._last_fix, (stamp, latitude, longitude)
@@ -183,7 +181,9 @@ class GnssChannels:
         }
         kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
         settings = self.settings
-        return [Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)]
+        made = Sample(settings.velocity_topic, kind, stamp, values, settings.map_frame_id, received=received)
+        self.watch.add(replace(made, topic="gps/velocity"))
+        return [made]
 
     def attitude(
         self,
@@ -232,7 +232,7 @@ class GnssChannels:
             text = f"the computer's clock is {abs(self._delay) / NANO:.1f} s {side} the receiver's: "
             text += "set it by UTC (chrony, PTP), or look at the receiver's date"
             found.append(Diagnostic("gnss: clocks", Level.WARN, text))
-        return found
+        return [*found, *self.watch.diagnostics(now)]
 
 
 class LinkStatistics:
@@ -242,6 +242,7 @@ class LinkStatistics:
         self.name = name
         self.timeout = timeout
         self.counts = {"bytes": 0, "frames": 0, "broken frames": 0, "other bytes": 0}
+        self._passed: Counter[str] = Counter()
         self._last_bytes: int | None = None
         self._last_frame: int | None = None
         self._last_broken: int | None = None
@@ -266,9 +267,21 @@ class LinkStatistics:
         """Bytes that belong to no frame of this protocol."""
         self.counts["other bytes"] += count
 
+    def passed(self, name: str) -> None:
+        """An intact frame of a kind that is not decoded."""
+        if name in self._passed or len(self._passed) < _MOST_KINDS:
+            self._passed[name] += 1
+
+    @property
+    def not_decoded(self) -> str:
+        """The kinds of intact frames that came and are not decoded, the most frequent first; empty if none."""
+        return ", ".join(f"{name} × {count}" for name, count in self._passed.most_common(12))
+
     def diagnostic(self, now: int) -> Diagnostic:
         """Health of the link at `now` [ns]."""
         values = {name: str(count) for name, count in self.counts.items()}
+        if self._passed:
+            values["not decoded"] = self.not_decoded
         silence = self.timeout * NANO
         level, text = Level.OK, "ok"
         if self._last_bytes is None:
@@ -277,6 +290,8 @@ class LinkStatistics:
             level, text = Level.STALE, f"silent for {(now - self._last_bytes) / NANO:.2f} s"
         elif self._last_frame is None or now - self._last_frame > silence:
             level, text = Level.ERROR, "bytes arrive but no intact frame: are baud rate and protocol right?"
+            if self._passed:
+                text = f"none of the frames that arrive is decoded: {self.not_decoded}"
         elif self._last_broken is not None and abs(now - self._last_broken) <= 2 * NANO:
             level, text = Level.WARN, "broken frames (incomplete or wrong checksum)"
         return Diagnostic(self.name, level, text, values)

@@ -159,8 +159,11 @@ _PREAMBLE = b"\xfa\xff\x36"  # preamble, bus identifier of a master, MTData2
 _EXTENDED = 0xFF
 _LONGEST = 2048
 _UTC_TIME, _PACKET_COUNTER, _SAMPLE_TIME_FINE = 0x1010, 0x1020, 0x1060
-_ACCELERATION, _RATE_OF_TURN = 0x4020, 0x8020
-_VECTOR_FORMATS = {0: struct.Struct(">3f"), 3: struct.Struct(">3d")}  # by the lowest two bits of the identifier
+_ACCELERATION, _ACCELERATION_HR, _RATE_OF_TURN, _RATE_OF_TURN_HR = 0x4020, 0x4040, 0x8020, 0x8040
+_DELTA_V, _DELTA_Q = 0x4010, 0x8030  # over one period: velocity [m/s], quaternion w, x, y, z
+_FLOATS = {0: "f", 3: "d"}  # number formats by the lowest two bits of the identifier; 1 is fixed point 12.20
+_FIXED_16_32 = 2
+_VECTOR = struct.Struct(">3f")
 _UTC = struct.Struct(">IHBBBBBB")  # ns, year, month, day, hour, minute, second, flags
 _UTC_VALID = 0x03  # date and time of day
 _TICK = 100_000  # [ns] of SampleTimeFine
@@ -183,6 +186,7 @@ class XbusDecoder:
         self._counter: int | None = None
         self._clock = _SensorClock(self.checker.monitor)
         self._lost = 0
+        self._summed_until: int | None = None  # stamp of the latest velocity increment and turn [ns]
 
     def feed(self, data: bytes, received: int) -> list[Sample]:
         """Samples of all messages that these bytes complete; `received` [ns] is their time of arrival."""
@@ -229,34 +233,65 @@ class XbusDecoder:
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """Health of the link and of the IMU at `now` [ns]."""
+        sent = self.link.not_decoded
+        self.checker.monitor.absence = (
+            f"the sensor sends {sent}; set it to Acceleration (0x4020) and Rate of Turn (0x8020)" if sent else ""
+        )
         return [
             self.link.diagnostic(now),
             self.checker.monitor.diagnostic(now, {"lost by the packet counter": str(self._lost)}),
         ]
 
     def _sample(self, packets: dict[int, bytes], received: int) -> Sample | None:
+        missing = 0
         counter = packets.get(_PACKET_COUNTER)
         if counter is not None and len(counter) == 2:
             value = int.from_bytes(counter, "big")
             missing = 0 if self._counter is None else (value - self._counter - 1) & 0xFFFF
-            if 0 < missing < 0x8000:
+            missing = missing if missing < 0x8000 else 0
+            if missing:
                 self._lost += missing
                 self.checker.monitor.note("packets missing", received)
             self._counter = value
-        rates = _vector(packets, _RATE_OF_TURN)
-        accelerations = _vector(packets, _ACCELERATION)
+        rates = _numbers(packets, _RATE_OF_TURN, 3)
+        if rates is None:
+            rates = _numbers(packets, _RATE_OF_TURN_HR, 3)
+        accelerations = _numbers(packets, _ACCELERATION, 3)
+        if accelerations is None:
+            accelerations = _numbers(packets, _ACCELERATION_HR, 3)
+        stamp = self._stamp(packets, received)
         if rates is None and accelerations is None:
-            return None
+            velocity, turn = _numbers(packets, _DELTA_V, 3), _numbers(packets, _DELTA_Q, 4)
+            period = self._period_until(stamp, missing)
+            if velocity is None and turn is None:
+                self.link.passed(", ".join(f"0x{identifier:04X}" for identifier in packets))
+                return None
+            if period is None:
+                self.checker.monitor.passed("first increment, whose period is not known")
+                return None
+            accelerations = None if velocity is None else velocity / period
+            rates = None if turn is None else _rotation_vector(turn) / period
         return self.checker.check(
             samples.imu(
                 "",
-                self._stamp(packets, received),
+                stamp,
                 "",
                 angular_velocity=rates,
                 linear_acceleration=accelerations,
                 received=received,
             )
         )
+
+    def _period_until(self, stamp: int, missing: int) -> float | None:
+        """Period of a measurement that was summed up until `stamp` [s]; None while it is not known."""
+        before, self._summed_until = self._summed_until, stamp
+        nominal = self.checker.settings.nominal_rate
+        if nominal is not None:
+            return 1.0 / nominal
+        if before is None:
+            return None
+        period = (stamp - before) / NANO / (missing + 1)
+        return period if 0.0 < period < 1.0 else None
 
     def _stamp(self, packets: dict[int, bytes], received: int) -> int:
         utc = packets.get(_UTC_TIME)
@@ -323,13 +358,29 @@ def _packets(data: bytes) -> dict[int, bytes] | None:
     return found if position == len(data) else None
 
 
-def _vector(packets: dict[int, bytes], identifier: int) -> NDArray[np.float64] | None:
-    """A vector (3,) in single or double precision, in whichever coordinates its identifier names."""
+def _numbers(packets: dict[int, bytes], identifier: int, count: int) -> NDArray[np.float64] | None:
+    """Numbers (count,) in any of the four formats, in whichever coordinates their identifier names."""
     for found, payload in packets.items():
-        layout = _VECTOR_FORMATS.get(found & 0x3)
-        if found & 0xFFF0 == identifier & 0xFFF0 and layout is not None and len(payload) == layout.size:
-            return np.array(layout.unpack(payload))
+        if found & 0xFFF0 != identifier:
+            continue
+        form = found & 0x3
+        if form in _FLOATS and len(payload) == count * struct.calcsize(_FLOATS[form]):
+            return np.array(struct.unpack(f">{count}{_FLOATS[form]}", payload), float)
+        if form == _FIXED_16_32 and len(payload) == 6 * count:  # each: fraction, 32 bits, then the whole part
+            parts = [struct.unpack_from(">Ih", payload, 6 * i) for i in range(count)]
+            return np.array([whole + fraction / 2**32 for fraction, whole in parts])
+        if form not in (*_FLOATS, _FIXED_16_32) and len(payload) == 4 * count:
+            return np.array(struct.unpack(f">{count}i", payload)) / 2**20
     return None
+
+
+def _rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation (3,) [rad] of a quaternion w, x, y, z."""
+    w, axis = float(quaternion[0]), quaternion[1:]
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return 2.0 * axis
+    return 2.0 * math.atan2(sine, abs(w)) / sine * axis * math.copysign(1.0, w)
 
 
 def encode_mtdata2(sample: Sample, packet_counter: int = 0) -> bytes:
@@ -344,7 +395,7 @@ def encode_mtdata2(sample: Sample, packet_counter: int = 0) -> bytes:
     ]
     for identifier, field in ((_ACCELERATION, "linear_acceleration"), (_RATE_OF_TURN, "angular_velocity")):
         if sample.values[f"{field}_covariance"][0] != -1.0:
-            content.append((identifier, _VECTOR_FORMATS[0].pack(*sample.values[field])))
+            content.append((identifier, _VECTOR.pack(*sample.values[field])))
     data = b"".join(struct.pack(">HB", identifier, len(payload)) + payload for identifier, payload in content)
     message = _PREAMBLE + bytes([len(data)]) + data
     return message + bytes([-sum(message[1:]) & 0xFF])

@@ -47,6 +47,8 @@ class StreamMonitor:
         self.accepted = 0
         self.faults: Counter[str] = Counter()
         self.doubts: Counter[str] = Counter()
+        self.others: Counter[str] = Counter()  # what came and was rightly passed over
+        self.absence = ""  # why nothing may ever have been received, as the driver knows it
         self._last_stamp: int | None = None
         self._last_at: int | None = None
         self._last_heard: int | None = None
@@ -70,6 +72,10 @@ class StreamMonitor:
         """Count a doubt about a measurement that is passed on all the same."""
         self.doubts[reason] += 1
         self._recent_faults[reason] = (at, Level.WARN)
+
+    def passed(self, what: str) -> None:
+        """Count what is no measurement and no fault."""
+        self.others[what] += 1
 
     def accept(self, stamp: int, at: int | None = None) -> bool:
         """Whether a measurement with this stamp belongs in the stream; if not, the fault is counted.
@@ -132,7 +138,7 @@ class StreamMonitor:
             figures["rate [Hz]"] = f"{rate:.1f}"
         if self.limits.nominal_rate is not None:
             figures["nominal rate [Hz]"] = f"{self.limits.nominal_rate:g}"
-        figures |= {reason: str(count) for reason, count in (self.faults + self.doubts).items()}
+        figures |= {reason: str(count) for reason, count in (self.faults + self.doubts + self.others).items()}
         figures |= dict(values or {})
         level, message = self._judge(now, rate)
         return Diagnostic(self.name, level, message, figures)
@@ -144,7 +150,7 @@ class StreamMonitor:
         faults = ", ".join(recent)
         silence = self.limits.timeout * NANO
         if self._last_heard is None:
-            return Level.STALE, "never received"
+            return Level.STALE, f"never received: {self.absence}" if self.absence else "never received"
         if now - self._last_heard > silence:
             return (
                 Level.STALE,

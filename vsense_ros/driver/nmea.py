@@ -35,6 +35,7 @@ _QUALITY = {
 }
 # The same for the mode letters of GNS.
 _MODES = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5}
+_NOT_MEASURED = ("N", "E", "M", "S", "V")  # not valid, estimated, entered by hand, simulated
 _SERVICES = {
     "GP": gnss.SERVICE_GPS,
     "GL": gnss.SERVICE_GLONASS,
@@ -128,6 +129,10 @@ class NmeaDecoder:
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """Health of the link and of each topic at `now` [ns]."""
+        sent = self.link.not_decoded
+        wanted = f"the receiver sends {sent}; turn on " if sent else ""
+        self.channels.fix_monitor.absence = f"{wanted}GGA or GNS" if wanted else ""
+        self.channels.velocity_monitor.absence = f"{wanted}RMC or VTG" if wanted else ""
         return [self.link.diagnostic(now), *self.channels.diagnostics(now)]
 
     def _sentence(self, sentence: bytes, content: bytes, checksum: int, received: int) -> list[Sample]:
@@ -138,6 +143,7 @@ class NmeaDecoder:
         address = content.split(b",", 1)[0].decode("ascii")
         talker, kind = address[:-3], address[-3:]
         if kind not in _FIELDS or len(talker) != 2:
+            self.link.passed(address[:8])
             return []
         try:
             message = NMEAReader.parse(sentence + b"\r\n", validate=0)
@@ -245,7 +251,7 @@ class NmeaDecoder:
             self._reference = stamp
 
     def _recommended_minimum(self, message: Any, stamp: int, received: int) -> list[Sample]:
-        if message.status != "A":
+        if message.status != "A" or self._is_no_fix(message):
             self.channels.velocity_monitor.fault("no fix", received)
             return []
         self._epoch = stamp, self._burst
@@ -256,7 +262,15 @@ class NmeaDecoder:
         stamp = self._stamp_by_arrival()
         if self._velocity_from_rmc or stamp is None:
             return []
+        if self._is_no_fix(message):
+            self.channels.velocity_monitor.fault("no fix", received)
+            return []
         return self._horizontal_velocity(_number(message.sogn), _number(message.cogt), stamp, received)
+
+    @staticmethod
+    def _is_no_fix(message: Any) -> bool:
+        """Whether the mode indicator, which sentences have since NMEA 2.3, says that nothing was measured."""
+        return str(getattr(message, "posMode", "")) in _NOT_MEASURED
 
     def _horizontal_velocity(
         self, knots: float | None, course: float | None, stamp: int, received: int

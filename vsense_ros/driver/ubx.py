@@ -7,7 +7,7 @@ import math
 import struct
 from typing import Any
 
-from pyubx2 import UBXReader, exceptions
+from pyubx2 import UBX_MSGIDS, UBXReader, exceptions
 
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
@@ -20,9 +20,12 @@ WEEK = 7 * 86400 * 1000  # [ms]
 # The frames that are decoded, by all of their header: sync, class, identifier and payload length. Looking for these
 # instead of any length keeps a false header in garbage or in another frame from swallowing what follows it.
 _PVT = bytes.fromhex("b56201075c00")
+_SHORT_PVT = bytes.fromhex("b56201075400")  # of u-blox 7: without flags3 and what stands behind it
 _RELPOSNED = bytes.fromhex("b562013c4000")
-_SIZES = {_PVT: 6 + 92 + 2, _RELPOSNED: 6 + 64 + 2}
+_SIZES = {_PVT: 6 + 92 + 2, _SHORT_PVT: 6 + 84 + 2, _RELPOSNED: 6 + 64 + 2}
 _SYNC = b"\xb5\x62"
+_LONGEST = 1024  # [byte] of a frame whose name is looked for
+_NAMES = {identifier: name for identifier, name in UBX_MSGIDS.items() if len(identifier) == 2}
 
 
 def fletcher(data: bytes) -> bytes:
@@ -66,6 +69,7 @@ class UbxDecoder:
             if size is None:
                 if any(known.startswith(header) for known in _SIZES):
                     break
+                self._count_other(start)
                 self.link.other(1)
                 position = start + 1
                 continue
@@ -84,10 +88,26 @@ class UbxDecoder:
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """Health of the link and of each topic at `now` [ns]."""
+        sent = self.link.not_decoded
+        for monitor in (self.channels.fix_monitor, self.channels.velocity_monitor):
+            monitor.absence = f"the receiver sends {sent}; turn on NAV-PVT (0x01 0x07)" if sent else ""
         return [self.link.diagnostic(now), *self.channels.diagnostics(now)]
+
+    def _count_other(self, start: int) -> None:
+        """Name an intact frame that is not decoded. It is not skipped: what looks like one may be part of garbage."""
+        head = self._buffer[start : start + 6]
+        if len(head) < 6 or not head.startswith(_SYNC):
+            return
+        end = start + 6 + int.from_bytes(head[4:6], "little")
+        check = self._buffer[end : end + 2]
+        if end - start <= _LONGEST and len(check) == 2 and fletcher(self._buffer[start + 2 : end]) == check:
+            self.link.passed(_NAMES.get(head[2:4], f"0x{head[2]:02X} 0x{head[3]:02X}"))
 
     def _frame(self, frame: bytes, received: int) -> list[Sample]:
         self.link.frame(received)
+        if frame.startswith(_SHORT_PVT):
+            content = _PVT[2:] + frame[6:-2] + bytes(8)
+            frame = _SYNC + content + fletcher(content)
         try:
             message = UBXReader.parse(frame)
         except (exceptions.UBXParseError, exceptions.UBXMessageError, exceptions.UBXTypeError, ValueError):
@@ -104,6 +124,8 @@ class UbxDecoder:
         objection = None
         if not (message.validDate and message.validTime):
             objection = "time not known"
+        elif not message.fullyResolved:
+            objection = "time not resolved: the leap seconds are not known yet"
         elif not message.gnssFixOk or message.fixType not in (2, 3, 4):
             objection = "no fix"
         else:

@@ -6,6 +6,7 @@ Only dimensional values follow the section UNITS; coefficients are those of SI u
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -122,6 +123,8 @@ def _entries(path: Path) -> dict[str, _Entry]:
         if key not in (UNITS if section == "UNITS" else _KEYS):
             continue
         entry = _Entry(value.strip("'\" "), number)
+        if not entry.text:  # written so by tools for what was not set
+            continue
         if key in found and found[key].text != entry.text:
             raise InputError(
                 f"{path}:{number}: {key} = {entry.text} contradicts line {found[key].line}, where it is "
@@ -191,6 +194,10 @@ def _parameters(path: Path, entries: dict[str, _Entry], axes: Axes) -> dict[str,
         for name in group.model_fields
         if name.upper() in entries
     }
+    if coefficients.get("pty1") == 0.0 or coefficients.get("pty2") == 0.0:  # not measured for relaxation
+        logging.getLogger(__name__).warning("%s: PTY1 or PTY2 is 0: the lateral force follows without a lag", path)
+        coefficients |= {"pty1": 0.0}
+        coefficients.pop("pty2", None)
     side = entries["TYRESIDE"].text.upper() if "TYRESIDE" in entries else "LEFT"
     if side not in ("LEFT", "RIGHT", "SYMMETRIC", "BOTH", "UNKNOWN"):
         raise InputError(

@@ -298,8 +298,11 @@ class Decoded:
     foreign: Mapping[str, int]  # frame id that is not the channel's → messages left out for it
 
 
-def decode_channel(kind: str, topic: str, payloads: Sequence[bytes], received: NDArray[np.int64]) -> Decoded:
-    """All messages of one topic as a channel, in the given order.
+Payloads = Sequence[bytes] | NDArray[np.uint8]
+
+
+def decode_channel(kind: str, topic: str, payloads: Payloads, received: NDArray[np.int64]) -> Decoded:
+    """All messages of one topic as a channel, in the given order; those of one length may be rows of bytes (n, length).
 
     A channel has one frame id: the most frequent; messages with another are left out and counted. Joints that are
     missing in some messages are NaN there.
@@ -328,7 +331,7 @@ def decode_channel(kind: str, topic: str, payloads: Sequence[bytes], received: N
     columns = {field: np.full((len(order), width), np.nan) for field, width in widths.items()} if not alone else {}
     done = 0
     for layout, rows in chosen:
-        messages_ = _rows_of(layout, payloads if len(rows) == len(payloads) else [payloads[i] for i in rows.tolist()])
+        messages_ = _rows_of(layout, _chosen(payloads, rows))
         part = slice(done, done + len(rows))
         stamp[part] = messages_["sec"][:, 0].astype(np.int64) * 1_000_000_000 + messages_["nanosec"][:, 0]
         for field, width in widths.items():
@@ -345,27 +348,40 @@ def decode_channel(kind: str, topic: str, payloads: Sequence[bytes], received: N
     return Decoded(channel if alone else channel.select(back), bad, first_error, foreign)
 
 
-def _rows_of(layout: _Layout, payloads: Sequence[bytes]) -> NDArray[np.void]:
+def _chosen(payloads: Payloads, rows: NDArray[np.intp]) -> Payloads:
+    if len(rows) == len(payloads):
+        return payloads
+    return payloads[rows] if isinstance(payloads, np.ndarray) else [payloads[i] for i in rows.tolist()]
+
+
+def _rows_of(layout: _Layout, payloads: Payloads) -> NDArray[np.void]:
     length = len(payloads[0])
+    if isinstance(payloads, np.ndarray):
+        return np.ascontiguousarray(payloads).view(layout.dtype_of(length))[:, 0]
     return np.frombuffer(b"".join(payloads), layout.dtype_of(length))
 
 
-def _grouped(
-    kind: str, topic: str, payloads: Sequence[bytes]
-) -> tuple[list[tuple[_Layout, NDArray[np.intp]]], int, str]:
+def _grouped(kind: str, topic: str, payloads: Payloads) -> tuple[list[tuple[_Layout, NDArray[np.intp]]], int, str]:
     """Messages by byte layout and length, with their row numbers; the number of unusable ones, and why the first is."""
     groups: list[tuple[_Layout, NDArray[np.intp]]] = []
     bad, first_error = 0, ""
-    lengths = np.fromiter(map(len, payloads), np.intp, len(payloads))
+    if isinstance(payloads, np.ndarray):
+        lengths = np.full(len(payloads), payloads.shape[1], np.intp)
+    else:
+        lengths = np.fromiter(map(len, payloads), np.intp, len(payloads))
     for length in dict.fromkeys(lengths.tolist()):
         rows = np.flatnonzero(lengths == length)
-        chosen = payloads if len(rows) == len(payloads) else [payloads[i] for i in rows.tolist()]
-        table = np.frombuffer(b"".join(chosen), np.uint8).reshape(len(rows), length)
+        chosen = _chosen(payloads, rows)
+        table = (
+            chosen
+            if isinstance(chosen, np.ndarray)
+            else np.frombuffer(b"".join(chosen), np.uint8).reshape(len(rows), length)
+        )
         open_ = np.ones(len(rows), bool)
         while open_.any():
             first = int(np.argmax(open_))
             try:
-                layout = _checked_layout(kind, payloads[int(rows[first])], topic)
+                layout = _checked_layout(kind, bytes(payloads[int(rows[first])]), topic)
             except InputError as error:
                 bad += 1
                 first_error = first_error or str(error)

@@ -151,6 +151,7 @@ class Recording:
     notes: tuple[str, ...] = ()  # losses, repairs and doubts, in plain words
     messages_lost: int = 0
     metadata: Mapping[str, str] = field(default_factory=dict)
+    damage: tuple[str, ...] = ()  # what is known to be cut off or broken of the file, of which `notes` may say more
 
     def __contains__(self, topic: str) -> bool:
         return topic in self.channels

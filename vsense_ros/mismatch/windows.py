@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfiltfilt
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ALONG, Road, points
-from vsense_ros.model.sensors import SensorBase, Tells, telling
+from vsense_ros.model.sensors import SensorBase, Tells, telling, unheard
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
@@ -156,12 +156,14 @@ def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Datas
                 readings[sensor] = found
         used |= {sensor: sensors[sensor] for sensor in readings}
         found_sensors = {sensor: sensors[sensor] for sensor in readings}
+        silent = "; ".join(unheard(recording.channels, sensors.values(), vehicle.name))
+        silent = f" ({silent})" if silent else ""
         if telling(found_sensors.items(), "steering") is None:
-            remarks.append(f"{name}: no steering angle, which drives the model; {LEFT_OUT}")
+            remarks.append(f"{name}: no steering angle, which drives the model{silent}; {LEFT_OUT}")
             continue
         speed = _speed(readings, found_sensors, vehicle)
         if speed is None:
-            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity; {LEFT_OUT}")
+            remarks.append(f"{name}: neither wheel speeds nor GNSS velocity{silent}; {LEFT_OUT}")
             continue
         place = _place(road, speed, _of(readings, found_sensors, "position"))
         headed, on_the_map = _headed(readings, found_sensors, speed)

@@ -14,7 +14,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +27,8 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from vsense_ros.bag import read_bag
-from vsense_ros.driver.can_bus import open_bus, read_can_log
+from vsense_ros.driver.can_bus import open_bus
+from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -49,13 +52,14 @@ class ReplayParameters(NodeParameters):
 
     bag: str = Field("", description="bag to publish")
     topics: tuple[str, ...] = Field((), description="topics of the bag to publish; empty: all")
-    can_log: str = Field("", description="CAN log to send (candump .log, .asc, .blf, .mf4)")
+    can_log: str = Field("", description="CAN log to send (candump, .asc, .blf, .trc, .mf4, GVRET .csv)")
     can_interface: Literal["slcan_adapter", "socketcan", "udp_multicast", "slcan"] = Field(
         "slcan_adapter", description="bus to send it to; slcan_adapter: a pty for can_driver's slcan to open"
     )
     can_channel: str = Field("", description="of the interface; for slcan_adapter the name of the pty to make")
     can_port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
     can_log_channel: str = Field("", description="only the frames of this channel of the log; empty: all")
+    can_offset: float = parameter(0.0, "s", "added to the times of the CAN log, to those of the other sources")
     gnss_bytes: str = Field("", description="byte log of a GNSS receiver")
     gnss_port: str = Field("", description="pty to make, or socket://host:port to listen at, for gps_driver")
     imu_bytes: str = Field("", description="byte log of an IMU")
@@ -74,6 +78,13 @@ class ReplayParameters(NodeParameters):
     consumers: int = parameter(0, "", "that must report progress before it begins; rate 0 needs one", ge=0, le=10)
     window: float = parameter(0.2, "s", "of recorded time that consumers may lie behind with rate 0", gt=0, le=10)
     exit_at_end: bool = Field(True, description="end the process when all is sent and worked off")
+
+
+def _moment(nanoseconds: int) -> str:
+    """A Unix time [ns] for people; times that count from the start of a log in seconds."""
+    if nanoseconds < 10**16:
+        return f"{nanoseconds / NANO:.3f} s"
+    return f"{datetime.fromtimestamp(nanoseconds / NANO, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 class Replay(SensingNode[ReplayParameters]):
@@ -106,6 +117,7 @@ class Replay(SensingNode[ReplayParameters]):
             raise InputError(
                 "rate 0 works for bags alone: buses and serial lines cannot tell how far they are; set a rate above 0"
             )
+        self._must_overlap(times, sources, items)
         order = np.argsort(times, kind="stable")
         begin = int(times[order[0]]) + round(p.start_offset * NANO)
         end = begin + round(p.duration * NANO) if p.duration else int(times[order[-1]])
@@ -159,7 +171,7 @@ class Replay(SensingNode[ReplayParameters]):
                 if not p.can_log_channel or frame.channel in (None, p.can_log_channel)
             ]
             stamps = np.array([frame.timestamp for frame in frames])
-            add("CAN", self._open_bus(), np.rint(stamps * 1e9), frames)
+            add("CAN", self._open_bus(), np.rint((stamps + p.can_offset) * 1e9), frames)
         for name, log, where in (("GNSS", p.gnss_bytes, p.gnss_port), ("IMU", p.imu_bytes, p.imu_port)):
             if not log:
                 continue
@@ -173,6 +185,27 @@ class Replay(SensingNode[ReplayParameters]):
             self._waiting_for.append((f"a reader of {where}", port.ready))
             add(name, port.write, [t for t, _ in entries], [data for _, data in entries])
         return (np.concatenate(times) if times else np.zeros(0, np.int64)), sources, items
+
+    @staticmethod
+    def _must_overlap(times: np.ndarray, sources: list[tuple[str, Send]], items: list[tuple[int, Any]]) -> None:
+        """Refuse sources that have no time in common: one of their clocks is another one."""
+        of = np.fromiter((number for number, _ in items), np.intp, len(items))
+        spans: dict[str, tuple[int, int]] = {}
+        for number, (name, _) in enumerate(sources):
+            own = times[of == number]
+            if not len(own):
+                continue
+            name = name if name in ("CAN", "GNSS", "IMU") else "the bag"
+            first, last = spans.get(name, (int(own.min()), int(own.max())))
+            spans[name] = (min(first, int(own.min())), max(last, int(own.max())))
+        ordered = sorted(spans.items(), key=lambda item: item[1])
+        for (one, (_, end)), (other, (begin, _)) in pairwise(ordered):
+            if begin > end:
+                told = ", ".join(f"{n} from {_moment(a)} to {_moment(b)}" for n, (a, b) in ordered)
+                raise InputError(
+                    f"{one} and {other} have no time in common: {told}. Their clocks differ, or it is a time zone: "
+                    "set can_offset, or give logs of one drive"
+                )
 
     def _publish_row(self, topic: str, kind: str, data: bytes) -> int:
         self.publish_bytes(topic, kind, data)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import Any
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
+
+_MOST_MEMORY, _MOST_OF_FILE = 768 << 20, 24  # [byte], and times the size of a file, that reading it may take
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,7 @@ class Importer:
     description: str
     matches: Callable[[Path], bool]
     read: Callable[..., Recording]
+    needs: tuple[str, ...] = ()  # options without which another importer of the same file is meant
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -31,23 +35,33 @@ class Importer:
 
 
 def importers() -> list[Importer]:
-    """The importers of this folder in the order in which they are asked: by name, those that judge by a file's ending
-    alone (LAST = True) after the others."""
+    """The importers of this folder in the order in which they are asked: by name, some before the
+    others (FIRST = True), and those that judge by a file's ending alone (LAST = True) after them."""
     modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
     formats = [module for module in modules if hasattr(module, "NAME")]
-    formats.sort(key=lambda module: getattr(module, "LAST", False))
-    return [Importer(module.NAME, module.DESCRIPTION, module.matches, module.read) for module in formats]
+    formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
+    return [
+        Importer(module.NAME, module.DESCRIPTION, module.matches, module.read, getattr(module, "NEEDS", ()))
+        for module in formats
+    ]
 
 
-def find_importer(path: str | Path) -> Importer:
-    """The importer for what `path` holds. Raises `InputError` if there is none."""
+def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
+    """The importer for what `path` holds, of several the first that takes the `options`.
+
+    Raises `InputError` if there is none.
+    """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     known = importers()
-    for importer in known:
-        if importer.matches(path):
+    matching = [importer for importer in known if importer.matches(path)]
+    matching.sort(key=lambda importer: not set(importer.needs) <= set(options))
+    for importer in matching:
+        if set(options) <= set(importer.options):
             return importer
+    if matching:
+        return matching[0]
     names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
     raise InputError(f"{path}: no importer knows this. Known: {names}")
 
@@ -57,9 +71,49 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
 
     Raises `InputError` if nothing knows the format or an option is not one of its importer.
     """
-    importer = find_importer(path)
+    importer = find_importer(path, options)
     unknown = [name for name in options if name not in importer.options]
     if unknown:
         allowed = ", ".join(importer.options) or "none"
         raise InputError(f"{path}: importer {importer.name} has no option {unknown[0]!r}; it has: {allowed}")
-    return importer.read(Path(path), **options)
+    with bounded_memory(Path(path)):
+        return importer.read(Path(path), **options)
+
+
+@contextmanager
+def bounded_memory(path: Path) -> Iterator[None]:
+    """Bound what a reader may take: of a few kilobytes, compressed data can promise to fill any memory.
+
+    Raises `InputError` where the bound is reached. Systems without such limits have none.
+    """
+    try:
+        import resource
+    except ImportError:
+        yield
+        return
+    size = path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    bound = _used() + _MOST_MEMORY + _MOST_OF_FILE * size
+    if soft != resource.RLIM_INFINITY:
+        bound = min(bound, soft)
+    resource.setrlimit(resource.RLIMIT_DATA, (bound, hard))
+    try:
+        yield
+    except MemoryError:
+        raise InputError(
+            f"{path}: reading its {size} bytes would take more than {(_MOST_MEMORY + _MOST_OF_FILE * size) >> 20} MiB "
+            "of memory; what it promises to hold cannot be in it"
+        ) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def _used() -> int:
+    """Data of this process [byte]."""
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmData:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return 1 << 30

@@ -42,7 +42,18 @@ def nanoseconds(seconds: Array, base: int = 0) -> Stamps:
     Whole seconds are converted apart, because a float64 of the size of Unix time resolves 0.2 µs only.
     """
     whole = np.floor(seconds)
-    return whole.astype(np.int64) * 1_000_000_000 + np.rint((seconds - whole) * 1e9).astype(np.int64) + base
+    found = whole.astype(np.int64)
+    found *= 1_000_000_000
+    found += np.rint((seconds - whole) * 1e9).astype(np.int64)
+    found += base
+    return found
+
+
+def same(rows: int, width: int, first: float = 0.0) -> Array:
+    """Rows of zeros, or with another `first` value, that take no memory and cannot be written."""
+    row = np.zeros((1, width))
+    row[:, :1] = first
+    return np.broadcast_to(row, (rows, width))
 
 
 def channel(
@@ -58,7 +69,7 @@ def channel(
     rows = len(stamp)
     widths = FIELDS[spec.kind]
     filled = {
-        field: np.array(columns[field], np.float64).reshape(rows, -1) if field in columns else np.zeros((rows, width))
+        field: np.asarray(columns[field], np.float64).reshape(rows, -1) if field in columns else same(rows, width)
         for field, width in widths.items()
     }
     return Channel(
@@ -75,13 +86,12 @@ def channel(
 
 def imu(stamp: Stamps, rates: Array, specific_force: Array, *, received: Stamps | None = None) -> Channel:
     """`imu/data` from body rates (n, 3) [rad/s] and specific force (n, 3) [m/s²]; the orientation is absent."""
-    absent = np.zeros((len(stamp), 9))
-    absent[:, 0] = -1.0
+    absent = same(len(stamp), 9, -1.0)
     columns: dict[str, Array] = {"orientation_covariance": absent}
     for field, values in (("angular_velocity", rates), ("linear_acceleration", specific_force)):
         columns[field] = values
         if np.isnan(values).all():
-            columns[field] = np.zeros_like(values)
+            columns[field] = same(len(stamp), 3)
             columns[f"{field}_covariance"] = absent
     return channel("imu/data", stamp, columns, received=received)
 
@@ -111,10 +121,17 @@ def fix(
 
 def velocity(stamp: Stamps, enu: Array, *, covariance: Array | None = None, received: Stamps | None = None) -> Channel:
     """`gps/velocity` from ENU velocity (n, 3) [m/s] and its covariance (n, 3, 3) [m²/s²] if known."""
-    full = np.zeros((len(stamp), 6, 6))
+    columns = {"linear": enu}
     if covariance is not None:
+        full = np.zeros((len(stamp), 6, 6))
         full[:, :3, :3] = covariance
-    return channel("gps/velocity", stamp, {"linear": enu, "covariance": full}, received=received)
+        columns["covariance"] = full
+    return channel("gps/velocity", stamp, columns, received=received)
+
+
+def body_velocity(stamp: Stamps, velocity: Array, *, received: Stamps | None = None) -> Channel:
+    """`vehicle/velocity` from a velocity (n, 3) in the axes of the car [m/s]."""
+    return channel("vehicle/velocity", stamp, {"linear": velocity}, received=received)
 
 
 def joints(topic: str, stamp: Stamps, field: str, values: Mapping[str, Array]) -> Channel:
@@ -131,6 +148,14 @@ def course_velocity(speed: Array, course: Array, up: Array | None = None) -> Arr
 def enu_from_geodetic(latitude: Array, longitude: Array, altitude: Array, origin: tuple[float, float, float]) -> Array:
     """Position (n, 3) [m] east, north, up of `origin` (latitude [deg], longitude [deg], ellipsoidal height [m])."""
     return np.column_stack(pymap3d.geodetic2enu(latitude, longitude, altitude, *origin))
+
+
+def geodetic_from_enu(
+    east: Array, north: Array, up: Array, origin: tuple[float, float, float]
+) -> tuple[Array, Array, Array]:
+    """Latitude, longitude [deg] and ellipsoidal height [m] of positions east, north, up of `origin` [m]."""
+    latitude, longitude, altitude = pymap3d.enu2geodetic(east, north, up, *origin)
+    return np.asarray(latitude), np.asarray(longitude), np.asarray(altitude)
 
 
 def origin_metadata(origin: tuple[float, float, float]) -> dict[str, str]:

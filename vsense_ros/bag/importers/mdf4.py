@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from vsense_ros.bag.importers import mapping as mapping_file
-from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.mapping import Column, Ref
+from vsense_ros.driver.mdf import make_asammdf_careful
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 
@@ -32,34 +33,78 @@ def read(path: Path, *, mapping: str | Path | Mapping[str, Any] | None = None) -
     `mapping` is a YAML file or its content; by default the file of the same name with `.yaml`. Time counts from the
     start of the measurement that the file states, unless the mapping gives another.
     """
-    from asammdf import MDF
-    from asammdf.blocks.utils import MdfException
-
     wanted = mapping_file.load(mapping_file.default_mapping(path, mapping), path)
-    # asammdf recurses without end when it drops a file whose header it could not read, so that is looked at first.
-    with path.open("rb") as stream:
-        stream.seek(64)
-        if stream.read(4).removeprefix(b"##")[:2] != b"HD":
-            raise InputError(f"{path}: the MDF file is damaged: no measurement header at byte 64; copy it again")
-    try:
-        file = MDF(path)
-    except (MdfException, OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: cannot be read as MDF: {error}") from None
-    with file:
+    with _open(path) as file:
         if wanted.time.start is None:
             start = file.header.start_time
             start = start if start.tzinfo else start.replace(tzinfo=UTC)
             wanted = wanted.model_copy(update={"time": wanted.time.model_copy(update={"start": start})})
+        return mapping_file.apply(wanted, lambda ref: _column(path, file, ref), path.stem, NAME)
 
-        def column(name: str) -> tuple[Array, Array]:
+
+def channels(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """Values (n,) and units of all channels of numbers whose names stand once, by name."""
+    values: dict[str, Any] = {}
+    stated: dict[str, str] = {}
+    with _open(path) as file:
+        for name, places in file.channels_db.items():
+            if len(places) != 1 or name.lower() in ("t", "time", "timestamp", "timestamps"):
+                continue
             try:
-                signal = file.get(name)
-            except MdfException:
-                close = sorted(channel for channel in file.channels_db if name.lower() in channel.lower())
-                hint = f"; similar: {', '.join(close[:8])}" if close else ""
-                raise InputError(f"{path}: no channel {name!r} or more than one of this name{hint}") from None
-            if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
-                raise InputError(f"{path}: channel {name!r} holds {signal.samples.dtype}, expected numbers")
-            return np.asarray(signal.timestamps, np.float64), np.asarray(signal.samples, np.float64)
+                found = _column(path, file, Ref(name))
+            except InputError:
+                continue
+            values[name], stated[name] = found.values, found.unit
+    return values, stated
 
-        return mapping_file.apply(wanted, column, path.stem, NAME)
+
+def _open(path: Path) -> Any:
+    """The file, by asammdf."""
+    from asammdf import MDF
+    from asammdf.blocks.utils import MdfException
+
+    with path.open("rb") as stream:
+        stream.seek(64)
+        if stream.read(4).removeprefix(b"##")[:2] != b"HD":
+            raise InputError(f"{path}: the MDF file is damaged: no measurement header at byte 64; copy it again")
+    make_asammdf_careful()
+    try:
+        return MDF(path)
+    except MemoryError:
+        raise
+    except (MdfException, OSError, ValueError, LookupError, TypeError, ArithmeticError, AttributeError) as error:
+        raise InputError(f"{path}: cannot be read as MDF: {error}") from None
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] not in ("zlib", "struct", "lz4", "zstandard"):
+            raise
+        raise InputError(f"{path}: cannot be read as MDF: {error}") from None
+
+
+def _column(path: Path, file: Any, ref: Ref) -> Column:
+    from asammdf.blocks.utils import MdfException
+
+    places = file.channels_db.get(ref.name, ())
+    groups = dict.fromkeys(group for group, _ in places)
+    if ref.group is not None and ref.group not in groups:
+        found = f"; it is in {', '.join(map(str, groups))}" if groups else ""
+        raise InputError(f"{path}: no channel {ref.name!r} in group {ref.group}{found}")
+    if not places:
+        close = sorted(channel for channel in file.channels_db if str(ref.name).lower() in channel.lower())
+        hint = f"; similar: {', '.join(close[:8])}" if close else ""
+        raise InputError(f"{path}: no channel {ref.name!r}{hint}")
+    if ref.group is None and len(places) > 1:
+        told = ", ".join(f"{group} ({file.groups[group].channel_group.cycles_nr} samples)" for group in groups)
+        raise InputError(
+            f"{path}: channel {ref.name!r} is in {len(places)} groups: {told}; say which, group: {places[0][0]}"
+        )
+    group, index = next(place for place in places if ref.group in (None, place[0]))
+    try:
+        signal = file.get(ref.name, group=group, index=index)
+    except (MdfException, ValueError, LookupError, OSError, TypeError) as error:
+        raise InputError(f"{path}: channel {ref.name!r} cannot be read: {error}") from None
+    if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
+        raise InputError(f"{path}: channel {ref.name!r} holds {signal.samples.dtype}, expected numbers")
+    values = np.asarray(signal.samples, np.float64)
+    if signal.invalidation_bits is not None:
+        values = np.where(np.asarray(signal.invalidation_bits, bool), np.nan, values)
+    return Column(np.asarray(signal.timestamps, np.float64), values, signal.unit or "")

@@ -19,6 +19,7 @@ from pydantic import Field
 
 from vsense_ros.messages.topics import TOPICS, Topic
 from vsense_ros.model.sensors.base import Bias, ComparedSignal, Component, JointSensor, Response, SensorBase, Tells
+from vsense_ros.model.sensors.body_velocity import BodyVelocity
 from vsense_ros.model.sensors.gnss_attitude import GnssAttitude
 from vsense_ros.model.sensors.gnss_position import GnssPosition
 from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
@@ -66,6 +67,17 @@ def known_topics() -> dict[str, Topic]:
     return {**own, **TOPICS}
 
 
+def unheard(topics: Iterable[str], sensors: Iterable[SensorBase], vehicle: str) -> list[str]:
+    """Of the topics that a recording has, those to which no sensor of a vehicle listens, each in a sentence."""
+    heard = {sensor.topic for sensor in sensors}
+    kinds = {str(kind.model_fields["topic"].default): name for name, kind in KINDS.items()}
+    return [
+        f"{vehicle} has no sensor for {topic}, which the recording has: add {kinds[topic]} to sensors"
+        for topic in topics
+        if topic in kinds and topic not in heard
+    ]
+
+
 def words_of(kind: str) -> str:
     """What a kind of sensor gives, after "it needs"."""
     return KINDS[kind].words or kind.replace("_", " ")
@@ -84,6 +96,7 @@ def telling(sensors: Iterable[tuple[str, SensorBase]], what: Tells) -> str | Non
 __all__ = [
     "KINDS",
     "Bias",
+    "BodyVelocity",
     "ComparedSignal",
     "Component",
     "GnssAttitude",
@@ -102,5 +115,6 @@ __all__ = [
     "compared_signals",
     "known_topics",
     "telling",
+    "unheard",
     "words_of",
 ]

@@ -1,0 +1,157 @@
+"""`make recordings`: the cases, the planted faults and the speeds of all formats, to out/recordings.json.
+
+With a folder of DBC files, also whether each of them loads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+import time
+import traceback
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from recordings import formats, planted
+from recordings.cases import CASES
+from vsense_ros.bag import read_bag, write_bag
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.driver.can_database import read_database
+from vsense_ros.errors import InputError
+from vsense_ros.evaluate.terminal import progress
+from vsense_ros.messages.inspect import inspect
+
+SECONDS = 1500.0  # of the drive of which the formats are timed: 150,000 rows, 300,000 frames
+
+
+def run_cases() -> dict[str, bool]:
+    """Whether each case gives what is expected."""
+    found = {}
+    with progress("cases") as done:
+        for number, (name, case) in enumerate(CASES.items(), 1):
+            with TemporaryDirectory() as folder:
+                try:
+                    case(Path(folder))
+                    found[name] = True
+                except Exception:  # a case may fail in any way
+                    traceback.print_exc()
+                    found[name] = False
+            done(number / len(CASES))
+    return found
+
+
+def run_planted(clean: int) -> dict[str, Any]:
+    """How many planted faults are named rightly, and in how many clean drives something is found."""
+    missed: list[str] = []
+    every = list(planted.planted())
+    with progress("planted faults") as done:
+        for number, (fault, where, recording) in enumerate(every, 1):
+            if not planted.is_named(fault, recording):
+                missed.append(f"{fault.name} in {where}")
+            done(number / len(every))
+    false: list[str] = []
+    with progress("clean drives") as done:
+        for number, (name, recording) in enumerate(planted.clean(clean), 1):
+            false += [f"{name}: {problem}" for problem in inspect(recording).problems]
+            done(number / clean)
+    return {
+        "named": len(every) - len(missed),
+        "n": len(every),
+        "false": len({text.rpartition(": ")[0].partition(":")[0] for text in false}),
+        "clean": clean,
+        "faults": len(planted.FAULTS),
+        "missed": missed,
+        "false_findings": false,
+    }
+
+
+def run_formats(seconds: float) -> dict[str, dict[str, float]]:
+    """How fast each format is read, of its own size, and how many messages or frames that is."""
+    found: dict[str, dict[str, float]] = {}
+    with progress("formats") as done, TemporaryDirectory() as folder:
+        for number, (name, make) in enumerate(formats.MAKERS.items(), 1):
+            place = Path(folder) / name
+            place.mkdir()
+            path, options = make(place, seconds)
+            import_recording(path, **options)  # so that no import of a library is timed
+            size = sum(f.stat().st_size for f in path.rglob("*")) if path.is_dir() else path.stat().st_size
+            before = time.perf_counter()
+            recording = import_recording(path, **options)
+            took = time.perf_counter() - before
+            messages = sum(len(channel) for channel in recording.channels.values())
+            found[name] = {"mb_s": size / took / 1e6, "us_per_message": took / messages * 1e6, "messages": messages}
+            if name == "mcap":
+                found[name] |= _bag_speeds(place, recording)
+            done(number / len(formats.MAKERS))
+    return found
+
+
+def _bag_speeds(folder: Path, recording: Any) -> dict[str, float]:
+    messages = sum(len(channel) for channel in recording.channels.values())
+    before = time.perf_counter()
+    write_bag(folder / "again", recording)
+    between = time.perf_counter()
+    read_bag(folder / "again")
+    return {
+        "written_messages_per_s": messages / (between - before),
+        "read_us_per_message": (time.perf_counter() - between) / messages * 1e6,
+    }
+
+
+def run_databases(folder: Path) -> dict[str, Any]:
+    """Which of the DBC files of a folder load, and how many only in part."""
+    files = sorted(folder.rglob("*.dbc"))
+    failed, partly = [], []
+    for file in files:
+        try:
+            if read_database(file).notes:
+                partly.append(file.name)
+        except InputError as error:
+            failed.append(str(error))
+    return {"loaded": len(files) - len(failed), "n": len(files), "with_notes": partly, "failed": failed}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="recordings", description=__doc__)
+    parser.add_argument("--dbc", type=Path, help="folder of DBC files")
+    parser.add_argument("--out", type=Path, default=Path("out/recordings.json"))
+    parser.add_argument("--clean", type=int, default=100, help="number of clean drives")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of the drive of which the formats are timed")
+    arguments = parser.parse_args()
+    found: dict[str, Any] = {
+        "cases": run_cases(),
+        "planted": run_planted(arguments.clean),
+        "formats": run_formats(arguments.seconds),
+    }
+    if arguments.dbc is not None:
+        found["databases"] = run_databases(arguments.dbc)
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    told = found["planted"]
+    print(f"cases: {sum(found['cases'].values())} of {len(found['cases'])}")
+    print(
+        f"planted: {told['named']} of {told['n']} named rightly, "
+        f"{told['false']} of {told['clean']} clean drives doubted"
+    )
+    for text in (*told["missed"], *told["false_findings"]):
+        print(f"  {text}")
+    print(f"{'format':<26}{'MB/s':>8}{'µs/message':>12}")
+    for name, speed in found["formats"].items():
+        print(f"{name:<26}{speed['mb_s']:>8.1f}{speed['us_per_message']:>12.2f}")
+    bag = found["formats"]["mcap"]
+    print(
+        f"bags: {bag['written_messages_per_s']:,.0f} messages/s written, "
+        f"{bag['read_us_per_message']:.2f} µs a message read"
+    )
+    if "databases" in found:
+        told = found["databases"]
+        print(f"databases: {told['loaded']} of {told['n']} load, {len(told['with_notes'])} of them with notes")
+    print(f"largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB; {arguments.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""CAN logs (candump, ASC, BLF, TRC, GVRET, MDF4 bus logging) by a database and a mapping, as the CAN driver has them.
+
+The checks are those of the driver: counters, checksums, ranges. Frames are decoded all at once.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.bag.importers import build
+from vsense_ros.bag.importers.build import Array, Stamps
+from vsense_ros.driver.can import CanDecoder
+from vsense_ros.driver.can_log import CanFrames, format_of, read_frames
+from vsense_ros.driver.can_mapping import ImuOutput, JointStateOutput
+from vsense_ros.driver.samples import UNMEASURED_VARIANCE
+from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import FIELDS, Channel, Recording
+
+NAME = "can_log"
+DESCRIPTION = "CAN log with a database and a mapping (candump, .asc, .blf, .trc, GVRET .csv, .mf4)"
+NEEDS = ("dbc",)  # without a database an MDF4 file is one of signals
+
+Output = JointStateOutput | ImuOutput
+_Part = tuple[Output, Stamps, Stamps, dict[str, Array]]  # stamps of measurement and arrival, values by name
+
+
+def matches(path: Path) -> bool:
+    """Whether `path` begins like a CAN log."""
+    return path.is_file() and format_of(path) is not None
+
+
+def read(
+    path: Path, *, dbc: str | Path | None = None, mapping: str | Path | None = None, channel: str | int | None = None
+) -> Recording:
+    """The topics that the mapping makes of the log; `channel` is the bus, where the log has several.
+
+    Times are those of the log: Unix times where it tells a date, else from its start.
+    """
+    beside = [found for ending in (".yaml", ".yml") if (found := path.with_suffix(ending)).exists()]
+    mapping = mapping if mapping is not None else next(iter(beside), None)
+    if dbc is None or mapping is None:
+        missing = " and ".join(
+            n for n, v in (("a database (--dbc FILE)", dbc), ("a mapping (--mapping FILE)", mapping)) if v is None
+        )
+        raise InputError(f"{path}: a CAN log is frames of bytes; what they mean needs {missing}, as in config/can")
+    decoder = CanDecoder(dbc, mapping)
+    frames = read_frames(path)
+    rows = _of_channel(path, frames, channel)
+    notes = [*decoder.notes, *frames.losses]
+    if frames.counts_from_zero:
+        notes.append(f"{path.name}: the log has no date; its times count from its start")
+    arrival = build.nanoseconds(frames.time)
+    parts, passed = _decoded(decoder, frames, rows, arrival, notes)
+    if not parts:
+        heard = f"; identifiers that came: {passed}" if passed else ""
+        wanted = ", ".join(dict.fromkeys(output.message for output in decoder.mapping.outputs))
+        raise InputError(f"{path}: none of the messages that the mapping uses ({wanted}) is in the log{heard}")
+    never = {output.message for output in decoder.mapping.outputs} - {part[0].message for part in parts}
+    if never:
+        notes.append(f"never came: {', '.join(sorted(never))}; what came and nothing listens to: {passed or 'nothing'}")
+    topics = dict.fromkeys(part[0].topic for part in parts)
+    channels = {topic: _channel(topic, [part for part in parts if part[0].topic == topic]) for topic in topics}
+    damage = tuple(loss for loss in frames.losses if loss.startswith("unreadable after"))
+    return Recording(channels, path.stem, tuple(notes), 0, {"source": NAME}, damage)
+
+
+def _of_channel(path: Path, frames: CanFrames, channel: str | int | None) -> NDArray[np.intp]:
+    """Rows of the frames of one bus."""
+    if channel is None:
+        return np.arange(len(frames))
+    if str(channel) not in frames.channels:
+        raise InputError(f"{path}: no channel {channel!r}; it has {', '.join(frames.channels)}")
+    return np.flatnonzero(frames.channel == frames.channels.index(str(channel)))
+
+
+def _decoded(
+    decoder: CanDecoder, frames: CanFrames, rows: NDArray[np.intp], arrival: Stamps, notes: list[str]
+) -> tuple[list[_Part], str]:
+    """What the outputs of the mapping get from the frames, and which identifiers nothing listens to."""
+    keys = frames.identifier[rows].astype(np.int64) << 1 | frames.is_extended[rows]
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    parts: list[_Part] = []
+    faults: Counter[str] = Counter()
+    passed: list[tuple[int, str]] = []
+    # In the order in which they came first, which decides whom of several senders of a group is listened to.
+    groups = sorted((rows[group] for group in np.split(order, starts[1:]) if len(group)), key=lambda group: group[0])
+    for group in groups:
+        identifier, is_extended = int(frames.identifier[group[0]]), bool(frames.is_extended[group[0]])
+        receiver = decoder.receiver(identifier, is_extended)
+        if receiver is None:
+            passed.append((len(group), f"0x{identifier:X}{' (29 bits)' if is_extended else ''} × {len(group)}"))
+            continue
+        group = _one_bus(frames, group, receiver.message.name, notes)
+        good, outputs = receiver.table(frames.rows(group), frames.length[group], faults)
+        received = arrival[group[good]]
+        if len(good):
+            parts += [(output, received - receiver.latency, received, values) for output, values in outputs]
+    notes += [f"{count} frames left out: {reason}" for reason, count in faults.most_common()]
+    passed.sort(reverse=True)
+    more = f" and {len(passed) - 12} more" if len(passed) > 12 else ""
+    return parts, ", ".join(text for _, text in passed[:12]) + more
+
+
+def _one_bus(frames: CanFrames, group: NDArray[np.intp], name: str, notes: list[str]) -> NDArray[np.intp]:
+    """The frames of the bus that has the most of a message, where several have it."""
+    buses, count = np.unique(frames.channel[group], return_counts=True)
+    if len(buses) == 1:
+        return group
+    chosen = buses[np.argmax(count)]
+    told = ", ".join(frames.channels[bus] or "?" for bus in buses)
+    notes.append(f"{name} is on the channels {told}; those of {frames.channels[chosen]} are used (option channel)")
+    return group[frames.channel[group] == chosen]
+
+
+def _channel(topic: str, parts: list[_Part]) -> Channel:
+    """One topic from the messages that give parts of it: each row has the values of one, and NaN for the others."""
+    received = np.concatenate([part[2] for part in parts])
+    order: NDArray[np.intp] | slice = np.argsort(received, kind="stable")
+    if len(parts) == 1 and (np.diff(received) >= 0).all():
+        order = slice(None)  # nothing is copied
+    stamp = np.concatenate([part[1] for part in parts])[order]
+    received = received[order]
+
+    def column(name: str, absent: float = np.nan) -> Array:
+        found = [part[3].get(name, np.full(len(part[1]), absent)) for part in parts]
+        return np.concatenate(found)[order]
+
+    output = parts[0][0]
+    if isinstance(output, JointStateOutput):
+        names = tuple(dict.fromkeys(name for part in parts for name in part[3]))
+        empty = np.zeros((len(stamp), 0))
+        columns = dict.fromkeys(FIELDS["sensor_msgs/msg/JointState"], empty)
+        columns[output.field] = np.column_stack([column(name) for name in names])
+        return Channel(topic, "sensor_msgs/msg/JointState", stamp, received, columns, "", names)
+    return Channel(topic, "sensor_msgs/msg/Imu", stamp, received, _imu(parts, order), output.frame_id)
+
+
+def _imu(parts: list[_Part], order: NDArray[np.intp] | slice) -> dict[str, Array]:
+    rows = sum(len(part[1]) for part in parts)
+    columns: dict[str, Array] = {
+        "orientation": np.broadcast_to([0.0, 0.0, 0.0, 1.0], (rows, 4)),
+        "orientation_covariance": build.same(rows, 9, -1.0),
+    }
+    for field in ("angular_velocity", "linear_acceleration"):
+        names = [f"{field}_{axis}" for axis in "xyz"]
+        vectors, covariances = [], []
+        for output, stamps, _, values in parts:
+            assert isinstance(output, ImuOutput)
+            given = [values.get(name) for name in names]
+            if all(values_ is None for values_ in given):
+                vectors.append(np.zeros((len(stamps), 3)))
+                covariances.append(build.same(len(stamps), 9, -1.0))
+                continue
+            vectors.append(np.column_stack([np.full(len(stamps), np.nan) if v is None else v for v in given]))
+            deviation = {str(axis): signal.standard_deviation or 0.0 for axis, signal in output.axes.items()}
+            variances = [deviation.get(name, 0.0) ** 2 or UNMEASURED_VARIANCE for name in names]
+            covariances.append(np.broadcast_to(np.diag(variances).ravel(), (len(stamps), 9)))
+        columns[field] = (np.concatenate(vectors) if len(vectors) > 1 else vectors[0])[order]
+        columns[f"{field}_covariance"] = (np.concatenate(covariances) if len(parts) > 1 else covariances[0])[order]
+    return columns

@@ -1,0 +1,196 @@
+"""ROS 2 bags in SQLite (`.db3`), and bags whose files or messages rosbag2 has compressed with zstd."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import zstandard
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from vsense_ros.bag.mcap import channels_of, read_bag
+from vsense_ros.errors import InputError
+from vsense_ros.messages.recording import FIELDS, Recording
+
+NAME = "rosbag2"
+DESCRIPTION = "ROS 2 bag in SQLite, or compressed by rosbag2 (.db3, .db3.zstd, .mcap.zstd)"
+FIRST = True  # a folder with such files is no bag in MCAP
+
+_ENDINGS = (".db3", ".db3.zstd", ".mcap.zstd")
+_SQLITE = b"SQLite format 3\0"
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_LARGEST = 1 << 24  # [byte] of metadata that is read
+_MOST = 32  # times its size that a compressed file may hold, with …
+_LEAST_BOUND = 1 << 28  # … this many bytes in any case
+
+
+def matches(path: Path) -> bool:
+    """Whether `path` is a file of SQLite, or a folder with such bags or compressed ones."""
+    if path.is_file():
+        if path.name.endswith(_ENDINGS):
+            return True
+        with path.open("rb") as file:
+            return file.read(16) == _SQLITE
+    return bool(_parts(path)) and not any(path.glob("*.mcap"))
+
+
+def read(path: Path) -> Recording:
+    """All messages of the types in `messages.recording.FIELDS`, topics without their leading slash."""
+    parts = [path] if path.is_file() else _parts(path)
+    notes: list[str] = []
+    damage: list[str] = []
+    per_message = path.is_dir() and _mode(path, notes) == "message"
+    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    skipped: dict[tuple[str, str], int] = {}
+    others: list[Recording] = []
+    for part in parts:
+        try:
+            if part.name.endswith(".mcap.zstd"):
+                others.append(_compressed_mcap(part))
+            else:
+                _take(part, per_message, merged, skipped, damage)
+        except InputError as error:
+            if len(parts) == 1:
+                raise
+            damage.append(f"left out: {error}")
+    if not merged and not others and not skipped:
+        raise InputError(f"{path}: the bag holds no intact message" + (f" ({'; '.join(damage)})" if damage else ""))
+    notes += [f"{topic}: {count} messages of type {kind} skipped" for (topic, kind), count in skipped.items()]
+    channels, bad = channels_of(merged, notes)
+    if others:
+        return _joined(others, path, notes, damage)
+    name = path.name.partition(".")[0] if path.is_file() else path.resolve().name
+    return Recording(channels, name, (*notes, *damage), bad, {}, tuple(damage))
+
+
+def _parts(path: Path) -> list[Path]:
+    """The files of a bag in the order in which they were written."""
+    found = [f for f in path.iterdir() if f.is_file() and f.name.endswith(_ENDINGS)]
+
+    def number(file: Path) -> tuple[int, str]:
+        digits = file.name.partition(".")[0].rpartition("_")[2]
+        return (int(digits) if digits.isdigit() and len(digits) < 10 else 0, file.name)
+
+    return sorted(found, key=number)
+
+
+def _mode(path: Path, notes: list[str]) -> str:
+    """How rosbag2 has compressed the bag, as its metadata says."""
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        notes.append("metadata.yaml is missing: the recording was not finished properly")
+        return ""
+    if metadata.stat().st_size > _LARGEST:
+        return ""
+    try:
+        document = YAML(typ="safe", pure=True).load(metadata.read_text(encoding="utf-8", errors="replace"))
+    except (YAMLError, RecursionError, ValueError):
+        notes.append("metadata.yaml is damaged")
+        return ""
+    information: Any = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    return str(information.get("compression_mode") or "").lower() if isinstance(information, dict) else ""
+
+
+def _unpacked(file: Path) -> bytes:
+    """What a compressed file holds, up to a bound; of one that is cut off, what comes before the cut."""
+    bound = max(_MOST * file.stat().st_size, _LEAST_BOUND)
+    found = bytearray()
+    with file.open("rb") as packed:
+        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+        try:
+            while block := reader.read(1 << 20):
+                found += block
+                if len(found) > bound:
+                    raise InputError(f"{file}: unpacks to more than {bound} bytes, which no bag of its size does")
+        except zstandard.ZstdError as error:
+            if not found:
+                raise InputError(f"{file}: cannot be unpacked: {error}") from None
+    return bytes(found)
+
+
+def _compressed_mcap(part: Path) -> Recording:
+    with TemporaryDirectory(prefix="vsense_") as folder:
+        plain = Path(folder) / part.name.removesuffix(".zstd")
+        plain.write_bytes(_unpacked(part))
+        return read_bag(plain)
+
+
+def _joined(parts: list[Recording], path: Path, notes: list[str], damage: list[str]) -> Recording:
+    """One recording of the files of a split bag."""
+    from vsense_ros.bag.join import concatenated
+
+    whole = concatenated(parts)
+    every = tuple(dict.fromkeys((*notes, *(note for part in parts for note in part.notes), *damage)))
+    hurt = tuple(dict.fromkeys((*damage, *(text for part in parts for text in part.damage))))
+    return Recording(whole, path.resolve().name, every, sum(part.messages_lost for part in parts), {}, hurt)
+
+
+def _take(
+    part: Path,
+    per_message: bool,
+    merged: dict[str, tuple[str, list[bytes], list[int]]],
+    skipped: dict[tuple[str, str], int],
+    damage: list[str],
+) -> None:
+    """Gather the messages of one file of SQLite."""
+    with part.open("rb") as file:
+        head = file.read(16)
+    if not head:
+        raise InputError(f"{part}: the file is empty; expected a bag in SQLite")
+    if head != _SQLITE and not head.startswith(_ZSTD):
+        raise InputError(f"{part}: not a bag in SQLite: it begins with {head[:8].hex(' ')}")
+    if head.startswith(_ZSTD):
+        connection = sqlite3.connect(":memory:")
+        content = _unpacked(part)
+        try:
+            connection.deserialize(content)
+        except sqlite3.Error as error:
+            raise InputError(f"{part}: not a bag in SQLite: {error}") from None
+    else:
+        connection = sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    unpack = zstandard.ZstdDecompressor()
+    try:
+        topics = {
+            int(number): (str(name).lstrip("/"), str(kind), str(form))
+            for number, name, kind, form in connection.execute(
+                "SELECT id, name, type, serialization_format FROM topics"
+            )
+        }
+        for number, time, data in _rows(part, connection, damage):
+            topic, kind, form = topics.get(number, (f"(topic {number})", "(unknown type)", ""))
+            if kind not in FIELDS or form != "cdr":
+                skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
+                continue
+            if per_message or data.startswith(_ZSTD):
+                try:
+                    data = unpack.decompress(data, max_output_size=1 << 20)
+                except zstandard.ZstdError:
+                    data = b""
+            known, payloads, times = merged.setdefault(topic, (kind, [], []))
+            if known != kind:
+                skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
+                continue
+            payloads.append(data)
+            times.append(time % 2**64)
+    except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{part}: not a bag of rosbag2 that can be read: {error}") from None
+    finally:
+        connection.close()
+
+
+def _rows(part: Path, connection: sqlite3.Connection, damage: list[str]) -> Iterator[tuple[int, int, bytes]]:
+    """Topic, time and bytes of the messages, up to where the file is damaged."""
+    count = 0
+    try:
+        for number, time, data in connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
+            if isinstance(data, bytes) and isinstance(time, int) and isinstance(number, int):
+                count += 1
+                yield number, time, data
+    except sqlite3.DatabaseError as error:
+        if not count:
+            raise
+        damage.append(f"{part.name}: damaged after message {count}: {error}")

@@ -1,0 +1,412 @@
+"""Columns of a table of text, in the dialects that loggers write.
+
+The rows are parsed by pyarrow. What it refuses is read again line by line, so that the error names line and column.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import math
+import re
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+
+from vsense_ros.bag.importers import build
+from vsense_ros.bag.importers.build import Array
+from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
+from vsense_ros.errors import InputError
+from vsense_ros.messages import units
+
+_MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN", "null", "NULL", "None", "*")
+_LONGEST_LINE = 1 << 20  # [byte]
+_FOOTER = 20  # lines at the end of a file that may be something else than rows
+_BLOCK = 4 << 20  # [byte] that are parsed at once
+_DAY = 86_400.0  # [s]
+_CLOCK = r"^\s*(?:(?P<h>[0-9]{1,2}):)?(?P<m>[0-9]{1,2}):(?P<s>[0-9]{1,2}(?:[.,][0-9]+)?)\s*$"
+_ISO = re.compile(r"\s*\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d+)?)?\s*(Z|[+-]\d{2}:?\d{2})?\s*")
+
+
+@dataclass
+class TextTable:
+    """The columns of a table that a mapping uses. Times are seconds after `base` [ns]."""
+
+    path: Path
+    header: list[str]
+    units: list[str]
+    columns: dict[int, Array]
+    time: Array
+    base: int | None
+    notes: list[str] = field(default_factory=list)
+
+    def column(self, ref: Ref) -> Column:
+        """A column by its name or number."""
+        index = index_of(self.path, self.header, ref.name)
+        return Column(self.time, self.columns[index], self.units[index])
+
+
+def index_of(path: Path, header: Sequence[str], name: str | int, delimiter: str = "") -> int:
+    """Which column a name or a number (from 1) means. Raises `InputError` if none, or more than one."""
+    if isinstance(name, int):
+        if not 1 <= name <= len(header):
+            raise InputError(f"{path}: no column {name}: it has {len(header)}")
+        return name - 1
+    found = [index for index, heading in enumerate(header) if heading == name]
+    if not found:
+        near = f" (delimiter {delimiter!r})" if delimiter else ""
+        raise InputError(f"{path}: no column {name!r}; found: {', '.join(header)}{near}")
+    if len(found) > 1:
+        which = ", ".join(str(index + 1) for index in found)
+        raise InputError(
+            f"{path}: column {name!r} stands {len(found)} times, as columns {which}; say which by its number, "
+            f"column: {found[0] + 1}"
+        )
+    return found[0]
+
+
+def read_header(path: Path, wanted: ColumnMapping) -> tuple[list[str], list[str]]:
+    """Names of the columns of a table and their units, empty where none is stated."""
+    lines = _Lines(path, wanted)
+    return lines.header, lines.units
+
+
+def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
+    """The columns that a mapping uses. Raises `InputError` naming line and column of what is wrong."""
+    if wanted.time.column is None:
+        raise InputError(f"{path}: the mapping names no time column; expected time: {{column: …, unit: s}}")
+    unit = wanted.time.unit
+    if unit not in CLOCKS and units.quantity_of(unit) != "time":
+        known = ", ".join((*units.QUANTITIES["time"], *CLOCKS))
+        raise InputError(f"mapping: time: unit {unit!r} is no unit of time; known: {known}")
+    lines = _Lines(path, wanted)
+    names = [wanted.time.column, *(ref.name for ref in wanted.columns())]
+    if isinstance(wanted.time.week, str):
+        names.append(wanted.time.week)
+    indices = list(dict.fromkeys(index_of(path, lines.header, name, wanted.delimiter) for name in names))
+    stated = lines.units[indices[0]]
+    if unit not in CLOCKS and units.quantity_of(stated) == "time" and units.contradiction(stated, unit):
+        raise InputError(
+            f"mapping: time: the source gives {names[0]!r} in {stated!r}, the mapping says {unit!r}; correct the unit"
+        )
+    as_text = unit in ("iso", "hms")
+    raw = _fast(lines, indices, as_text)
+    if raw is None:
+        raw = _slow(lines, indices, as_text)
+    if not len(raw[indices[0]]):
+        raise InputError(f"{path}: no rows below the header")
+    seconds, base = _times(lines, indices[0], raw, wanted, indices[-1] if isinstance(wanted.time.week, str) else None)
+    columns = {index: values for index, values in raw.items() if not (as_text and index == indices[0])}
+    columns.setdefault(indices[0], seconds)
+    return TextTable(path, lines.header, lines.units, columns, seconds, base, lines.notes)
+
+
+class _Lines:
+    """The beginning of a table: its encoding, header, units, and where the rows begin."""
+
+    def __init__(self, path: Path, wanted: ColumnMapping) -> None:
+        self.path, self.wanted = path, wanted
+        self.notes: list[str] = []
+        self.encoding = wanted.encoding or self._encoding()
+        try:
+            codecs.lookup(self.encoding)
+        except LookupError:
+            raise InputError(f"mapping: encoding {self.encoding!r} is not known; examples: utf-8, cp1252") from None
+        self.header: list[str] = []
+        self.line = 0  # number of lines before the rows
+        with self.open() as file:
+            for _ in range(wanted.skip_lines):
+                self._next(file)
+            text = self._next(file)
+            while text is not None and not text.strip():
+                text = self._next(file)
+            self.header = [] if text is None else [name.strip() for name in self.split(text)]
+            if not any(self.header):
+                raise InputError(f"{path}: the file is empty; expected a header line with column names")
+            self.units = [unit_in_name(name) for name in self.header]
+            self.start, before = file.tell(), self.line
+            text = self._next(file)
+            if text is not None and self._is_units(self.split(text)):
+                cells = [cell.strip() for cell in self.split(text)]
+                own = [cell if units.canonical(cell) else "" for cell in cells]
+                self.units = [*own, *[""] * len(self.header)][: len(self.header)]
+                self.start = file.tell()
+                # RaceChrono has another line below, which says where each column comes from.
+                before = self.line
+                text = self._next(file)
+                while text is not None and text.strip() and not self._has_number(text) and self.line - before < 3:
+                    self.start, before = file.tell(), self.line
+                    text = self._next(file)
+                self.line = before
+            else:
+                self.line = before
+
+    def _encoding(self) -> str:
+        with self.path.open("rb") as file:
+            head = file.read(4)
+            if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+                return "utf-16"
+            file.seek(0)
+            decoder = codecs.getincrementaldecoder("utf-8")()
+            try:
+                while block := file.read(1 << 20):
+                    decoder.decode(block)
+                decoder.decode(b"", final=True)
+            except UnicodeDecodeError as error:
+                if b"\0" in head or b"\0" in error.object[max(error.start - 32, 0) : error.start + 32]:
+                    raise InputError(f"{self.path}: not a text table: {error}") from None
+                self.notes.append(f"{self.path.name}: not UTF-8; read as cp1252 (key encoding)")
+                return "cp1252"
+        return "utf-8-sig"
+
+    def open(self) -> BinaryIO:
+        """The file in an encoding of which each ASCII character is one byte."""
+        if self.encoding.lower().replace("_", "-") in ("utf-16", "utf-16-le", "utf-16-be", "utf-32"):
+            try:
+                return io.BytesIO(self.path.read_text(encoding=self.encoding).encode())
+            except UnicodeError as error:
+                raise InputError(f"{self.path}: not a text in {self.encoding}: {error}") from None
+        return self.path.open("rb")
+
+    def text(self, line: bytes) -> str:
+        wide = self.encoding.lower().startswith(("utf-16", "utf-32"))
+        return line.decode("utf-8" if wide else self.encoding, errors="replace").removeprefix("\ufeff")
+
+    def _next(self, file: BinaryIO) -> str | None:
+        line = file.readline(_LONGEST_LINE)
+        if not line:
+            return None
+        if len(line) >= _LONGEST_LINE:
+            raise InputError(f"{self.path}, line {self.line + 1}: longer than {_LONGEST_LINE} bytes, which is no table")
+        self.line += 1
+        return self.text(line).rstrip("\r\n")
+
+    def split(self, text: str) -> list[str]:
+        return next(csv.reader([text], delimiter=self.wanted.delimiter, skipinitialspace=True), [])
+
+    def _has_number(self, text: str) -> bool:
+        cells = [cell.strip() for cell in self.split(text)]
+        return any(
+            _is_number(cell, self.wanted.decimal) or _ISO.fullmatch(cell) or re.match(_CLOCK, cell) for cell in cells
+        )
+
+    def _is_units(self, cells: list[str]) -> bool:
+        """Whether the line below the header tells units: no number in it, and a unit that is known."""
+        if self.wanted.units_line is not None:
+            return self.wanted.units_line
+        filled = [cell.strip() for cell in cells if cell.strip() not in _MISSING]
+        if not filled or any(_is_number(cell, self.wanted.decimal) or _ISO.fullmatch(cell) for cell in filled):
+            return False
+        return any(units.canonical(cell) not in (None, "1") for cell in filled)
+
+    @property
+    def missing(self) -> list[str]:
+        return list(dict.fromkeys((*_MISSING, *self.wanted.missing)))
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    try:
+        float(cell.replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | None:
+    """The columns by pyarrow; None where something in the file needs a closer look."""
+    wanted = lines.wanted
+    if wanted.comment is not None or wanted.decimal == wanted.delimiter:
+        return None
+    names = [str(index) for index in range(len(lines.header))]
+    used = [str(index) for index in indices]
+    types = {name: pa.string() if as_text and name == used[0] else pa.float64() for name in used}
+    with lines.open() as file:
+        file.seek(lines.start)
+        try:
+            reader = pyarrow.csv.open_csv(
+                pa.PythonFile(file, mode="r"),
+                read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False, block_size=_BLOCK),
+                parse_options=pyarrow.csv.ParseOptions(delimiter=wanted.delimiter),
+                convert_options=pyarrow.csv.ConvertOptions(
+                    include_columns=used,
+                    column_types=types,
+                    null_values=lines.missing,
+                    strings_can_be_null=True,
+                    decimal_point=wanted.decimal,
+                    check_utf8=False,
+                ),
+            )
+            parts: dict[str, list[Any]] = {name: [] for name in used}
+            for batch in reader:
+                for name in used:
+                    column = batch.column(name)
+                    text = as_text and name == used[0]
+                    parts[name].append(column if text else column.to_numpy(zero_copy_only=False))
+        except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, ValueError):
+            return None
+    found: dict[int, Any] = {}
+    for name, index in zip(used, indices, strict=True):
+        arrays = parts.pop(name)
+        if as_text and index == indices[0]:
+            found[index] = pa.chunked_array(arrays, pa.string())
+            if found[index].null_count:
+                return None
+        else:
+            found[index] = np.concatenate(arrays) if arrays else np.zeros(0)
+            if index == indices[0] and not np.isfinite(found[index]).all():
+                return None
+    return found
+
+
+def _rows(lines: _Lines) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each row."""
+    with lines.open() as file:
+        file.seek(lines.start)
+
+        def texts() -> Iterator[str]:
+            while line := file.readline(_LONGEST_LINE):
+                yield lines.text(line).replace("\0", "\ufffd")
+
+        rows = csv.reader(texts(), delimiter=lines.wanted.delimiter, skipinitialspace=True)
+        try:
+            for row in rows:
+                if row and not (lines.wanted.comment and row[0].lstrip().startswith(lines.wanted.comment)):
+                    yield lines.line + rows.line_num, row
+        except csv.Error as error:
+            raise InputError(f"{lines.path}, line {lines.line + rows.line_num}: not a table of text: {error}") from None
+
+
+def _slow(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any]:
+    """The columns row by row; lines at the end that are no rows are left out."""
+    time_index, missing = indices[0], set(lines.missing)
+    values: dict[int, Any] = {index: [] for index in indices}
+    waiting: list[tuple[int, str]] = []  # lines that are no row, if nothing but such follow
+    for number, row in _rows(lines):
+        cells = [row[index].strip() if index < len(row) else "" for index in indices]
+        clock = _clock_cell(cells[0], as_text, lines.wanted.decimal)
+        if clock is None:
+            message = (
+                f"{lines.path}, line {number}: the time column {lines.header[time_index]!r} is empty; every row needs "
+                "a time"
+                if cells[0] in missing
+                else f"{lines.path}, line {number}, column {lines.header[time_index]!r}: expected a "
+                f"{'time' if as_text else 'number'}, found {cells[0]!r}"
+            )
+            waiting.append((number, message))
+            if len(waiting) > _FOOTER or not values[time_index]:
+                raise InputError(waiting[0][1])
+            continue
+        if waiting:
+            raise InputError(waiting[0][1])
+        values[time_index].append(clock)
+        for index, cell in zip(indices[1:], cells[1:], strict=True):
+            values[index].append(_number(lines, number, index, cell, missing))
+    if waiting:
+        lines.notes.append(
+            f"{lines.path.name}: {len(waiting)} lines at the end are no rows, from line {waiting[0][0]} on"
+        )
+    return {
+        index: pa.chunked_array([pa.array(column, pa.string())])
+        if as_text and index == time_index
+        else np.array(column, np.float64)
+        for index, column in values.items()
+    }
+
+
+def _clock_cell(cell: str, as_text: bool, decimal: str) -> str | float | None:
+    if as_text:
+        return cell if _ISO.fullmatch(cell) or re.match(_CLOCK, cell) else None
+    try:
+        value = float(cell.replace(decimal, "."))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _number(lines: _Lines, number: int, index: int, cell: str, missing: set[str]) -> float:
+    if cell in missing:
+        return math.nan
+    try:
+        return float(cell.replace(lines.wanted.decimal, "."))
+    except ValueError:
+        raise InputError(
+            f"{lines.path}, line {number}, column {lines.header[index]!r}: expected a number, found {cell!r} (cells "
+            "without a value: key missing)"
+        ) from None
+
+
+def _times(
+    lines: _Lines, index: int, raw: dict[int, Any], wanted: ColumnMapping, week_index: int | None
+) -> tuple[Array, int | None]:
+    """Seconds after the returned base [ns]; a base of None is that of the mapping."""
+    unit, column = wanted.time.unit, raw[index]
+    if unit == "iso":
+        return _iso(lines, column)
+    if unit == "hms":
+        seconds = _hms(lines, column)
+    elif unit == "hhmmss":
+        hours, rest = np.divmod(column, 10_000.0)
+        minutes, parts = np.divmod(rest, 100.0)
+        if not ((hours < 24) & (minutes < 60) & (parts < 61) & (column >= 0)).all():
+            raise InputError(f"{lines.path}: the time column {lines.header[index]!r} is not packed HHMMSS")
+        seconds = np.round((hours * 60 + minutes) * 60 + parts, 9)
+    elif unit == "gps":
+        return _gps(lines, column, wanted, None if week_index is None else raw[week_index])
+    else:
+        return column * units.to_si(unit), None
+    if wanted.time.start is None:
+        lines.notes.append(f"{lines.path.name}: the times have no date; counted from 1970 (key start of time)")
+    return seconds + _DAY * np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)]), None
+
+
+def _iso(lines: _Lines, column: pa.ChunkedArray) -> tuple[Array, int]:
+    column = pc.replace_substring(pc.utf8_trim_whitespace(column), " ", "T", max_replacements=1)
+    column = pc.replace_substring(column, ",", ".")
+    for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
+        try:
+            stamps = pc.cast(column, kind)
+        except pa.ArrowInvalid:
+            continue
+        nanoseconds = stamps.cast(pa.int64()).to_numpy()
+        base = int(nanoseconds[0])
+        return (nanoseconds - base) * 1e-9, base
+    first = next((text for text in column.to_pylist() if not _ISO.fullmatch(text)), column[0].as_py())
+    raise InputError(f"{lines.path}: expected times as 2024-05-01T12:00:00.1Z all in one form, found {first!r}")
+
+
+def _hms(lines: _Lines, column: pa.ChunkedArray) -> Array:
+    parts = pc.extract_regex(column, _CLOCK)
+    if parts.null_count:
+        first = column.filter(pc.is_null(parts))[0].as_py()
+        raise InputError(f"{lines.path}: expected times of day as 12:00:00.1, found {first!r}")
+
+    def number(name: str) -> Array:
+        text = pc.replace_substring(pc.struct_field(parts, name), ",", ".")
+        text = pc.if_else(pc.equal(text, ""), "0", text)
+        return text.cast(pa.float64()).to_numpy()
+
+    return (number("h") * 60 + number("m")) * 60 + number("s")
+
+
+def _gps(lines: _Lines, column: Array, wanted: ColumnMapping, weeks: Array | None) -> tuple[Array, int]:
+    """Seconds of the GPS week; the week goes on where they begin anew."""
+    week = wanted.time.week
+    if week is None:
+        raise InputError("mapping: time: seconds of the GPS week need the key week: its number, or a column")
+    first = int(week) if isinstance(week, int) else int(weeks[0]) if weeks is not None else 0
+    if not 0 <= first < 5000:
+        raise InputError(f"{lines.path}: {first} is no GPS week")
+    if first < 1024:  # counted with 10 bits, which begin at 0 again every 1024 weeks: the latest that is over
+        first += 1024 * int((time.time() - build.GPS_EPOCH - first * build.WEEK) // (1024 * build.WEEK))
+    turns = np.concatenate([[0], np.cumsum(np.diff(column) < -build.WEEK / 2)])
+    unix = build.GPS_EPOCH + first * build.WEEK
+    base = unix - build.gps_minus_utc(unix + float(column[0]))
+    return column + build.WEEK * turns, base * 1_000_000_000

@@ -1,0 +1,351 @@
+"""CAN logs of any format: candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4 bus logging.
+
+The format is told by the beginning of a file. What python-can reads is read by it; candump and GVRET are read here, so
+that a damaged line costs itself alone, and because python-can knows neither candump's form for people nor GVRET.
+
+Times are Unix times where the log tells a date: a date without a time zone is taken for UTC. Where it tells none they
+count from the start of the log, which `CanFrames.counts_from_zero` says.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import struct
+from array import array
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from can.io.asc import ASCReader
+from numpy.typing import NDArray
+
+from vsense_ros.driver.can_signal import Frames
+from vsense_ros.driver.mdf import make_asammdf_careful
+from vsense_ros.errors import InputError
+
+FORMATS = "candump, Vector ASC and BLF, PEAK TRC, GVRET and python-can CSV, MDF4"
+UNIX = 1e8  # [s] from which on a time is one since 1970
+_MOST_LOSSES = 50  # that are told one by one
+
+# (time) channel id#data, id##flags data (FD), id#R (remote); or for people: (time) channel [RX -] id [length] data
+_CANDUMP = re.compile(
+    r"\s*\((?P<time>[^)]{1,40})\)\s+(?P<channel>\S{1,16})\s+(?:(?:RX|TX)\s+[-\w ]{1,4}\s+)?(?P<id>[0-9A-Fa-f]{3,8})"
+    r"(?:#(?P<fd>#[0-9A-Fa-f])?(?P<data>R?[0-9A-Fa-f]*)(?:\s+[RT])?|\s+\[(?P<length>\d{1,2})\]\s*"
+    r"(?P<bytes>remote request|(?:[0-9A-Fa-f]{2}\s*)*)(?:\s*'.*')?)\s*"
+)
+_VIEW_WITHOUT_TIME = re.compile(r"\s*\S{1,16}\s+[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\]\s+([0-9A-Fa-f]{2}\s*)*\s*")
+_GVRET = ("time stamp", "id", "extended")
+
+
+@dataclass(frozen=True)
+class CanFrames:
+    """The data frames of a log as columns, in the order of the log."""
+
+    time: NDArray[np.float64]  # (n,) [s]
+    identifier: NDArray[np.uint32]  # (n,)
+    is_extended: NDArray[np.bool_]  # (n,)
+    channel: NDArray[np.int16]  # (n,), which of `channels`
+    channels: tuple[str, ...]
+    length: NDArray[np.int64]  # (n,) [byte]
+    begin: NDArray[np.int64]  # (n,), where in `data` a frame's own begins
+    data: NDArray[np.uint8]
+    losses: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def counts_from_zero(self) -> bool:
+        """Whether the times count from the start of the log."""
+        return bool(len(self.time)) and float(np.median(self.time)) < UNIX
+
+    def rows(self, chosen: NDArray[np.intp]) -> Frames:
+        """Data of some frames, (frames, bytes of the longest), shorter ones filled with zeros."""
+        length, begin = self.length[chosen], self.begin[chosen]
+        width = int(length.max(initial=0))
+        at = np.minimum(begin[:, None] + np.arange(width), max(len(self.data) - 1, 0))
+        found = self.data[at] if len(self.data) else np.zeros((len(chosen), width), np.uint8)
+        found[np.arange(width) >= length[:, None]] = 0
+        return found
+
+
+class CanLog:
+    """The messages of a log file, in the order of the file.
+
+    Iterating yields every intact message; what had to be left out is then told by `losses`. `InputError` if not one
+    message was intact.
+    """
+
+    def __init__(self, path: Path, read: Callable[[CanLog], Iterator[can.Message]], format_: str) -> None:
+        self.path = path
+        self.format = format_
+        self.losses: list[str] = []
+        self._lost = 0
+        self._read = read
+
+    def lost(self, what: str) -> None:
+        """Note a loss."""
+        self._lost += 1
+        if self._lost <= _MOST_LOSSES:
+            self.losses.append(what)
+
+    def __iter__(self) -> Iterator[can.Message]:
+        self.losses.clear()
+        self._lost = 0
+        count = 0
+        try:
+            for message in self._read(self):
+                if math.isfinite(message.timestamp):
+                    count += 1
+                    yield message
+                else:
+                    self.lost(f"message {count} has no time")
+        # python-can's readers let through whatever their parsing stumbles over.
+        except (
+            can.CanError,
+            ValueError,
+            LookupError,
+            OSError,
+            EOFError,
+            struct.error,
+            TypeError,
+            AttributeError,
+        ) as error:
+            self.lost(f"unreadable after message {count}: {error}")
+        except Exception as error:
+            if type(error).__module__.partition(".")[0] not in ("asammdf", "can", "zlib"):
+                raise
+            self.lost(f"unreadable after message {count}: {error}")
+        if self._lost > _MOST_LOSSES:
+            self.losses.append(f"and {self._lost - _MOST_LOSSES} more")
+        if count == 0:
+            why = f": {self.losses[0]}" if self.losses else ""
+            raise InputError(f"{self.path}: not one intact CAN message found{why}; is it a {self.format} log?")
+
+
+def format_of(path: Path) -> str | None:
+    """The format of a CAN log by its beginning: `candump`, `asc`, `blf`, `trc`, `gvret`, `csv`, `mf4`; None: none."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError:
+        return None
+    if head.startswith(b"LOGG"):
+        return "blf"
+    if head.startswith(b"MDF"):
+        # asammdf recurses without end when it drops a file whose header it could not read.
+        return "mf4" if head[64:68] == b"##HD" else None
+    lines = [line for line in head.decode("utf-8-sig", errors="replace").splitlines() if line.strip()]
+    if not lines:
+        return None
+    first = lines[0].strip().lower()
+    if first.startswith("date ") or any(
+        line.strip().lower().startswith(("base hex", "base dec")) for line in lines[:6]
+    ):
+        return "asc"
+    if first.startswith((";$fileversion", ";##")) or (first.startswith(";") and path.suffix.lower() == ".trc"):
+        return "trc"
+    if tuple(name.strip() for name in first.split(","))[:3] == _GVRET:
+        return "gvret"
+    if first.startswith("timestamp,arbitration_id,"):
+        return "csv"
+    if any(_CANDUMP.fullmatch(line) or _VIEW_WITHOUT_TIME.fullmatch(line) for line in lines[:20]):
+        return "candump"
+    return None
+
+
+def read_can_log(path: str | Path) -> CanLog:
+    """Open a CAN log. `InputError` if there is no such file, or if it is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a CAN log ({FORMATS})")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty; expected a CAN log ({FORMATS})")
+    found = format_of(path)
+    if found is None:
+        raise InputError(f"{path}: not a CAN log; expected {FORMATS}")
+    readers: dict[str, Callable[[CanLog], Iterator[can.Message]]] = {
+        "candump": _candump,
+        "asc": _asc,
+        "gvret": _gvret,
+        "blf": lambda log: _python_can(log, can.BLFReader(log.path)),
+        "trc": lambda log: _python_can(log, can.TRCReader(log.path)),
+        "csv": lambda log: _python_can(log, can.CSVReader(log.path)),
+        "mf4": _mf4,
+    }
+    return CanLog(path, readers[found], found)
+
+
+def read_frames(path: str | Path) -> CanFrames:
+    """All data frames of a log as columns."""
+    log = read_can_log(path)
+    time, begin, identifier, length = array("d"), array("q"), array("I"), array("B")
+    is_extended, channel = array("B"), array("h")
+    data = bytearray()
+    numbers: dict[Any, int] = {}
+    for message in log:
+        if message.is_error_frame or message.is_remote_frame:
+            continue
+        begin.append(len(data))
+        data += message.data
+        time.append(message.timestamp)
+        identifier.append(message.arbitration_id)
+        length.append(len(message.data))
+        is_extended.append(message.is_extended_id)
+        number = numbers.get(message.channel)
+        if number is None:
+            number = numbers[message.channel] = len(numbers)
+        channel.append(number)
+    seconds = np.array(time, np.float64)
+    losses = list(log.losses)
+    if log.format == "candump" and len(seconds) > 10 and np.mean(np.diff(seconds) < 0) > 0.05:
+        seconds = np.cumsum(seconds)  # candump -td
+        losses.append("the times are steps from frame to frame (candump -td); summed up")
+    return CanFrames(
+        seconds,
+        np.array(identifier, np.uint32),
+        np.array(is_extended, bool),
+        np.array(channel, np.int16),
+        tuple("" if name is None else str(name) for name in numbers),
+        np.array(length, np.int64),
+        np.array(begin, np.int64),
+        np.frombuffer(bytes(data), np.uint8),
+        tuple(losses),
+    )
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        yield from enumerate(file, 1)
+
+
+def _told(line: str) -> str:
+    text = line.strip()
+    return repr(text if len(text) <= 60 else f"{text[:60]}…")
+
+
+def _candump(log: CanLog) -> Iterator[can.Message]:
+    """Both forms of candump, line by line, so that a damaged line costs itself alone."""
+    timeless = 0
+    for number, line in _lines(log.path):
+        found = _CANDUMP.fullmatch(line)
+        if found is None:
+            if not line.strip():
+                continue
+            timeless += bool(_VIEW_WITHOUT_TIME.fullmatch(line))
+            if timeless == 20:
+                raise InputError(f"{log.path}: candump wrote no times; record it with 'candump -L' or 'candump -ta'")
+            log.lost(f"line {number} is not a candump message: {_told(line)}")
+            continue
+        moment, channel, identifier, fd, data, length, viewed = found.groups()
+        data = viewed if data is None else data
+        is_remote = data.startswith(("R", "remote"))
+        try:
+            stamp = float(moment) if moment.strip()[:1].isdigit() and "-" not in moment else _moment(moment)
+            content = b"" if is_remote else bytes.fromhex(data)
+            if length is not None and len(content) != int(length) and not is_remote:
+                raise ValueError("length")
+            yield can.Message(
+                timestamp=stamp,
+                arbitration_id=int(identifier, 16) & 0x1FFFFFFF,
+                is_extended_id=len(identifier) > 3,
+                is_remote_frame=is_remote,
+                is_error_frame=len(identifier) > 3 and bool(int(identifier, 16) & 0x20000000),
+                is_fd=fd is not None or len(content) > 8,
+                channel=channel,
+                data=content,
+            )
+        except ValueError:
+            log.lost(f"line {number} is not a candump message: {_told(line)}")
+
+
+def _moment(text: str) -> float:
+    """Unix time of a date and time of day; one without a time zone is UTC."""
+    moment = datetime.fromisoformat(text.strip())
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _gvret(log: CanLog) -> Iterator[can.Message]:
+    """GVRET as SavvyCAN writes it; times in microseconds."""
+    with log.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        rows = csv.reader(line.replace("\0", "") for line in file)
+        header = [name.strip().lower() for name in next(rows, [])]
+        place = {name: index for index, name in enumerate(header)}
+        first = place.get("d1", len(header))
+        at_length = place.get("len", first - 1)
+        bus = place.get("bus")
+        for row in rows:
+            if not row:
+                continue
+            try:
+                count = int(row[at_length])
+                content = bytes(int(cell, 16) for cell in row[first : first + count])
+                if len(content) != count:
+                    raise ValueError("length")
+                yield can.Message(
+                    timestamp=float(row[0]) * 1e-6,
+                    arbitration_id=int(row[1], 16),
+                    is_extended_id=row[2].strip().lower() in ("true", "1"),
+                    is_fd=count > 8,
+                    channel=None if bus is None else row[bus].strip(),
+                    data=content,
+                )
+            except (ValueError, IndexError):
+                log.lost(f"line {rows.line_num} is not a GVRET row: {_told(','.join(row))}")
+
+
+class _Asc(ASCReader):
+    """python-can's reader of ASC; a frame that it cannot parse is left out, and the date of the header is UTC."""
+
+    def __init__(self, log: CanLog) -> None:
+        super().__init__(log.path, relative_timestamp=False)
+        self._log = log
+
+    def _process_classic_can_frame(self, line: str, msg_kwargs: dict[str, Any]) -> can.Message:
+        try:
+            return super()._process_classic_can_frame(line, msg_kwargs)
+        except (ValueError, IndexError):
+            self._log.lost(f"not a frame: {_told(line)}")
+            return None  # type: ignore[return-value]
+
+    def _process_fd_can_frame(self, line: str, msg_kwargs: dict[str, Any]) -> can.Message:
+        try:
+            return super()._process_fd_can_frame(line, msg_kwargs)
+        except (ValueError, IndexError):
+            self._log.lost(f"not a frame: {_told(line)}")
+            return None  # type: ignore[return-value]
+
+    @staticmethod
+    def _datetime_to_timestamp(datetime_string: str) -> float:
+        # AM and PM are written in other ways by Windows in some languages.
+        try:
+            naive = datetime.fromtimestamp(ASCReader._datetime_to_timestamp(datetime_string))
+        except ValueError:
+            return 0.0
+        return naive.replace(tzinfo=UTC).timestamp()
+
+
+def _asc(log: CanLog) -> Iterator[can.Message]:
+    with _Asc(log) as reader:
+        total = 0.0
+        for message in reader:
+            if reader.timestamps_format == "relative":  # each from the one before it
+                total += message.timestamp - reader.start_time
+                message.timestamp = reader.start_time + total
+            yield message
+
+
+def _mf4(log: CanLog) -> Iterator[can.Message]:
+    make_asammdf_careful()
+    yield from _python_can(log, can.MF4Reader(log.path))
+
+
+def _python_can(log: CanLog, reader: Any) -> Iterator[can.Message]:
+    with reader:
+        yield from reader

@@ -1,0 +1,86 @@
+"""The plausibility of what a driver has just received: the checks of recordings, on its latest seconds."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.plausibility import Finding, findings
+from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
+
+_SPAN = 40.0  # [s] that are looked at
+_LEAST = 15.0  # [s] below which nothing is said
+_EVERY = 10.0  # [s] between two looks
+_NANO = 1_000_000_000
+_STEP = _NANO // 50  # [ns] within which further samples of a topic are left out
+# What a few seconds cannot tell, or the monitor of a stream tells at once.
+_NOT_ASKED = ("cut", "missing", "duplicates", "clock", "frozen", "held", "quantised", "jump")
+
+
+class PlausibilityWatch:
+    """Keeps the latest samples of a driver, and says in its diagnostics what cannot be true together of them."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._samples: dict[str, deque[Sample]] = {}
+        self._last: dict[str, tuple[int, int, tuple[str, ...]]] = {}  # kept: stamp, that of the next, names
+        self._last_look: int | None = None
+        self._found: list[Finding] = []
+
+    def add(self, sample: Sample) -> None:
+        """Keep a sample."""
+        last = self._last.get(sample.topic)
+        stamp = sample.stamp
+        if last is not None and last[0] < stamp < last[1] and last[2] == sample.names:
+            return
+        self._last[sample.topic] = stamp, stamp + _STEP, sample.names
+        kept = self._samples.get(sample.topic)
+        if kept is None:
+            kept = self._samples[sample.topic] = deque()
+        if kept:
+            if abs(stamp - kept[-1].stamp) >= 10 * _NANO:
+                kept.clear()  # the clock was set, or the stream begins anew
+            while kept and stamp - kept[0].stamp > _SPAN * _NANO:
+                kept.popleft()
+        kept.append(sample)
+
+    def diagnostics(self, now: int) -> list[Diagnostic]:
+        """What cannot be true at `now` [ns]; nothing where there is no doubt."""
+        if self._last_look is None or not 0 <= now - self._last_look < _EVERY * _NANO:
+            self._last_look = now
+            self._found = self._look()
+        if not self._found:
+            return []
+        told = "; ".join(f"{finding.topic}: {finding.text}" for finding in self._found)
+        return [Diagnostic(f"{self.name}: plausibility", Level.WARN, told)]
+
+    def _look(self) -> list[Finding]:
+        channels = {}
+        for topic, kept in list(self._samples.items()):
+            if len(kept) > 20 and kept[-1].stamp - kept[0].stamp > _LEAST * _NANO:
+                channels[topic] = _channel(list(kept))
+        if not channels:
+            return []
+        return [f for f in findings(Recording(channels)) if f.fault not in _NOT_ASKED]
+
+
+def _channel(samples: list[Sample]) -> Channel:
+    """Samples as a channel; joints that some of them lack are NaN there."""
+    first = samples[0]
+    names = tuple(dict.fromkeys(name for sample in samples for name in sample.names))
+    columns = {}
+    for field, width in FIELDS[first.kind].items():
+        rows = [np.atleast_1d(sample.values.get(field, np.zeros(width))) for sample in samples]
+        if width or all(sample.names == names for sample in samples):
+            columns[field] = np.array(rows, float).reshape(len(samples), -1)
+            continue
+        table = np.full((len(samples), len(names)), np.nan)
+        for row, (sample, values) in enumerate(zip(samples, rows, strict=True)):
+            if len(values) == len(sample.names):
+                table[row, [names.index(name) for name in sample.names]] = values
+        columns[field] = table
+    stamp = np.array([sample.stamp for sample in samples], np.int64)
+    received = np.array([s.stamp if s.received is None else s.received for s in samples], np.int64)
+    return Channel(first.topic, first.kind, stamp, received, columns, first.frame_id, names)
