@@ -1,4 +1,4 @@
-"""A state space of differential equations: the midpoint rule makes steps of rates."""
+"""A state space of differential equations: a Runge-Kutta rule makes steps of rates."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ class Rates(Protocol):
 
 
 class Integrated(StateSpace):
-    """x⁺ = x + h f(x + h/2 f(x, u), u), second order in h.
+    """Steps by the rule of third order of Ralston (1962), with three evaluations of the rates.
 
     Euler's rule, which papers print, is not good enough where a state follows another with a lag of a few steps: a tyre
-    of 30 ms at steps of 10 ms. `densities`: of each state by name, the standard deviation [unit/√s] that disturbances
+    of 30 ms at steps of 10 ms. The midpoint rule of second order is nearly, but its frequencies are wrong by (ω h)²/6:
+    roll stiffness and height of the centre of gravity were identified 1 % too small. `densities`: of each state by name, the standard deviation [unit/√s] that disturbances
     add; 0 where none is given.
     """
 
@@ -44,9 +45,13 @@ class Integrated(StateSpace):
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """State (n,) after a step of `h` [s]."""
-        first = expression(list(self.model.rates(x, u, theta)))
-        middle = Named(x.vector + h / 2 * first, self.names, "state")
-        return x.vector + h * expression(list(self.model.rates(middle, u, theta)))
+        def rates(at: ca.SX) -> ca.SX:
+            return expression(list(self.model.rates(Named(at, self.names, "state"), u, theta)))
+
+        k1 = rates(x.vector)
+        k2 = rates(x.vector + h / 2 * k1)
+        k3 = rates(x.vector + 3 * h / 4 * k2)
+        return x.vector + h / 9 * (2 * k1 + 3 * k2 + 4 * k3)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """Variances (n,) that a step adds."""

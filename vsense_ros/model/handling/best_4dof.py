@@ -7,9 +7,13 @@ is in SAE axes, this is in ISO 8855: lateral quantities, yaw and steering change
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEELS
@@ -41,6 +45,16 @@ SYMBOLS = {
     "front_stiffness": ("Caf", 1e5), "rear_stiffness": ("Car", 1e5), "front_shape": ("Cf", 1.0),
     "front_peak": ("Df", 1.0), "front_curvature": ("Ef", 1.0), "rear_shape": ("Cr", 1.0), "rear_peak": ("Dr", 1.0),
     "rear_curvature": ("Er", 1.0),
+}  # fmt: skip
+
+# Between which the parameters of a car can be.
+BOUNDS = {
+    "cog_height": (0.2, 2.0), "yaw_inertia": (300.0, 2e4), "roll_stiffness": (2e4, 1e6), "roll_damping": (500.0, 1e5),
+    "roll_inertia": (100.0, 5e3), "front_roll_centre_height": (-0.6, 0.6), "rear_roll_centre_height": (-0.6, 0.6),
+    **{f"{axle}_{name}": ends for axle in ("front", "rear") for name, ends in {
+        "stiffness": (1e4, 5e5), "longitudinal_ratio": (0.1, 20.0), "shape": (0.8, 3.0), "peak": (0.2, 3.0),
+        "curvature": (-20.0, 1.0),
+    }.items()},
 }  # fmt: skip
 
 
@@ -169,3 +183,40 @@ def roll_axis_height(p: Any) -> Scalar:
     """Below the centre of gravity [m] (the paper's h0)."""
     share = p.rear_weight / (p.front_weight + p.rear_weight)
     return p.front_roll_centre_height + share * (p.rear_roll_centre_height - p.front_roll_centre_height)
+
+
+# Slips up to which force curves are drawn and judged: tangent of the slip angle, longitudinal slip.
+REACH = {
+    "front lateral": np.tan(np.radians(9.0)), "front longitudinal": 0.2,
+    "rear lateral": np.tan(np.radians(6.0)), "rear longitudinal": 0.3,
+}  # fmt: skip
+POINTS = 30  # of a curve
+
+
+def curve_slips(name: str) -> NDArray[np.float64]:
+    """Slips of a force curve of `REACH`, (POINTS,)."""
+    return np.linspace(0.0, REACH[name], POINTS + 1)[1:]
+
+
+def curves(p: Mapping[str, float]) -> NDArray[np.float64]:
+    """Force over slip at the wheel's load at rest and in pure slip, for each of `REACH` (4, POINTS) [N]."""
+    return np.array(_curves()([p[name] for name in Best4Dof.parameters])).T
+
+
+@cache
+def _curves() -> ca.Function:
+    vector = ca.SX.sym("p", len(Best4Dof.parameters))
+    p = dict(zip(Best4Dof.parameters, ca.vertsplit(vector), strict=True))
+    columns = []
+    for name in REACH:
+        axle, direction = name.split()
+        load, speed = p[f"{axle}_weight"] / 2, 20.0
+        column = []
+        for slip in curve_slips(name):
+            lateral = direction == "lateral"
+            contact = TyreInput(load, speed, -slip * speed if lateral else 0.0, speed * (1 if lateral else 1 + slip),
+                                p["friction"])
+            forces = tyre(p, axle).forces(contact)
+            column.append(forces.lateral if lateral else forces.longitudinal)
+        columns.append(ca.vertcat(*column))
+    return ca.Function("curves", [vector], [ca.horzcat(*columns)])
