@@ -36,15 +36,19 @@ class Integrated(StateSpace):
     add; 0 where none is given.
     """
 
-    def __init__(self, model: Rates, densities: Mapping[str, float]) -> None:
+    def __init__(
+        self, model: Rates, densities: Mapping[str, float], input_noise: Mapping[str, float] | None = None
+    ) -> None:
         if unknown := sorted(set(densities) - set(model.states)):
             raise InputError(f"{type(model).__name__} has no state {unknown[0]!r}; it has: {', '.join(model.states)}")
         self.model = model
         self.names, self.inputs, self.parameters = model.states, model.inputs, model.parameters
+        self.input_noise = {name: deviation**2 for name, deviation in (input_noise or {}).items()}
         self.density = np.square([densities.get(name, 0.0) for name in model.states])
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         """State (n,) after a step of `h` [s]."""
+
         def rates(at: ca.SX) -> ca.SX:
             return expression(list(self.model.rates(Named(at, self.names, "state"), u, theta)))
 
@@ -54,8 +58,10 @@ class Integrated(StateSpace):
         return x.vector + h / 9 * (2 * k1 + 3 * k2 + 4 * k3)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        """Variances (n,) that a step adds."""
-        return ca.SX(self.density) * h
+        """Variances (n,) that a step adds, or with noise of inputs the covariance (n, n)."""
+        if not self.input_noise:
+            return ca.SX(self.density) * h
+        return ca.diag(ca.SX(self.density) * h) + self.noise_of_inputs(x, u, theta, h, self.input_noise)
 
     def measurement(self, deviations: Sequence[float], name: str = "outputs") -> Measurement:
         """The model's outputs, measured together with these standard deviations (m,)."""

@@ -13,12 +13,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.signal import butter, filtfilt
 
 from vsense_ros import codegen
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.state_space import Named, expression
-from vsense_ros.identify.rinsing import Drive
+from vsense_ros.identify.rinsing import Drive, low_passed
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 
@@ -44,19 +43,13 @@ class Twin:
         """Outputs without noise, (N, 3)."""
         return _outputs(self.states, self.inputs)
 
-    def recorded(self, seed: int, name: str = "twin", filtered: bool = True) -> Drive:
-        """What the sensors say."""
+    def recorded(self, seed: int, name: str = "twin", cut_off: float = CUT_OFF) -> Drive:
+        """What the sensors say, low-passed at a cut-off [Hz]."""
         random = np.random.default_rng(seed)
         inputs = self.inputs + random.standard_normal(self.inputs.shape) * INPUT_NOISE
         outputs = self.clean + random.standard_normal(self.clean.shape) * OUTPUT_NOISE
-        if filtered:
-            inputs, outputs = low_passed(inputs), low_passed(outputs)
+        inputs, outputs = low_passed(inputs, STEP, cut_off), low_passed(outputs, STEP, cut_off)
         return Drive(name, STEP, np.ascontiguousarray(inputs), np.ascontiguousarray(outputs), self.states[0].copy())
-
-
-def low_passed(values: Array, h: float = STEP, cut_off: float = CUT_OFF) -> Array:
-    """Columns (N, m) without what is faster than the cut-off [Hz], and without delay."""
-    return np.asarray(filtfilt(*butter(2, 2 * cut_off * h), values, axis=0))
 
 
 @dataclass
@@ -145,6 +138,33 @@ def rich_driver(seed: int, level: float = 1.0) -> Driver:
         if slides:
             return Command(slip, min(force, 0.0), 2.5)
         return Command(float(wanted), force)
+
+    return drive
+
+
+def step_then_brake(k: int, x: Array, angle: float) -> Command:
+    """Straight on, a step of the steering at 4 s, straight again, and from 12 s a step with braking."""
+    at = k * STEP
+    turned = 0.045 if 4.0 <= at < 8.0 else -0.05 if 12.0 <= at < 18.0 else 0.0
+    force = -9000.0 if 14.0 <= at < 16.0 else 600.0 if at < 14.0 else 0.0
+    return Command(turned, force)
+
+
+def straight(k: int, x: Array, angle: float) -> Command:
+    """Accelerates until the rear wheels spin, and brakes hard, straight on."""
+    phase = (k * STEP) % 10.0
+    if phase < 5.0:
+        return Command(0.0, 14000.0 if x[0] < 30.0 else 0.0)
+    return Command(0.0, -14000.0 if x[0] > 10.0 and phase < 8.0 else 0.0)
+
+
+def random_steering(seed: int) -> Driver:
+    """Constant speed, and a steering angle that wanders with a time constant of 0.5 s."""
+    random, angle, speed = np.random.default_rng(seed), {"now": 0.0}, 20.0
+
+    def drive(k: int, x: Array, _: float) -> Command:
+        angle["now"] += -2.0 * STEP * angle["now"] + 0.08 * STEP**0.5 * random.standard_normal()
+        return Command(angle["now"], 1500.0 * (speed - x[0]))
 
     return drive
 

@@ -16,7 +16,6 @@ from vsense_ros.estimation.state_space import Symbols
 from vsense_ros.identify.rinsing import SENSOR, Drive
 
 
-
 class OpenLoop:
     """Of a model with values for all its parameters, of which some are `free`.
 

@@ -15,6 +15,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+from scipy.signal import butter, filtfilt
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.augmented import Augmented
@@ -32,6 +33,7 @@ SENSOR = "outputs"
 STILL = 1e-3  # of its peak: a curve that moves less in a pass stands still
 KAPPA = 1.0  # of the unscented filter (Best & Bogdanski 2016, eq. 7)
 PASSES = 30  # at most
+PIECES = 20  # of a drive, that are asked whether they agree
 _ATTEMPTS = 4  # at a pass that cannot go on
 _HISTORY = 10  # samples between two of the memory that is kept of a pass
 LITERAL_DENSITY = 1e-7  # of the paper's P(0) and Q, in the units of its table
@@ -57,6 +59,11 @@ class Drive:
         return Drive(self.name, self.h, self.inputs[first:last], self.outputs[first:last], start)
 
 
+def low_passed(values: Array, h: float, cut_off: float) -> Array:
+    """Columns (N, m), `h` [s] apart, without what is faster than a cut-off [Hz], and without delay."""
+    return np.ascontiguousarray(filtfilt(*butter(2, 2 * cut_off * h), values, axis=0))
+
+
 @dataclass(frozen=True)
 class Noise:
     """What the filter takes for noise: standard deviations of the outputs (m,), of the state at the start (n,), and
@@ -65,6 +72,7 @@ class Noise:
     outputs: Sequence[float]
     start: Sequence[float]
     disturbances: Mapping[str, float]
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,8 @@ class Literal2016(Schedule):
 class Pass:
     """One pass over all drives: parameters at its end (p,), and how far the curves moved in it, of their peaks; the
     root mean square normalized innovation of a component, and the mean squares (m,) of the innovations; processor time
-    [s]; parameters (c, p) and the trace (c,) of their covariance, in units of their sizes, on the way."""
+    [s]; parameters (c, p) and the trace (c,) of their covariance, in units of their sizes, on the way; what
+    they were believed to be at the ends of `PIECES` pieces of each drive."""
 
     values: Array
     moved: float
@@ -131,6 +140,7 @@ class Pass:
     seconds: float
     history: Array = field(repr=False)
     trace: Array = field(repr=False)
+    beliefs: tuple[Gaussian, ...] = field(repr=False, default=())
 
 
 OURS = Schedule()
@@ -172,7 +182,7 @@ class Identifier:
             at_fault = self.free[int(np.argmin(self.scales))]
             raise InputError(f"{at_fault} starts at zero: it needs a size that it may have")
         drifts = np.zeros(len(free)) if drifts is None else np.asarray(drifts, dtype=float)
-        system = Integrated(model, noise.disturbances)
+        system = Integrated(model, noise.disturbances, noise.inputs)
         self._states = len(system.names)
         augmented = Augmented(system, dict(zip(self.free, drifts.tolist(), strict=True)))
         fixed = {name: values[name] for name in augmented.parameters}
@@ -211,7 +221,7 @@ class Identifier:
         variance = np.square(np.asarray(self.noise.outputs, dtype=float)) if variance is None else variance
         belief = Gaussian(np.asarray(values, dtype=float), covariance)
         seconds, total, count = 0.0, 0.0, 0
-        history, traces, squares = [], [], []
+        history, traces, squares, beliefs = [], [], [], [belief]
         for drive in drives:
             begun = time.process_time()
             nis, memory, belief = self._along(drive, belief, variance)
@@ -220,6 +230,9 @@ class Identifier:
             means, covariances = memory[:, :size], memory[:, size : size + size**2].reshape(-1, size, size)
             history.append(means[:, n:])
             traces.append((covariances.diagonal(axis1=1, axis2=2)[:, n:] / self.scales**2).sum(axis=1))
+            ends = np.linspace(0, len(memory), PIECES, endpoint=False, dtype=int)[1:]
+            beliefs += [Gaussian(means[i, n:].copy(), covariances[i, n:, n:].copy()) for i in ends]
+            beliefs.append(belief)
             at = slice(0, None, _HISTORY)
             squares.append((drive.outputs[at] - self.outputs(means, drive.inputs[at])) ** 2)
         outside = (belief.mean <= self.low) | (belief.mean >= self.high)
@@ -231,7 +244,7 @@ class Identifier:
             )
         made = Pass(
             belief.mean, self.moved(np.asarray(values), belief.mean), float(np.sqrt(total / max(count, 1))),
-            np.nanmean(np.concatenate(squares), axis=0), seconds, np.concatenate(history), np.concatenate(traces),
+            np.nanmean(np.concatenate(squares), axis=0), seconds, np.concatenate(history), np.concatenate(traces), tuple(beliefs),
         )  # fmt: skip
         return belief, made
 

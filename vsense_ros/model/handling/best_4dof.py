@@ -57,6 +57,8 @@ BOUNDS = {
     }.items()},
 }  # fmt: skip
 
+JUDGED_BY_CURVE = tuple(f"{axle}_{name}" for axle in ("front", "rear") for name in ("shape", "curvature"))
+
 
 class Best4Dof:
     """Its names and equations; arguments and results are CasADi expressions or numbers.
@@ -214,8 +216,9 @@ def _curves() -> ca.Function:
         column = []
         for slip in curve_slips(name):
             lateral = direction == "lateral"
-            contact = TyreInput(load, speed, -slip * speed if lateral else 0.0, speed * (1 if lateral else 1 + slip),
-                                p["friction"])
+            contact = TyreInput(
+                load, speed, -slip * speed if lateral else 0.0, speed * (1 if lateral else 1 + slip), p["friction"]
+            )
             forces = tyre(p, axle).forces(contact)
             column.append(forces.lateral if lateral else forces.longitudinal)
         columns.append(ca.vertcat(*column))
