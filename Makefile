@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench thesis genesis road blind bags clean
+.PHONY: help venv check test lint format demo bench best thesis genesis road blind bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -60,6 +60,9 @@ blind: venv ## examine vsense explain: physics hidden in cars that are not our m
 	for ablation in no_refit no_projection chi2_thresholds; do \
 	    $(BLIND_RUN) --cases 60 $(BLIND) run --ablation $$ablation || exit 1; done
 	$(BLIND_RUN) $(BLIND) score
+
+best: venv ## Best & Bogdanski 2016 on a twin: a car identified by Kalman filters, to out/best.json
+	$(VENV)/bin/vsense best
 
 thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
 	$(VENV)/bin/vsense thesis

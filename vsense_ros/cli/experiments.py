@@ -190,4 +190,27 @@ def road(out: Path) -> None:
     say(f"Written to {out}.")
 
 
-COMMANDS = (demo, genesis, thesis, simplification, sampling, road)
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/best.json"), show_default=True, help="File.")
+def best(out: Path) -> None:
+    """Repeat Best & Bogdanski 2016 on a twin: a car identified from its CAN bus by Kalman filters.
+
+    Takes some two minutes. Prints table 1 beside what was found, writes it as JSON and the figures as PNG beside it.
+
+    \b
+    Examples:
+      vsense best
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import best as job
+    from vsense_ros.experiments import best_picture
+
+    with progress("driving and identifying") as done:
+        results = job.repeat(progress=done)
+    job.write(results, out)
+    job.show(results, console())
+    pictures = best_picture.draw(results, out.with_suffix(""))
+    say(f"Written to {out}; figures 1 to {len(pictures)} in {out.with_suffix('')}.")
+
+
+COMMANDS = (best, demo, genesis, thesis, simplification, sampling, road)

@@ -312,6 +312,7 @@ def content(result: Repeated) -> dict[str, Any]:
 
 def write(result: Repeated, path: Path) -> None:
     """As JSON."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
         file.write(json.dumps(content(result), indent=2) + "\n")
 

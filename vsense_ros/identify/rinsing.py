@@ -48,6 +48,7 @@ class Drive:
     inputs: Array
     outputs: Array
     start: Array
+    begin: float = 0.0  # of the first sample, since the recording began [s]
 
     @property
     def seconds(self) -> Array:
@@ -56,7 +57,9 @@ class Drive:
 
     def part(self, first: int, last: int, start: Array) -> Drive:
         """Samples from `first` up to `last`, of which the first finds the state `start`."""
-        return Drive(self.name, self.h, self.inputs[first:last], self.outputs[first:last], start)
+        return Drive(
+            self.name, self.h, self.inputs[first:last], self.outputs[first:last], start, self.begin + first * self.h
+        )
 
 
 def low_passed(values: Array, h: float, cut_off: float) -> Array:
@@ -291,11 +294,17 @@ def rinse(
     progress: Progress | None = None,
 ) -> Rinsed:
     """Pass after pass, until the curves stand still (the parameters, where there are no curves) in one that begins with
-    the least deviation. Raises `FloatingPointError` where a pass cannot go on, even with less deviation."""
+    the least deviation, or one cannot go on. Raises `FloatingPointError` where the first cannot, even with less
+    deviation."""
     values, passes = identifier.begin() if begin is None else begin, []
     for index in range(schedule.passes):
         variance = schedule.variance(passes[-1] if passes else None, identifier.noise.outputs)
-        made = _cautiously(identifier, drives, values, schedule.deviations(index, identifier.scales), variance)
+        try:
+            made = _cautiously(identifier, drives, values, schedule.deviations(index, identifier.scales), variance)
+        except FloatingPointError:
+            if not passes:
+                raise
+            break
         passes.append(made)
         values = made.values
         if progress is not None:
@@ -304,7 +313,7 @@ def rinse(
             break
     if progress is not None:
         progress(1.0)
-    return Rinsed(values, passes[-1].moved < schedule.still, tuple(passes))
+    return Rinsed(values, passes[-1].moved < schedule.still and index == len(passes) - 1, tuple(passes))
 
 
 def _cautiously(

@@ -71,6 +71,8 @@ class Best4Dof:
     that has swung out by -h φ has the Coriolis term 2 h r p and the term h φ ṙ; eq. 14 has the first only once, and the
     second not at all. At a yaw rate of 0.5 rad/s and a roll rate of 0.3 rad/s that is 0.065 m/s².
 
+    `yaw_rate`: whether that is an output, too, of a car with a stability control.
+
     `on_body`: whether the accelerations are read by sensors that roll with the body, which feel g φ besides.
     """
 
@@ -82,8 +84,10 @@ class Best4Dof:
     outputs = ("longitudinal_acceleration", "lateral_acceleration", "roll_rate")
     parameters = tuple(PAPER)
 
-    def __init__(self, *, as_printed: bool = False, on_body: bool = False) -> None:
+    def __init__(self, *, as_printed: bool = False, on_body: bool = False, yaw_rate: bool = False) -> None:
         self.as_printed, self.on_body = as_printed, on_body
+        if yaw_rate:
+            self.outputs = (*type(self).outputs, "yaw_rate")
 
     def rates(self, x: Any, u: Any, p: Any) -> list[Scalar]:
         """Time derivatives of the states, (13,)."""
@@ -123,7 +127,8 @@ class Best4Dof:
         mass = (p.front_weight + p.rear_weight) / GRAVITY
         ahead, left = self.road_forces(x, u)
         tilt = GRAVITY * x.roll if self.on_body else 0.0
-        return [sum(ahead) / mass, sum(left) / mass + tilt, x.roll_rate]
+        found = [sum(ahead) / mass, sum(left) / mass + tilt, x.roll_rate]
+        return [*found, x.yaw_rate] if "yaw_rate" in self.outputs else found
 
     def tyre_forces(self, x: Any) -> tuple[list[Scalar], list[Scalar]]:
         """Of the four wheels, along and across each [N]."""
