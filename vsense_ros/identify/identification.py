@@ -178,27 +178,14 @@ def identify(
     progress: Progress | None = None,
 ) -> Identification:
     """Raises `InputError` where the recordings cannot tell anything, or the free parameters are none of the model."""
-    how = MODELS[model]
-    base = how.make()
-    wanted = tuple(free) or how.free
-    check_free(wanted, base.parameters, model)
     found = [recorded.signals(one, vehicle) for one in recordings]
-    for one in found:
-        check_signs(one)
-    drives = recorded.drives(found, model)
-    whole = WithSensorErrors(base)
-    start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
-    start |= {"steering_gain": 1.0, "steering_offset": 0.0}
-    names = (*wanted, *STEERING)
-    prior = np.array([*best.prior(start, wanted), *STEERING_PRIOR])
-    drives = [with_offsets(drive, len(whole.offsets)) for drive in drives]
-    usual = _noise(vehicle, base, how.noise.outputs)
-    off, drift = zip(*how.offsets.values(), strict=True)
-    disturbances = {**how.noise.disturbances, **dict(zip(whole.offsets, drift, strict=True))}
-    noise = Noise(usual, (*how.noise.start, *off), disturbances)
-    one = Identifier(
-        whole, start, names, noise, curves=_curves(start, model), scales=prior / best.PRIOR, bounds=best_4dof.BOUNDS
-    )
+    for one_recording in found:
+        check_signs(one_recording)
+    one, prior = handling_identifier(vehicle, model, free)
+    whole = one.model
+    assert isinstance(whole, WithSensorErrors)
+    start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
+    drives = [with_offsets(drive, len(whole.offsets)) for drive in recorded.drives(found, model)]
     try:
         # What is not told must not wander from pass to pass.
         left = information(one, drives, one.begin(), prior).left
@@ -251,6 +238,28 @@ def _noise(vehicle: Vehicle, model: Rates, usual: Sequence[float]) -> list[float
         "yaw_rate": rates[2],
     }  # fmt: skip
     return [max(float(own[name]), least) for name, least in zip(model.outputs, usual, strict=True)]
+
+
+def handling_identifier(vehicle: Vehicle, model: ModelName, free: Sequence[str] = ()) -> tuple[Identifier, Array]:
+    """Of a handling model with the parameters of a vehicle file, of which some are free, then the errors of its
+    sensors; and the prior deviations of all these. Raises `InputError` for a free one that the model does not have."""
+    how = MODELS[model]
+    base = how.make()
+    wanted = tuple(free) or how.free
+    check_free(wanted, base.parameters, model)
+    whole = WithSensorErrors(base)
+    start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
+    start |= {"steering_gain": 1.0, "steering_offset": 0.0}
+    prior = np.array([*best.prior(start, wanted), *STEERING_PRIOR])
+    usual = _noise(vehicle, base, how.noise.outputs)
+    off, drift = zip(*how.offsets.values(), strict=True)
+    disturbances = {**how.noise.disturbances, **dict(zip(whole.offsets, drift, strict=True))}
+    noise = Noise(usual, (*how.noise.start, *off), disturbances)
+    one = Identifier(
+        whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model), scales=prior / best.PRIOR,
+        bounds=best_4dof.BOUNDS,
+    )  # fmt: skip
+    return one, prior
 
 
 def check_free(wanted: Sequence[str], known: Sequence[str], model: str) -> None:
