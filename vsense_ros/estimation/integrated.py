@@ -32,8 +32,11 @@ class Integrated(StateSpace):
 
     Euler's rule, which papers print, is not good enough where a state follows another with a lag of a few steps: a tyre
     of 30 ms at steps of 10 ms. The midpoint rule of second order is nearly, but its frequencies are wrong by (ω h)²/6:
-    roll stiffness and height of the centre of gravity were identified 1 % too small. `densities`: of each state by name, the standard deviation [unit/√s] that disturbances
-    add; 0 where none is given.
+    roll stiffness and height of the centre of gravity were identified 1 % too small.
+
+    `densities`: of each state by name, the standard deviation [unit/√s] that disturbances add; 0 where none is given.
+    `input_noise`: of inputs by name, the standard deviation in each step, which acts on the states through the
+    equations.
     """
 
     def __init__(

@@ -54,7 +54,8 @@ STATE_UNITS = (1.0,) * 5 + (1e3,) * 8  # in which the paper's Q is 1e-7: forces 
 PRINTED = {
     "hG": (0.533, 0.532, 0.633), "Izz": (2.069, 2.086, 2.214), "Kphi": (1.152, 1.147, 1.692),
     "Bphi": (0.615, 0.608, 1.010), "Kxf": (3.299, 3.291, 3.116), "Kxr": (0.966, 0.966, 1.036),
-    "Caf": (0.625, 0.627, 0.665), "Car": (1.283, 1.286, 1.311), "Cf": (2.042, 2.043, 1.801), "Df": (1.103, 1.102, 1.051),
+    "Caf": (0.625, 0.627, 0.665), "Car": (1.283, 1.286, 1.311), "Cf": (2.042, 2.043, 1.801),
+    "Df": (1.103, 1.102, 1.051),
     "Ef": (0.630, 0.632, 0.724), "Cr": (1.653, 1.652, 1.085), "Dr": (0.954, 0.955, 1.155), "Er": (0.720, 0.714, 0.711),
 }  # fmt: skip
 PRINTED_SECONDS = {"iekf": 266.0, "iukf": 212.0}
@@ -78,8 +79,8 @@ class Identified:
 
 @dataclass(frozen=True)
 class HPlus:
-    """The case with free roll centres: what was refused after which pass, the weakest direction, and the paper's settings
-    beside."""
+    """The case with free roll centres: what was refused after which pass, the weakest direction, and the paper's
+    settings beside."""
 
     refused: list[Refusal]
     direction: str
@@ -190,7 +191,8 @@ def free_heights(drive: Drive, low_passed: Drive, seed: int) -> HPlus:
     rinsed = rinse(one, [drive])
     refused: list[Refusal] = []
     at, direction = 0, ""
-    for at, made in enumerate(rinsed.passes, 1):
+    for made in rinsed.passes:
+        at += 1
         told = information(one, [drive], made.values, best.prior(PAPER, free))
         refused = refusals(told, best_4dof.JUDGED_BY_CURVE)
         direction = str(told.weakest(best_4dof.JUDGED_BY_CURVE))
@@ -350,13 +352,14 @@ def h_plus_in_words(case: HPlus) -> list[str]:
     lines = [f"h+ (roll centres free, too): called unidentifiable after pass {case.detected_at}."
              if case.detected else "h+ (roll centres free, too): not called unidentifiable."]  # fmt: skip
     lines += [f"  {one}." for one in case.refused]
-    lines.append(f"  The weakest direction is {case.direction}: roll moves the body about an axis whose height only the "
-                 "load transfer tells apart from that of the centre of gravity.")  # fmt: skip
+    lines.append(f"  The weakest direction is {case.direction}: roll moves the body about an axis whose height only "
+                 "the load transfer tells apart from that of the centre of gravity.")  # fmt: skip
     off = 100 * (case.literal.passes[-1].values / case.values - 1)
     ten = 100 * (case.literal.passes[-1].values / case.literal.passes[-11].values - 1)
     lines.append(
         f"  With the paper's settings, after {len(case.literal.passes)} passes hG is {off[0]:+.1f} % off, Kphi "
-        f"{off[2]:+.1f} %, hRf {off[-2]:+.0f} %, hRr {off[-1]:+.0f} %; the last ten passes moved hG by {ten[0]:+.2f} %, "
+        f"{off[2]:+.1f} %, hRf {off[-2]:+.0f} %, hRr {off[-1]:+.0f} %; the last ten passes moved hG by "
+        f"{ten[0]:+.2f} %, "
         f"Kphi by {ten[2]:+.2f} %. They do not run away as the paper's do: this plant has no error of its model."
     )
     return lines
@@ -367,7 +370,8 @@ def _signals(result: Repeated) -> list[str]:
 
 
 def _parameters(result: Repeated, made: Mapping[str, Any]) -> Table:
-    headings = ("paper\nIEKF", "paper\nUKF", "truth", "IEKF", "IUKF", "IEKF\nerror %", "worst\nerror %", "IUKF to\nIEKF %",
+    headings = ("paper\nIEKF", "paper\nUKF", "truth", "IEKF", "IUKF", "IEKF\nerror %", "worst\nerror %",
+                "IUKF to\nIEKF %",
                 "3σ %", "low-\npassed %", "paper's\nsettings %")  # fmt: skip
     table = plain_table("", *headings, right=headings)
     all_errors = np.array([one.rinsed.values / TRUTH - 1 for one in result.found["iekf"]]) * 100

@@ -19,7 +19,8 @@ from vsense_ros.model.handling.best_4dof import PAPER, REACH, SYMBOLS, Best4Dof
 
 OTHER = "#D55E00"  # of the unscented filter
 SHOWN = {
-    "longitudinal_acceleration": "longitudinal acceleration [m/s²]", "lateral_acceleration": "lateral acceleration [m/s²]",
+    "longitudinal_acceleration": "longitudinal acceleration [m/s²]",
+    "lateral_acceleration": "lateral acceleration [m/s²]",
     "roll_rate": "roll rate [rad/s]", "speed": "speed [m/s]", "roll": "roll [rad]", "yaw_rate": "yaw rate [rad/s]",
     "lateral_velocity": "lateral velocity [m/s]",
 }  # fmt: skip

@@ -47,10 +47,11 @@ def identifier(
 ) -> Identifier:
     """Of the model, with values for all its parameters by name."""
     peak = best_4dof.curves(values).max(axis=1)[:, None]
-    more = {"scales": prior(values, free) / PRIOR} | more
+    scales: Sequence[float] | Array = more.pop("scales", prior(values, free) / PRIOR)
     return Identifier(
         model or Best4Dof(), values, free, noise or Noise(OUTPUTS, START, DISTURBANCES), kind=kind,
-        curves=lambda p: best_4dof.curves(p) / peak, bounds=best_4dof.BOUNDS, **more,
+        curves=lambda p: best_4dof.curves(p) / peak, bounds=best_4dof.BOUNDS,
+        scales=scales, **more,
     )  # fmt: skip
 
 

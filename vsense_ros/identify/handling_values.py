@@ -39,7 +39,7 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
     for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
         for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
             found[f"{name}_{key}"] = value
-    height = chassis.cog_height - _axis(found)
+    height = chassis.cog_height - float(roll_axis_height(found))
     found["roll_inertia"] = chassis.roll_inertia + chassis.mass * height**2
     return found
 
@@ -47,11 +47,6 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
 def _roll(axle: Axle, at_wheel: float) -> float:
     """Moment per roll of an axle [N m/rad] of a rate at each wheel [N/m]."""
     return at_wheel * axle.track**2 / 2
-
-
-def _axis(p: Mapping[str, float]) -> float:
-    share = p["rear_weight"] / (p["front_weight"] + p["rear_weight"])
-    return p["front_roll_centre_height"] + share * (p["rear_roll_centre_height"] - p["front_roll_centre_height"])
 
 
 def similar(axle: Axle, load: float) -> tuple[float, float, float, float, float]:

@@ -288,9 +288,9 @@ def check_signs(one: Signals) -> None:
         correlation = float(np.corrcoef(signal[good], with_it[good])[0, 1])
         if correlation < BACKWARDS:
             raise InputError(
-                f"{one.name}: {name} goes against {other} (correlation {correlation:+.2f}): one of the two has the wrong "
-                "sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set attitude or gain of "
-                "the sensor in the vehicle file, or the sign in the mapping of the importer"
+                f"{one.name}: {name} goes against {other} (correlation {correlation:+.2f}): one of the two has the "
+                "wrong sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set attitude or gain "
+                "of the sensor in the vehicle file, or the sign in the mapping of the importer"
             )
 
 
@@ -311,8 +311,8 @@ def check_one_car(one: Identifier, drives: Sequence[Drive], weighed: Information
                 if abs(a - b) > max(TWO_CARS * float(np.hypot(s, t)), TWO_CARS_SHARE * max(a, b)):
                     raise InputError(
                         f"{drives[j].name} and {drives[i].name} are not of one car, or not with the same tyres: the "
-                        f"cornering stiffness of a {axle} tyre is {b:.3g} ± {t:.1g} N/rad in one and {a:.3g} ± {s:.1g} in "
-                        "the other; identify them one by one"
+                        f"cornering stiffness of a {axle} tyre is {b:.3g} ± {t:.1g} N/rad in one and {a:.3g} ± {s:.1g} "
+                        "in the other; identify them one by one"
                     )
 
 
@@ -363,8 +363,8 @@ def _curves(start: Mapping[str, float], model: str) -> Any:
 def fits(
     made: Identification, model: WithSensorErrors, drives: Sequence[Drive]
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """Of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it cannot
-    follow. A mean error is an offset of the sensor."""
+    """Of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it
+    cannot follow. A mean error is an offset of the sensor."""
     found: dict[str, dict[str, tuple[float, float]]] = {}
     errors = {name: value for name, value in made.values.items() if name in STEERING}
     for drive in drives:

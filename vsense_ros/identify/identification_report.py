@@ -78,8 +78,11 @@ def content(found: Identification) -> dict[str, Any]:
         "model": found.model,
         "vehicle": found.before.name,
         "parameters": {
-            name: {"before": found.start[name], "value": float(value), "deviation": float(deviation), "told": name in found.told}
-            for name, value, deviation in zip(found.found.names, found.found.values, found.found.deviations, strict=True)
+            name: {
+                "before": found.start[name], "value": float(found.found.values[i]),
+                "deviation": float(found.found.deviations[i]), "told": name in found.told,
+            }
+            for i, name in enumerate(found.found.names)
         },
         "cornering_stiffness": {
             p.axle: {"value": p.value, "deviation": p.deviation, "told": p.told, "halves": p.halves}

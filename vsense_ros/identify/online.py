@@ -1,7 +1,8 @@
 """The identifying filter on the vehicle: it goes on from drive to drive, and keeps what it has learnt in a file.
 
 It runs beside the observer, on the same messages, a hundred steps a second on their stamps. It identifies the
-model of Best & Bogdanski (2016), so that the speeds of all wheels must be measured. What a set of parameters belongs to is the car of a vehicle file: for another it is refused.
+model of Best & Bogdanski (2016), so that the speeds of all wheels must be measured. A stored set of
+parameters belongs to the car of one vehicle file: for another it is refused.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 TOPIC = "vsense/identified_parameters"
 PERIOD = 1.0  # [s] between two messages of it
-FIRST = 0.5  # of the prior deviations, with which a car that is new begins: steps stay where the equations are nearly linear
+FIRST = 0.5  # of the prior deviations, with which a new car begins: so far the equations are nearly linear
 AGEING = 0.02  # of its value, by which a parameter may have changed from one drive to the next
 _LIMIT = 100.0  # normalized innovation squared beyond which a reading is not believed
 _AT_MOST = 100  # steps that one message may bring about
@@ -54,8 +55,8 @@ class OnlineIdentification:
         for what, name in self._names.items():
             if name is None:
                 raise InputError(
-                    f"{vehicle.name}: the identifying filter needs {what.replace('rates and forces', 'an imu')}, which no "
-                    "sensor of the vehicle file gives"
+                    f"{vehicle.name}: the identifying filter needs {what.replace('rates and forces', 'an imu')}, which "
+                    "no sensor of the vehicle file gives"
                 )
         self.vehicle, self.stored = vehicle, stored
         self._one, self._prior = handling_identifier(vehicle, "best")

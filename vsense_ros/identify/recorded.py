@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
@@ -20,6 +21,8 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
+
+Mask = NDArray[np.bool_]
 
 STEP = 0.01  # [s]
 SLOWEST = 5.0  # [m/s] below it nothing is identified
@@ -41,7 +44,7 @@ class Signals:
     spins: Array | None
     forces: Array
     rates: Array
-    known: Array  # (N,) where all that is needed is there
+    known: Mask  # (N,) where all that is needed is there
 
 
 def signals(recording: Recording, vehicle: Vehicle) -> Signals:
@@ -100,7 +103,7 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> tuple[Array,
     stamps = np.array([event.stamp for event in events], dtype=np.int64)
     stamps, rows = np.unique(stamps, return_index=True)
     value = sensor.in_axes_of_car(np.array([events[i].value for i in rows]))
-    return (stamps - recording.first_stamp) * 1e-9, value
+    return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), value
 
 
 def _pick(read: Mapping[str, object], sensors: Mapping[str, SensorBase], what: str, name: str, words: str) -> str:
@@ -187,7 +190,7 @@ def _strongest(one: Signals, stretch: slice) -> float:
     return float(np.percentile(np.hypot(*plane.T), 99))
 
 
-def _longest(good: Array) -> slice:
+def _longest(good: Mask) -> slice:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     if not len(edges):
         return slice(0, 0)

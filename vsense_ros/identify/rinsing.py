@@ -64,7 +64,8 @@ class Drive:
 
 def low_passed(values: Array, h: float, cut_off: float) -> Array:
     """Columns (N, m), `h` [s] apart, without what is faster than a cut-off [Hz], and without delay."""
-    return np.ascontiguousarray(filtfilt(*butter(2, 2 * cut_off * h), values, axis=0))
+    smooth: Array = filtfilt(*butter(2, 2 * cut_off * h), values, axis=0)
+    return np.ascontiguousarray(smooth)
 
 
 @dataclass(frozen=True)
@@ -203,8 +204,8 @@ class Identifier:
         for name, value, low, high in zip(self.free, self.begin(), self.low, self.high, strict=True):
             if not low < value < high:
                 raise InputError(
-                    f"{name} starts at {value:.4g}, but must lie between {low:.4g} and {high:.4g}: give it a value that "
-                    "such a car may have"
+                    f"{name} starts at {value:.4g}, but must lie between {low:.4g} and {high:.4g}: give it a value "
+                    "that such a car may have"
                 )
 
     def named(self, values: Array) -> dict[str, float]:
@@ -236,8 +237,8 @@ class Identifier:
             ends = np.linspace(0, len(memory), PIECES, endpoint=False, dtype=int)[1:]
             beliefs += [Gaussian(means[i, n:].copy(), covariances[i, n:, n:].copy()) for i in ends]
             beliefs.append(belief)
-            at = slice(0, None, _HISTORY)
-            squares.append((drive.outputs[at] - self.outputs(means, drive.inputs[at])) ** 2)
+            expected = self.outputs(means, drive.inputs[::_HISTORY])
+            squares.append((drive.outputs[::_HISTORY] - expected) ** 2)
         outside = (belief.mean <= self.low) | (belief.mean >= self.high)
         if outside.any():
             at = int(np.argmax(outside))
@@ -247,7 +248,8 @@ class Identifier:
             )
         made = Pass(
             belief.mean, self.moved(np.asarray(values), belief.mean), float(np.sqrt(total / max(count, 1))),
-            np.nanmean(np.concatenate(squares), axis=0), seconds, np.concatenate(history), np.concatenate(traces), tuple(beliefs),
+            np.nanmean(np.concatenate(squares), axis=0), seconds, np.concatenate(history),
+            np.concatenate(traces), tuple(beliefs),
         )  # fmt: skip
         return belief, made
 
@@ -296,7 +298,7 @@ def rinse(
     """Pass after pass, until the curves stand still (the parameters, where there are no curves) in one that begins with
     the least deviation, or one cannot go on. Raises `FloatingPointError` where the first cannot, even with less
     deviation."""
-    values, passes = identifier.begin() if begin is None else begin, []
+    values, passes = identifier.begin() if begin is None else begin, list[Pass]()
     for index in range(schedule.passes):
         variance = schedule.variance(passes[-1] if passes else None, identifier.noise.outputs)
         try:

@@ -76,13 +76,13 @@ class Best4Dof:
     `on_body`: whether the accelerations are read by sensors that roll with the body, which feel g φ besides.
     """
 
-    states = (
+    states: tuple[str, ...] = (
         "speed", "lateral_velocity", "yaw_rate", "roll", "roll_rate",
         *(f"longitudinal_force_{wheel}" for wheel in WHEELS), *(f"lateral_force_{wheel}" for wheel in WHEELS),
     )  # fmt: skip
-    inputs = ("steering", *(f"spin_{wheel}" for wheel in WHEELS))
-    outputs = ("longitudinal_acceleration", "lateral_acceleration", "roll_rate")
-    parameters = tuple(PAPER)
+    inputs: tuple[str, ...] = ("steering", *(f"spin_{wheel}" for wheel in WHEELS))
+    outputs: tuple[str, ...] = ("longitudinal_acceleration", "lateral_acceleration", "roll_rate")
+    parameters: tuple[str, ...] = tuple(PAPER)
 
     def __init__(self, *, as_printed: bool = False, on_body: bool = False, yaw_rate: bool = False) -> None:
         self.as_printed, self.on_body = as_printed, on_body
@@ -188,8 +188,8 @@ def tyre(p: Any, axle: str) -> Similarity:
 
 def roll_axis_height(p: Any) -> Scalar:
     """Below the centre of gravity [m] (the paper's h0)."""
-    share = p.rear_weight / (p.front_weight + p.rear_weight)
-    return p.front_roll_centre_height + share * (p.rear_roll_centre_height - p.front_roll_centre_height)
+    front, rear = p["front_roll_centre_height"], p["rear_roll_centre_height"]
+    return front + p["rear_weight"] / (p["front_weight"] + p["rear_weight"]) * (rear - front)
 
 
 # Slips up to which force curves are drawn and judged: tangent of the slip angle, longitudinal slip.

@@ -19,10 +19,10 @@ class SingleTrack:
     """States: lateral velocity [m/s] and yaw rate [rad/s] at the centre of gravity. Inputs: road-wheel angle [rad],
     speed [m/s]. Outputs: lateral acceleration [m/s²], yaw rate [rad/s]. Wheels carry their loads at rest."""
 
-    states = ("lateral_velocity", "yaw_rate")
-    inputs = ("steering", "speed")
-    outputs = ("lateral_acceleration", "yaw_rate")
-    parameters = (
+    states: tuple[str, ...] = ("lateral_velocity", "yaw_rate")
+    inputs: tuple[str, ...] = ("steering", "speed")
+    outputs: tuple[str, ...] = ("lateral_acceleration", "yaw_rate")
+    parameters: tuple[str, ...] = (
         "front_weight", "rear_weight", "wheelbase", "friction", "yaw_inertia",
         *(f"{axle}_{name}" for axle in ("front", "rear") for name in TYRE),
     )  # fmt: skip
