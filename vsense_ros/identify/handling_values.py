@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.handling.best_4dof import TYRE
+from vsense_ros.model.handling.best_4dof import TYRE, roll_axis_height
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.tyres.similarity import Similarity

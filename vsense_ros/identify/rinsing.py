@@ -53,7 +53,7 @@ class Drive:
     @property
     def seconds(self) -> Array:
         """Time of each sample since the first, (N,) [s]."""
-        return np.arange(len(self.inputs)) * self.h
+        return np.arange(len(self.inputs), dtype=np.float64) * np.float64(self.h)
 
     def part(self, first: int, last: int, start: Array) -> Drive:
         """Samples from `first` up to `last`, of which the first finds the state `start`."""
@@ -65,7 +65,7 @@ class Drive:
 def low_passed(values: Array, h: float, cut_off: float) -> Array:
     """Columns (N, m), `h` [s] apart, without what is faster than a cut-off [Hz], and without delay."""
     smooth: Array = filtfilt(*butter(2, 2 * cut_off * h), values, axis=0)
-    return np.ascontiguousarray(smooth)
+    return np.ascontiguousarray(smooth, dtype=np.float64)
 
 
 @dataclass(frozen=True)
