@@ -19,7 +19,7 @@ def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tu
 @vehicle_option
 @click.option(
     "--model", type=click.Choice(["best", "car", "single_track"]), default="best", show_default=True,
-    help="best: 4 degrees of freedom, all wheel speeds; single_track: a speed is enough; car: that of the observer, not proven yet.",
+    help="best: 4 degrees of freedom, wheel speeds; single_track: a speed is enough; car: the observer's, unproven.",
 )  # fmt: skip
 @click.option("--free", multiple=True, callback=_names, metavar="NAMES", help="Parameters to identify; default: all.")
 @click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
