@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench thesis genesis road blind recordings bags clean
+.PHONY: help venv check test lint format demo bench best thesis genesis road blind recordings bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -65,6 +65,9 @@ blind: venv ## examine vsense explain: physics hidden in cars that are not our m
 DBC ?=
 recordings: venv ## cases of public bug reports, planted faults and speeds of all formats, to out/recordings.json
 	PYTHONPATH=test $(VENV)/bin/python -m recordings $(if $(DBC),--dbc $(DBC))
+
+best: venv ## Best & Bogdanski 2016 on a twin: a car identified by Kalman filters, to out/best.json
+	$(VENV)/bin/vsense best
 
 thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
 	$(VENV)/bin/vsense thesis

@@ -8,7 +8,18 @@ from __future__ import annotations
 
 import click
 
-from vsense_ros.cli import characterise, estimate, experiments, explain, export, recordings, simulate, trust, vehicle
+from vsense_ros.cli import (
+    characterise,
+    estimate,
+    experiments,
+    explain,
+    export,
+    identify,
+    recordings,
+    simulate,
+    trust,
+    vehicle,
+)
 from vsense_ros.cli.common import Commands
 
 
@@ -41,6 +52,7 @@ for _command in (
     *recordings.COMMANDS,
     *estimate.COMMANDS,
     *explain.COMMANDS,
+    *identify.COMMANDS,
     *trust.COMMANDS,
     *simulate.COMMANDS,
     *export.COMMANDS,

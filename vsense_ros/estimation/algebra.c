@@ -181,20 +181,16 @@ static double whiten(struct innovation *found, double *inverse_diagonal) {
     return nis;
 }
 
-/* Corrects the covariance, P - W W' with W = P H' L^-T, and writes the error of the state (n).
+/* Corrects the covariance, P - W W' with W = P H' L^-T, and writes the error of the state (n), of an innovation whose
+ * covariance stands in `found->factor` and that with the state in `projected`, which is used up.
  *
  * Returns the squared norm of the innovation in units of its standard deviation; the correction is made only where that
- * is at most `limit`. NaN: the covariance of the innovation is not positive definite. `scale` multiplies it. */
-static double update(struct innovation *found, double *p, double *error, double scale, double limit) {
-    double projected[COMPONENTS][STATES], negative[COMPONENTS][STATES], inverse[COMPONENTS], factors[COMPONENTS] = {0};
+ * is at most `limit`. NaN: the covariance of the innovation is not positive definite. */
+static double apply(struct innovation *found, double (*projected)[STATES], double *p, double *error, double limit) {
+    double negative[COMPONENTS][STATES], inverse[COMPONENTS], factors[COMPONENTS] = {0};
     double (*const total)[COMPONENTS] = found->factor;
     const double *from[COMPONENTS];
     const int used = found->used;
-    project(found, p, projected);
-    for (int a = 0; a < used; a++) {
-        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = scale * dot(n, projected[a], found->rows[b]);
-        total[a][a] += scale * found->variance[a];
-    }
     const double nis = whiten(found, inverse);
     if (!(nis <= limit)) return nis;
     for (int a = 0; a < used; a++) { /* projected := L^-1 H P = W' */
@@ -210,4 +206,16 @@ static double update(struct innovation *found, double *p, double *error, double 
     combine(n, error, used, found->weights, from);
     combine_rows(n, n, p, n, used, negative[0], 1, n, from);
     return nis;
+}
+
+/* `apply` of what an innovation's rows say; `scale` multiplies its covariance. */
+static double update(struct innovation *found, double *p, double *error, double scale, double limit) {
+    double projected[COMPONENTS][STATES];
+    double (*const total)[COMPONENTS] = found->factor;
+    project(found, p, projected);
+    for (int a = 0; a < found->used; a++) {
+        for (int b = 0; b <= a; b++) total[a][b] = total[b][a] = scale * dot(n, projected[a], found->rows[b]);
+        total[a][a] += scale * found->variance[a];
+    }
+    return apply(found, projected, p, error, limit);
 }

@@ -295,7 +295,7 @@ def _compiled(dense: Dense, kernels: _Kernels) -> Operations | None:
     every = [kernels.transition, kernels.retract, *(sense.kernel for sense in kernels.sense.values())]
     if any(kernel.entry() is None for kernel in every):
         return None
-    compiled = library("ekf", kernels.functions.errors, "estimation/ekf.c")
+    compiled = library("ekf", kernels.functions.errors, "estimation/found.c", "estimation/ekf.c")
     if compiled is None:
         return None
     found = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)

@@ -69,20 +69,6 @@ static int sensed(const struct sensor *sensor, const double *variance, struct in
     return found->used = used;
 }
 
-static void report(const struct live *live, const struct sensor *sensor, const struct innovation *found,
-                   const int *component) {
-    const int m = (int)sensor->components;
-    double *const factor = live->factor;
-    for (int a = 0; a < m; a++) {
-        live->whitened[a] = NAN;
-        for (int b = 0; b < m; b++) factor[a * m + b] = a == b;
-    }
-    for (int a = 0; a < found->used; a++) {
-        live->whitened[component[a]] = found->weights[a];
-        for (int b = 0; b <= a; b++) factor[component[a] * m + component[b]] = found->factor[a][b];
-    }
-}
-
 static double measure(const struct live *live, const struct sensor *sensor, const double *value,
                       const double *variance, double limit, double scale) {
     struct innovation found;
@@ -90,7 +76,7 @@ static double measure(const struct live *live, const struct sensor *sensor, cons
     double nis = -1;
     memcpy(sensor->value, value, sensor->components * sizeof(double));
     if (sensed(sensor, variance, &found, component)) nis = update(&found, live->covariance, live->error, scale, limit);
-    report(live, sensor, &found, component);
+    report(live->whitened, live->factor, (int)sensor->components, &found, component);
     if (!(nis >= 0 && nis <= limit)) return nis;
     if (live->retract.function) {
         run(&live->retract);

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Array, Gaussian, Given, Innovation, Measured, Step
+from vsense_ros.estimation.filter import Array, Course, Followed, Gaussian, Given, Innovation, Measured, Step
 from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
 from vsense_ros.estimation.linearised import Linearised
 
@@ -96,6 +96,12 @@ class Ekf(GaussianFilter):
         if self._operations is not None:
             return self._operations.repeat(events)
         return super().repeat(events)
+
+    def follow(self, course: Course, every: int = 0) -> Followed:
+        """As `Filter.follow`, in one call where the system is compiled."""
+        if self._operations is not None:
+            return self._operations.follow(course, self.memory.size, every)
+        return super().follow(course, every)
 
 
 def _views(whitened: Array, factor: Array, m: int) -> tuple[Array, Array]:

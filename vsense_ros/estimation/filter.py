@@ -68,6 +68,31 @@ class Given(NamedTuple):
     value: Array
 
 
+class Course(NamedTuple):
+    """One sensor at a constant rate: N samples, `h` [s] apart, of `inputs` (N, k) and of `values` (N, m) with these
+    variances (m,). Inputs change linearly from one sample to the next."""
+
+    sensor: str
+    inputs: Array
+    values: Array
+    variance: Array
+    h: float
+
+
+class Followed(NamedTuple):
+    """Normalized innovations squared (N,), and copies of the memory before every so manieth correction (c, s)."""
+
+    nis: Array
+    memory: Array
+
+
+def impossible_at(sample: int, course: Course) -> FloatingPointError:
+    """What to raise where a filter could not go on at a sample."""
+    return FloatingPointError(
+        f"the filter cannot go on {sample * course.h:.2f} s after the start: its state would be none that can be"
+    )
+
+
 def largest_nis(gate: float, components: int) -> float:
     """Normalized innovation squared up to which a measurement is believed that may be off by `gate` standard
     deviations: its expectation grows with the components, its spread with their square root."""
@@ -149,6 +174,30 @@ class Filter(ABC):
                 return len(found), True, [*found, nis]
             found.append(nis)
         return len(found), False, found
+
+    def follow(self, course: Course, every: int = 0) -> Followed:
+        """Go along a course: correct, step, correct … A step has the mean of the inputs at its two ends; with those of
+        one end they would be half a step late.
+
+        A filter that is compiled does all of it in one call. With `every` the memory before every `every`-th correction
+        is kept. Raises `FloatingPointError` where the filter cannot go on.
+        """
+        count, nis, kept = len(course.values), np.full(len(course.values), np.nan), []
+        for k, (inputs, value) in enumerate(zip(course.inputs, course.values, strict=True)):
+            self.inputs[:] = inputs
+            if not self.is_valid():
+                raise impossible_at(k, course)
+            if every and k % every == 0:
+                kept.append(self.memory.copy())
+            nis[k] = self.correct(course.sensor, value, course.variance).nis
+            if nis[k] != nis[k]:
+                raise impossible_at(k, course)
+            if k + 1 < count:
+                self.inputs[:] = (inputs + course.inputs[k + 1]) / 2
+                self.predict(course.h)
+        if not self.is_valid():
+            raise impossible_at(count - 1, course)
+        return Followed(nis, np.array(kept).reshape(-1, self.memory.size))
 
     def give(self, given: Given) -> None:
         """Take values for inputs."""

@@ -67,3 +67,28 @@ int vsense_repeat(const struct live *live, int count, const struct event *events
     }
     return count;
 }
+
+/* A sensor at a constant rate: `count` samples `h` apart, of `width` inputs and of one measurement each. Inputs change
+ * linearly from sample to sample, and a step has their mean. The memory before every `every`-th correction is copied to
+ * `kept`, one after the other, if `every` is not 0. Returns how many corrections were made, `count` if nothing went
+ * wrong. */
+int vsense_follow(const struct live *live, const struct sensor *sensor, int count, int width, int components, double h,
+                  const double *process, const double *inputs, const double *values, const double *variance,
+                  double *nis, int every, double *kept) {
+    *live->h = h;
+    for (int k = 0; k < count; k++) {
+        const double *const now = inputs + k * width;
+        memcpy(live->inputs, now, width * sizeof(double));
+        if (!is_valid(live)) return k;
+        if (every && k % every == 0) {
+            memcpy(kept, live->memory, live->size * sizeof(double));
+            kept += live->size;
+        }
+        nis[k] = measure(live, sensor, values + k * components, variance, INFINITY, 1);
+        if (nis[k] != nis[k]) return k;
+        if (k + 1 == count) break;
+        for (int i = 0; i < width; i++) live->inputs[i] = (now[i] + now[width + i]) / 2;
+        if (!step(live, process)) return k;
+    }
+    return is_valid(live) ? count : count - 1;
+}

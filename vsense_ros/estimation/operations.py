@@ -12,7 +12,7 @@ import numpy as np
 
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import Array, Given, Measured, Step
+from vsense_ros.estimation.filter import Array, Course, Followed, Given, Measured, Step, impossible_at
 from vsense_ros.estimation.gaussian import COMPONENTS
 
 ADDRESS = ctypes.c_void_p
@@ -83,10 +83,13 @@ class Operations:
         self._calls = {name: _Call.of(self._live, self._sensors[name], m) for name, (_, m) in sensors.items()}
         self._step, self._measure = compiled.vsense_step, compiled.vsense_measure
         self._advance, self._repeat = compiled.vsense_advance, compiled.vsense_repeat
+        self._follow = compiled.vsense_follow
         self._step.argtypes = [ADDRESS, ADDRESS]
         self._measure.argtypes, self._measure.restype = [ADDRESS], None
         self._advance.argtypes = [ADDRESS, ADDRESS, ctypes.c_int, ctypes.c_double, ADDRESS]
         self._repeat.argtypes = [ADDRESS, ctypes.c_int, ctypes.c_char_p, *[ADDRESS] * 4]
+        self._follow.argtypes = [*[ADDRESS] * 2, *[ctypes.c_int] * 3, ctypes.c_double, *[ADDRESS] * 5, ctypes.c_int]
+        self._follow.argtypes += [ADDRESS]
 
     def process(self, h: float) -> int:
         """Address of what a step of `h` [s] reads besides its length; 0: nothing."""
@@ -140,6 +143,21 @@ class Operations:
         addresses = first, first + measured.nbytes // 2, nis.ctypes.data, ctypes.addressof(moved)
         done = self._repeat(self._live, len(rows), b"".join(rows), *addresses)
         return done, bool(moved.value), nis[: done + moved.value].tolist()
+
+    def follow(self, course: Course, size: int, every: int = 0) -> Followed:
+        """As `Filter.follow`, of a filter whose memory has this `size`."""
+        self._check(Measured(course.sensor, course.values[0], course.variance, np.inf))
+        inputs, values, variance = (np.ascontiguousarray(a, dtype=float) for a in course[1:4])
+        count, nis = len(values), np.full(len(values), np.nan)
+        kept = np.zeros((-(-count // every) if every else 0, size))
+        done = self._follow(
+            self._live, self._sensors[course.sensor], count, inputs.shape[1], values.shape[1], course.h,
+            self.process(course.h), inputs.ctypes.data, values.ctypes.data, variance.ctypes.data, nis.ctypes.data,
+            every, kept.ctypes.data,
+        )  # fmt: skip
+        if done < count:
+            raise impossible_at(done, course)
+        return Followed(nis, kept)
 
     def _check(self, event: Measured) -> None:
         if event.sensor not in self._calls:

@@ -7,17 +7,19 @@ not be of a vector space (Hertzberg et al. 2013, table 3): attitudes and heading
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.codegen import Kernel
+from vsense_ros.codegen import Entry, Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.dense import UNLIMITED, laid_out
-from vsense_ros.estimation.filter import Array, Gaussian, Innovation
+from vsense_ros.estimation.filter import Array, Course, Followed, Gaussian, Given, Innovation, Measured, Step
 from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
+from vsense_ros.estimation.operations import ADDRESS, Operations, library
 from vsense_ros.estimation.state_space import (
     Measurement,
     StateSpace,
@@ -63,8 +65,9 @@ class Ukf(GaussianFilter):
         self._weights = np.array([around - e, *[0.5] * (2 * e)]) / around
         self._weights_of_squares = self._weights.copy()
         self._weights_of_squares[0] += 1 - alpha**2 + beta
-        self._points = _Points(self)
         self._largest = np.array([system.largest.get(name, UNLIMITED) for name in self.names])
+        self._points = _Points(self)
+        self._operations = self._points.operations()
 
     def at(self, memory: Array) -> Ukf:
         """The same, with its memory in this array (s,)."""
@@ -82,6 +85,9 @@ class Ukf(GaussianFilter):
 
     def predict(self, h: float) -> None:
         """Go on by `h` [s]. Raises `FloatingPointError` where the state would not be finite."""
+        if self._operations is not None:
+            self._operations.predict(h)
+            return
         moved = self._points.moved(self._spread(), h)
         if not np.isfinite(moved).all():
             raise FloatingPointError(f"{title(self.system)} cannot be moved by {h} s: its state would not be finite")
@@ -96,6 +102,12 @@ class Ukf(GaussianFilter):
     ) -> Innovation:
         """As `Filter.correct`. A covariance that is not positive definite any more is told, and begun anew."""
         measurement = self._measurement(sensor, value, variance)
+        if self._operations is not None:
+            nis, m = self._operations.correct(sensor, value, variance, limit, scale), len(value)
+            if nis != nis:
+                self.recover(sensor)
+            whitened, factor = self._operations.whitened[:m], self._operations.factor[: m * m].reshape(m, m)
+            return Innovation(whitened, factor, nis, 0.0 <= nis <= limit)
         try:
             points = self._spread()
         except FloatingPointError:
@@ -116,6 +128,20 @@ class Ukf(GaussianFilter):
         factor = np.zeros((len(value), len(value)))
         found.write(found.whitened, factor.reshape(-1))
         return Innovation(found.whitened, factor, found.nis, 0.0 <= found.nis <= limit)
+
+    def advance(self, step: Step) -> bool:
+        """As `Filter.advance`, in one call where the system is compiled."""
+        return super().advance(step) if self._operations is None else self._operations.advance(step)
+
+    def repeat(self, events: Sequence[tuple[Step | None, Measured | Given]]) -> tuple[int, bool, list[float]]:
+        """As `Filter.repeat`, in one call where the system is compiled."""
+        return super().repeat(events) if self._operations is None else self._operations.repeat(events)
+
+    def follow(self, course: Course, every: int = 0) -> Followed:
+        """As `Filter.follow`, in one call where the system is compiled."""
+        if self._operations is None:
+            return super().follow(course, every)
+        return self._operations.follow(course, self.memory.size, every)
 
     def is_valid(self) -> bool:
         """Whether the mean is finite and within its bounds, and no variance below zero."""
@@ -190,7 +216,7 @@ class _Points:
     """The functions of a state space, each for all points by one call."""
 
     def __init__(self, ukf: Ukf) -> None:
-        functions = point_functions(ukf.system, tuple(ukf.measurements.values()))
+        functions = self._functions = point_functions(ukf.system, tuple(ukf.measurements.values()))
         e, self._ukf = len(ukf.covariance), ukf
         count = 2 * e + 1
         shape = {"x": len(ukf.mean), "u": len(ukf.inputs), "p": len(ukf.parameters), "h": 1, "d": e, "y": len(ukf.mean)}
@@ -202,6 +228,30 @@ class _Points:
     def _bound(self, function: ca.Function, count: int) -> Kernel:
         arguments = [self._at[function.name_in(i)].reshape(-1) for i in range(function.n_in())]
         return Kernel(function.map(count), arguments)
+
+    def operations(self) -> Operations | None:
+        """The filter in C, of a state that is a vector; None for another, or without a compiler."""
+        ukf = self._ukf
+        if not ukf.system.is_flat:
+            return None
+        point, h = np.zeros(len(ukf.mean)), np.zeros(1)
+        at = [point, ukf.inputs, ukf.parameters]
+        move = Kernel(self._functions["move"], [*at, h])
+        noise = Kernel(self._functions["noise"], [*at, h])
+        expect = {name: Kernel(self._functions[f"sensor {name}"], at) for name in ukf.sensors}
+        if any(kernel.entry() is None for kernel in (move, noise, *expect.values())):
+            return None
+        compiled = library("ukf", len(point), "estimation/found.c", "estimation/ukf.c")
+        if compiled is None:
+            return None
+        whitened, factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
+        live = _live(ukf, (move, noise), point, h, (whitened, factor))
+        sensors = {
+            name: (_sensor(kernel, ukf.measurements[name]), len(ukf.measurements[name].deviations))
+            for name, kernel in expect.items()
+        }
+        impossible = f"{title(ukf.system)} cannot be moved: its state would not be finite, or its covariance is not one"
+        return Operations(compiled, live, sensors, h, (whitened, factor), impossible)
 
     def _place(self, errors: Array) -> None:
         """Put the points that are these errors away from the mean where the functions look for them."""
@@ -244,6 +294,68 @@ class _Points:
         kernel = self._kernels[f"sensor {sensor}"]
         kernel.call()
         return kernel.results[0].T.copy(), bool(kernel.results[1][0, 0] != 0)
+
+
+class _Live(ctypes.Structure):
+    """`struct live` of ukf.c."""
+
+    _fields_ = [
+        *((name, Entry) for name in ("move", "noise")),
+        ("size", ctypes.c_longlong),
+        *((n, ADDRESS) for n in ("memory", "mean", "covariance", "inputs", "h", "point", "whitened", "factor")),
+        *((name, ADDRESS) for name in ("moved", "q", "largest")),
+        ("reach", ctypes.c_double),
+        *((name, ctypes.c_double * 2) for name in ("weights", "squares")),
+    ]
+
+
+class _Sensor(ctypes.Structure):
+    """`struct sensor` of ukf.c."""
+
+    _fields_ = [
+        *(("expect", Entry), ("components", ctypes.c_longlong)),
+        *((name, ADDRESS) for name in ("expected", "used", "angles")),
+    ]
+
+
+def _live(ukf: Ukf, kernels: tuple[Kernel, Kernel], point: Array, h: Array, found: tuple[Array, Array]) -> _Live:
+    move, noise = kernels
+    arrays = {
+        **{name: getattr(ukf, name) for name in ("memory", "mean", "covariance", "inputs")},
+        "h": h,
+        "point": point,
+        "whitened": found[0],
+        "factor": found[1],
+        "largest": ukf._largest,
+        "moved": _flat(move.results[0]),
+        "q": _flat(noise.results[0]),
+    }
+    pairs = ((ctypes.c_double * 2)(*w[:2]) for w in (ukf._weights, ukf._weights_of_squares))
+    made = _Live(
+        move=move.entry(),
+        noise=noise.entry(),
+        size=ukf.memory.size,
+        reach=ukf._reach,
+        **{name: array.ctypes.data for name, array in arrays.items()},
+        **dict(zip(("weights", "squares"), pairs, strict=True)),
+    )
+    made.kept = (arrays, kernels)  # type: ignore[attr-defined]
+    return made
+
+
+def _sensor(expect: Kernel, measurement: Measurement) -> _Sensor:
+    expected, used = (_flat(result) for result in expect.results)
+    angles = np.array([float(i in measurement.angles) for i in range(len(expected))])
+    arrays = {"expected": expected, "used": used, "angles": angles}
+    addresses = {name: array.ctypes.data for name, array in arrays.items()}
+    made = _Sensor(expect=expect.entry(), components=len(expected), **addresses)
+    made.kept = (arrays, expect)  # type: ignore[attr-defined]
+    return made
+
+
+def _flat(result: Array) -> Array:
+    """A kernel's result as the memory that it stands in."""
+    return result.reshape(-1, order="F")
 
 
 def point_functions(system: StateSpace, measurements: Sequence[Measurement]) -> dict[str, ca.Function]:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,10 @@ from pydantic import Field
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.identify.online import PERIOD, TOPIC, OnlineIdentification
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
@@ -44,6 +47,9 @@ class ObserverParameters(NodeParameters):
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
     publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
     monitor: str = Field("", description="limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
+    identify: str = Field(
+        "", description="file that the identifying filter goes on from and stores its parameters in; empty: none runs"
+    )
     map_origin: tuple[float, ...] = parameter(
         (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the first GNSS fix"
     )
@@ -54,6 +60,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
 
     _observer: Observer | None = None
     _inputs: tuple[Reader, ...] = ()
+    _identification: OnlineIdentification | None = None
 
     def configure(self) -> None:
         p = self.parameters
@@ -68,6 +75,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:
             self._observer.watch(load_limits(p.monitor))
+        self._identification = (
+            OnlineIdentification(load_vehicle(vehicle_path(p.vehicle)), Path(p.identify)) if (p.identify) else None
+        )
+        self._next_identified = 0
+        if self._identification is not None:
+            self.create_output(TOPIC, "sensor_msgs/msg/JointState")
         # The topics are those of any estimate, also of one before the start.
         for sample in estimate_samples(self._observer.snapshot()):
             self.create_output(sample.topic, sample.kind)
@@ -88,6 +101,9 @@ class ObserverNode(SensingNode[ObserverParameters]):
         return Reader(self, message_type(kind), topic, receive, raw=True)
 
     def release(self) -> None:
+        if self._identification is not None:
+            self._identification.save()
+            self._identification = None
         for reader in self._inputs:
             reader.close()
         self._inputs = ()
@@ -108,6 +124,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
         before = time.perf_counter()
         observer.add(sample)
         self._keep(self.step_times, time.perf_counter() - before)
+        if self._identification is not None:
+            self._identify(self._identification, sample)
         if not observer.started or not self._due(observer.stamp):
             return
         if self.parameters.publish_all:
@@ -116,6 +134,13 @@ class ObserverNode(SensingNode[ObserverParameters]):
             # A task queues up behind the messages that have arrived by now.
             self._newest_due = True
             self.executor.create_task(self._publish_newest)
+
+    def _identify(self, identification: OnlineIdentification, sample: Sample) -> None:
+        """Hand a message on, and publish once a second what is identified."""
+        identification.add(sample)
+        if identification.stamp and abs(sample.stamp - self._next_identified) * 1e-9 >= PERIOD:
+            self._next_identified = sample.stamp
+            self.publish(identification.sample())
 
     def _due(self, stamp: int) -> bool:
         """Whether an estimate for this time may be published; half an interval of jitter costs none of them."""

@@ -1,0 +1,72 @@
+"""Identify the parameters of a car from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, HoldsOut, distinct_names, import_named, load_car, vehicle_option
+
+
+def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
+    """Names that are separated by commas, or given one by one."""
+    return tuple(name for value in values for name in value.replace(",", " ").split())
+
+
+@click.command(cls=HoldsOut)
+@click.argument("recordings", nargs=-1, required=True, type=EXISTING)
+@vehicle_option
+@click.option(
+    "--model", type=click.Choice(["best", "car", "single_track"]), default="best", show_default=True,
+    help="best: 4 degrees of freedom, wheel speeds; single_track: a speed is enough; car: the observer's, unproven.",
+)  # fmt: skip
+@click.option("--free", multiple=True, callback=_names, metavar="NAMES", help="Parameters to identify; default: all.")
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
+@click.option("--report", type=click.Path(path_type=Path), default=Path("out/identify"), show_default=True)
+def identify(
+    recordings: tuple[Path, ...],
+    vehicle: str,
+    model: str,
+    free: tuple[str, ...],
+    held_out: tuple[Path, ...],
+    report: Path,
+) -> None:
+    """Identify the parameters of a car from RECORDINGS: mass distribution, roll, tyres.
+
+    What the vehicle file says is known to about 30 % before. What the drives do not tell stays as it is, is refused by
+    name, and it is said which driving would tell it. Writes into --report: vehicle.yaml, which every other command
+    takes as --vehicle, report.html and identification.json.
+
+    \b
+    Examples:
+      vsense identify drive_1 drive_2 --hold-out drive_3 --vehicle my_car.yaml
+      vsense identify lap.mat --vehicle genesis_start --model single_track --free front_peak,rear_peak
+      vsense identify drive --vehicle rav4 --model car --free chassis.mass
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.vehicle import save_vehicle
+    from vsense_ros.identify import car_identification, identification, identification_report
+
+    car = load_car(vehicle)
+    names = distinct_names([*recordings, *held_out])
+    drives, proof = (import_named(paths, names) for paths in (recordings, held_out))
+    report.mkdir(parents=True, exist_ok=True)
+    with progress("identifying") as done:
+        if model == "car":
+            whole = car_identification.identify(drives, car, free=free, held_out=proof, progress=done)
+        else:
+            found = identification.identify(drives, car, model, free=free, held_out=proof, progress=done)  # type: ignore[arg-type]
+    if model == "car":
+        save_vehicle(report / "vehicle.yaml", whole.vehicle)
+        car_identification.write(whole, report)
+        car_identification.show(whole, console())
+        say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
+        return
+    save_vehicle(report / "vehicle.yaml", found.vehicle)
+    identification_report.write(found, report)
+    identification_report.show(found, console())
+    say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
+
+
+COMMANDS = (identify,)

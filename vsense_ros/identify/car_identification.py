@@ -1,0 +1,171 @@
+"""The car with 14 degrees of freedom from recordings: the observer's own filter of parameters.
+
+What the handling models do with an augmented state, the separate-bias filter does with the multibody car (observer/
+spi.py): parameters are estimated beside the state. Each recording is gone over once and begins with what those before
+it left: a second time over the same drive, what it does not tell would wander far away.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from vsense_ros.errors import InputError
+from vsense_ros.evaluate.metrics import align
+from vsense_ros.evaluate.reference import at_reference
+from vsense_ros.evaluate.signals import read_signals
+from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.files.atomic import atomic_write
+from vsense_ros.identify.information import TOLD
+from vsense_ros.identify.progress import Progress, part
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import run
+from vsense_ros.observer.catalogue import FILTERS
+
+# Of its value, how far each may well be off; what `--free` names besides is taken to be known to PRIOR.
+FREE = {
+    "chassis.mass": 0.1, "chassis.yaw_inertia": 0.15, "front.cornering_scale": 0.25, "rear.cornering_scale": 0.25,
+    "road.friction": 0.1,
+}  # fmt: skip
+PRIOR = 0.2
+
+
+@dataclass(frozen=True)
+class CarIdentification:
+    """Vehicles before and after; by parameter value before, found, standard deviation, and whether it is told; RMSE of
+    the side slip [rad] by recording, before and after, where there is a reference."""
+
+    before: Vehicle
+    vehicle: Vehicle
+    parameters: Mapping[str, tuple[float, float, float, bool]]
+    side_slip: Mapping[str, tuple[float, float]]
+
+
+def identify(
+    recordings: Sequence[Recording],
+    vehicle: Vehicle,
+    *,
+    free: Sequence[str] = (),
+    held_out: Sequence[Recording] = (),
+    progress: Progress | None = None,
+) -> CarIdentification:
+    """Raises `InputError` for a name that is no number below physics, one that is zero, or drives that tell nothing."""
+    wanted = tuple(free) or tuple(FREE)
+    values = vehicle.values()
+    for name in wanted:
+        if name not in values:
+            near = ", ".join(get_close_matches(name, values, 3, 0.0))
+            raise InputError(f"--free: the car has no parameter {name!r}; nearest are {near}")
+        if not values[name]:
+            raise InputError(f"--free: {name} is zero in the vehicle file; give it a value to start from")
+    prior = {name: FREE.get(name, PRIOR) * abs(values[name]) for name in wanted}
+    now = {name: values[name] for name in wanted}
+    deviations = dict(prior)
+    for i, recording in enumerate(recordings):
+        now, deviations = _pass(recording, vehicle, now, deviations, part(progress, i, len(recordings) + 1))
+    told = {name: deviations[name] <= TOLD * prior[name] for name in wanted}
+    if not any(told.values()):
+        raise InputError(
+            "the drives tell none of the free parameters: "
+            + "; ".join(
+                f"of {name}, {100 * deviations[name] / prior[name]:.0f} % of what was uncertain are left"
+                for name in wanted
+            )
+            + ". Brake and accelerate for the mass, drive bends up to the limit for the tyres"
+        )
+    changed = vehicle.with_parameters({name: now[name] for name in wanted if told[name]})
+    slips = {}
+    for recording in (*recordings, *held_out):
+        if "reference/odometry" in recording:
+            slips[recording.name] = (_side_slip(recording, vehicle), _side_slip(recording, changed))
+    if progress is not None:
+        progress(1.0)
+    rows = {name: (values[name], now[name], deviations[name], told[name]) for name in wanted}
+    return CarIdentification(vehicle, changed, rows, slips)
+
+
+def _pass(
+    recording: Recording,
+    vehicle: Vehicle,
+    values: Mapping[str, float],
+    deviations: Mapping[str, float],
+    progress: Progress | None,
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Values and deviations at the end of one recording."""
+    car = vehicle.with_parameters(dict(values))
+    settings = {name: EstimatedParameter(deviation=deviation) for name, deviation in deviations.items()}
+    observer = car.observer.model_copy(update={"parameters": settings})
+    found = run(
+        recording, car.model_copy(update={"observer": observer}), rate=1.0, make=FILTERS["spi"].make, progress=progress
+    ).parameters
+    return {n: found[n][0] for n in values}, {n: min(found[n][1], deviations[n]) for n in values}
+
+
+def _side_slip(recording: Recording, vehicle: Vehicle) -> float:
+    """RMSE of the observer [rad], without its mean error."""
+    output = read_signals(at_reference(run(recording, vehicle, rate=10.0).output, vehicle), "vsense")
+    truth = read_signals(recording, "reference")
+    if "side_slip" not in output or "side_slip" not in truth:
+        return float("nan")
+    error = align(output["side_slip"], truth["side_slip"]).error[:, 0]
+    return float(np.std(error))
+
+
+def show(found: CarIdentification, out: Console) -> None:
+    """For the terminal."""
+    table = plain_table("parameter", "before", "found", "±", "", right=("before", "found", "±"))
+    for name, (before, value, deviation, told) in found.parameters.items():
+        table.add_row(name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", "told" if told else "refused")
+    out.print(table)
+    for sentence in sentences(found):
+        out.print(sentence)
+
+
+def sentences(found: CarIdentification) -> list[str]:
+    """What is not told, and how good the observer is before and after."""
+    lines = ["Not proven yet: on a generated double lane change it made the observer worse. Compare before you use it."]
+    lines += [
+        f"{name} is not told by these drives and stays {before:.5g}."
+        for name, (before, _, _, told) in found.parameters.items() if not told
+    ]  # fmt: skip
+    lines += [
+        f"{name}: side slip of the observer, RMSE {np.degrees(before):.3f}° before, {np.degrees(after):.3f}° after."
+        for name, (before, after) in found.side_slip.items()
+    ]
+    return lines
+
+
+def write(found: CarIdentification, folder: Path) -> None:
+    """identification.json and report.html."""
+    parameters = {
+        name: {"before": before, "value": value, "deviation": deviation, "told": told}
+        for name, (before, value, deviation, told) in found.parameters.items()
+    }
+    made = {"model": "car", "vehicle": found.before.name, "parameters": parameters,
+            "side_slip_rmse_deg": {n: [float(np.degrees(v)) for v in pair] for n, pair in found.side_slip.items()},
+            "sentences": sentences(found)}  # fmt: skip
+    with atomic_write(folder / "identification.json") as file:
+        file.write(json.dumps(made, indent=2) + "\n")
+    cells = "".join(
+        f"<tr><td>{escape(name)}</td><td>{before:.5g}</td><td>{value:.5g}</td><td>{deviation:.2g}</td>"
+        f"<td>{'told' if told else 'refused'}</td></tr>"
+        for name, (before, value, deviation, told) in found.parameters.items()
+    )
+    text = "".join(f"<li>{escape(line)}</li>" for line in sentences(found))
+    page = (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Parameters identified</title><style>'
+        "body{font:15px/1.5 system-ui,sans-serif;margin:40px auto;max-width:900px}td,th{padding:4px 24px 4px 0;"
+        "text-align:left;border-bottom:1px solid #e3e3e0}</style></head><body>"
+        f"<h1>{escape(found.before.name)}: parameters identified</h1><table><tr><th>parameter</th><th>before</th>"
+        f"<th>found</th><th>±</th><th></th></tr>{cells}</table><ul>{text}</ul></body></html>\n"
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")

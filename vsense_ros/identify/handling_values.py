@@ -1,0 +1,95 @@
+"""Parameters of the handling models from a vehicle file, and identified ones back into it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.handling.best_4dof import TYRE, roll_axis_height
+from vsense_ros.model.simulation.closed_loop import rolling_radii
+from vsense_ros.model.tyres import TyreInput
+from vsense_ros.model.tyres.similarity import Similarity
+from vsense_ros.model.vehicle import Axle, Vehicle
+
+LAG = 0.03  # of the tyre forces [s]: no vehicle file tells it
+_SHAPE, _CURVATURE = 1.6, 0.5  # of a curve whose tyre does not tell them
+_AT = 20.0  # [m/s] at which a tyre is asked for its force
+_LARGEST = 0.5  # tangent of the slip angle up to which its largest force is looked for
+
+
+def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
+    """All parameters of the handling models, by name."""
+    physics, chassis = vehicle.physics, vehicle.physics.chassis
+    wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
+    weight = chassis.mass * GRAVITY
+    loads = weight * chassis.cog_to_rear_axle / wheelbase, weight * chassis.cog_to_front_axle / wheelbase
+    front, rear = physics.front, physics.rear
+    stiffness = [_roll(axle, axle.suspension_stiffness + 2 * axle.antiroll_stiffness) for axle in (front, rear)]
+    damping = sum(_roll(axle, axle.suspension_damping) for axle in (front, rear))
+    found = {
+        "front_weight": loads[0], "rear_weight": loads[1], "front_roll_centre_height": front.roll_centre_height,
+        "rear_roll_centre_height": rear.roll_centre_height, "half_track": (front.track + rear.track) / 4,
+        "wheelbase": wheelbase, "friction": physics.road.friction, "lag": LAG,
+        "wheel_radius": float(rolling_radii(vehicle).mean()), "front_roll_share": stiffness[0] / sum(stiffness),
+        "cog_height": chassis.cog_height, "yaw_inertia": chassis.yaw_inertia, "roll_stiffness": sum(stiffness),
+        "roll_damping": damping,
+    }  # fmt: skip
+    for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
+        for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
+            found[f"{name}_{key}"] = value
+    height = chassis.cog_height - float(roll_axis_height(found))
+    found["roll_inertia"] = chassis.roll_inertia + chassis.mass * height**2
+    return found
+
+
+def _roll(axle: Axle, at_wheel: float) -> float:
+    """Moment per roll of an axle [N m/rad] of a rate at each wheel [N/m]."""
+    return at_wheel * axle.track**2 / 2
+
+
+def similar(axle: Axle, load: float) -> tuple[float, float, float, float, float]:
+    """Stiffness, longitudinal ratio, shape, peak and curvature of the similarity tyre that has the slopes and the
+    largest force of an axle's tyre under a wheel load [N]."""
+    tyre = axle.tyre
+    cornering = float(tyre.cornering_stiffness_at(load)) * axle.cornering_scale
+    slope = float(tyre.steepest_slope(load)) * axle.longitudinal_scale
+    if isinstance(tyre, Similarity):
+        return tyre.stiffness * axle.cornering_scale, slope / cornering, tyre.shape, tyre.peak, tyre.curvature
+    slips = np.linspace(0.01, _LARGEST, 60)
+    forces = [float(tyre.forces(TyreInput(load, _AT, -slip * _AT, _AT)).lateral) for slip in slips]
+    peak = max(max(forces) / load * axle.grip_scale, 0.2)
+    return cornering / peak, slope / cornering, _SHAPE, peak, _CURVATURE
+
+
+def changes(vehicle: Vehicle, values: Mapping[str, float], told: Iterable[str]) -> Vehicle:
+    """The vehicle with the identified parameters `told` of a handling model in place of its own.
+
+    Tyres of an axle become similarity tyres where their stiffness is told, or its product with the peak. Roll stiffness
+    and damping scale what the file has of springs, bars and dampers. Raises `ValueError` if there can be no such car.
+    """
+    told, before = set(told), of_vehicle(vehicle)
+    data = vehicle.model_dump(mode="json")
+    physics, chassis = data["physics"], data["physics"]["chassis"]
+    chassis |= {name: values[name] for name in ("cog_height", "yaw_inertia") if name in told}
+    for name in ("front", "rear"):
+        axle = physics[name]
+        if f"{name}_roll_centre_height" in told:
+            axle["roll_centre_height"] = values[f"{name}_roll_centre_height"]
+        if "roll_stiffness" in told:
+            factor = values["roll_stiffness"] / before["roll_stiffness"]
+            axle["suspension_stiffness"] *= factor
+            axle["antiroll_stiffness"] *= factor
+        if "roll_damping" in told:
+            axle["suspension_damping"] *= values["roll_damping"] / before["roll_damping"]
+        if f"{name}_stiffness" in told:
+            tyre = {key: values[f"{name}_{key}"] for key in TYRE}
+            tyre["shape"] = min(max(tyre["shape"], 1.0), 2.5)
+            axle["tyre"] = {"model": "similarity", "relaxation_time": values.get("lag", LAG), **tyre}
+            axle |= {"grip_scale": 1.0, "cornering_scale": 1.0, "longitudinal_scale": 1.0}
+    if "steering_gain" in told:
+        for sensor in data["sensors"].values():
+            if sensor["kind"] == "steering":
+                sensor["gain"] *= values["steering_gain"]
+    return Vehicle.model_validate(data)

@@ -1,0 +1,422 @@
+"""A car's parameters from recordings: what `vsense identify` does.
+
+Passes of an identifying filter find the place (rinsing.py); then prior and drives are weighed (information.py), so that
+what the drives do not tell stays what the vehicle file says, and is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any, Literal
+
+import numpy as np
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Array
+from vsense_ros.estimation.integrated import Rates
+from vsense_ros.identify import best, handling_values, recorded
+from vsense_ros.identify.information import Information, Refusal, information, refusals, weigh
+from vsense_ros.identify.open_loop import OpenLoop
+from vsense_ros.identify.progress import Progress, part
+from vsense_ros.identify.recorded import Signals
+from vsense_ros.identify.rinsing import Drive, Identifier, Noise, Rinsed, Schedule, rinse
+from vsense_ros.identify.sensor_errors import STEERING, WithSensorErrors
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.handling import best_4dof
+from vsense_ros.model.handling.best_4dof import Best4Dof
+from vsense_ros.model.handling.single_track import SingleTrack
+from vsense_ros.model.vehicle import Vehicle
+
+ModelName = Literal["best", "single_track"]
+AXLES = ("front", "rear")
+TWO_CARS = 4.0  # standard deviations between two drives, beyond which they are not of one car
+TWO_CARS_SHARE = 0.2  # and the share of the value, as no model is exact
+PASSES = 10  # at most
+BACKWARDS = -0.4  # correlation of two signals that should go together, from which on one has the wrong sign
+
+
+@dataclass(frozen=True)
+class Handling:
+    """How one handling model is identified: `make` it; noise; what is free; which are judged by their curve."""
+
+    make: Callable[[], Rates]
+    noise: Noise
+    free: tuple[str, ...]
+    offsets: Mapping[str, tuple[float, float]]  # of the outputs: deviation, and by how much it drifts in a second
+
+
+_LATERAL = tuple(f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "peak", "shape", "curvature"))
+MODELS: Mapping[str, Handling] = {
+    "best": Handling(
+        lambda: Best4Dof(on_body=True, yaw_rate=True),
+        Noise((*best.OUTPUTS, 0.005), best.START, best.DISTURBANCES),
+        tuple(best_4dof.SYMBOLS),
+        {
+            "longitudinal_acceleration": (0.3, 0.05),
+            "lateral_acceleration": (0.3, 0.05),
+            "roll_rate": (0.01, 1e-3),
+            "yaw_rate": (0.005, 1e-4),
+        },
+    ),
+    "single_track": Handling(
+        SingleTrack,
+        Noise((0.15, 0.005), (0.3, 0.05), {"lateral_velocity": 0.3, "yaw_rate": 0.03}),
+        ("yaw_inertia", *_LATERAL),
+        {"lateral_acceleration": (0.5, 0.1), "yaw_rate": (0.005, 1e-4)},
+    ),
+}
+STEERING_PRIOR = (0.1, 0.01)  # of the gain [-] and the offset [rad]
+
+ADVICE = {
+    "yaw_inertia": "steer quickly, as in a lane change or a sine of 1 Hz",
+    "stiffness": "drive bends with more than 2 m/s² of lateral acceleration",
+    "peak": "drive bends up to where the car slides, as on a proving ground",
+    "shape": "drive bends beyond the largest lateral force",
+    "curvature": "drive bends up to the largest lateral force and beyond",
+    "longitudinal_ratio": "accelerate and brake hard, straight ahead",
+    "roll": "change from left to right quickly, as in a slalom",
+    "cog_height": "change from left to right quickly, and brake hard",
+}
+
+
+@dataclass(frozen=True)
+class Product:
+    """The cornering stiffness of an axle's tyre, D C_α [N/rad]: told even where its factors are not; `halves` are what
+    the first and the second half of the drives say, with their deviations."""
+
+    axle: str
+    value: float
+    deviation: float
+    halves: tuple[tuple[float, float], tuple[float, float]]
+    told: bool
+
+    @property
+    def apart(self) -> float:
+        """How many standard deviations the halves differ by."""
+        (a, s), (b, t) = self.halves
+        return abs(a - b) / float(np.hypot(s, t))
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What came out. `found` is about the free parameters of the model, then the errors of the sensors."""
+
+    model: str
+    before: Vehicle
+    vehicle: Vehicle
+    start: dict[str, float]
+    free: tuple[str, ...]
+    found: Information
+    rinsed: Rinsed
+    refused: tuple[Refusal, ...]
+    products: tuple[Product, ...]
+    drives: tuple[Drive, ...]
+    fits: dict[
+        str, dict[str, tuple[float, float]]
+    ]  # by recording and output: 1 - RMS/σ of the model alone, before, after
+    side_slip: dict[str, float]  # RMSE of the model alone [rad], of recordings with a reference
+    held_out: tuple[str, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters of the model: those that are told as identified, the rest as in the file."""
+        known = self.start | dict(zip(self.found.names, self.found.values.tolist(), strict=True))
+        kept = {refusal.name: self.start[refusal.name] for refusal in self.refused}
+        for product in self.products:
+            if product.told:
+                kept[f"{product.axle}_stiffness"] = product.value / (known | kept)[f"{product.axle}_peak"]
+        return known | kept
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the parameters that are told."""
+        refused = {refusal.name for refusal in self.refused}
+        products = [f"{product.axle}_stiffness" for product in self.products if product.told]
+        return tuple(dict.fromkeys([*(name for name in self.free if name not in refused), *products]))
+
+    def sentences(self) -> list[str]:
+        """What is not told and why, which manoeuvre would tell it, and what can hardly be told apart."""
+        lines = [f"{refusal}. It stays {self.start[refusal.name]:.4g}. To tell it, {advice(refusal.name)}."
+                 for refusal in self.refused]  # fmt: skip
+        weakest = self.found.weakest(
+            best_4dof.JUDGED_BY_CURVE + tuple(n for n in self.found.names if n not in self.free)
+        )
+        lines.append(f"Least told, in units of what is told of each alone, is {weakest}.")
+        lines += [
+            f"{one} and {other} are hard to tell apart (correlation {correlation:+.2f})."
+            for one, other, correlation in self.found.pairs()
+            if one in self.free and other in self.free
+        ]
+        if not self.rinsed.settled:
+            lines.append(
+                f"After {len(self.rinsed.passes)} passes the curves still moved by "
+                f"{100 * self.rinsed.passes[-1].moved:.2g} % of their peak: what is least told is not at rest."
+            )
+        for product in self.products:
+            if product.apart > 3.0:
+                lines.append(
+                    f"The two halves of the drives differ in the cornering stiffness of the {product.axle} tyres by "
+                    f"{product.apart:.1f} standard deviations: tyres, load or road may have changed."
+                )
+        return lines
+
+
+def advice(name: str) -> str:
+    """Which driving would tell a parameter."""
+    return next((words for key, words in ADVICE.items() if key in name), "drive with more steering and braking")
+
+
+def identify(
+    recordings: Sequence[Recording],
+    vehicle: Vehicle,
+    model: ModelName = "best",
+    *,
+    free: Sequence[str] = (),
+    held_out: Sequence[Recording] = (),
+    progress: Progress | None = None,
+) -> Identification:
+    """Raises `InputError` where the recordings cannot tell anything, or the free parameters are none of the model."""
+    found = [recorded.signals(one, vehicle) for one in recordings]
+    for one_recording in found:
+        check_signs(one_recording)
+    one, prior = handling_identifier(vehicle, model, free)
+    whole = one.model
+    assert isinstance(whole, WithSensorErrors)
+    start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
+    drives = [with_offsets(drive, len(whole.offsets)) for drive in recorded.drives(found, model)]
+    try:
+        # What is not told must not wander from pass to pass.
+        left = information(one, drives, one.begin(), prior).left
+        one.scales = prior / best.PRIOR * np.clip(1 - left**2, 1e-3, 1.0)
+        rinsed = rinse(one, drives, Schedule(passes=PASSES), progress=part(progress, 0, 2))
+        weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
+    except FloatingPointError as error:
+        raise InputError(
+            f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
+            "signals, wheel radii and mass of the vehicle file right?"
+        ) from None
+    refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in wanted)
+    check_one_car(one, drives, weighed, prior)
+    products = tuple(_products(one, drives, weighed, prior))
+    if len(refused) == len(wanted) and not any(product.told for product in products):
+        raise InputError(
+            "the drives tell none of the free parameters: "
+            + "; ".join(f"{refusal}; to tell it, {advice(refusal.name)}" for refusal in refused)
+        )
+    made = Identification(
+        model, vehicle, vehicle, start, wanted, weighed, rinsed, refused, products, tuple(drives), {}, {},
+        tuple(r.name for r in held_out),
+    )  # fmt: skip
+    try:
+        changed = handling_values.changes(vehicle, made.values, {*made.told, *STEERING[:1]})
+    except ValueError as error:
+        raise InputError(f"the parameters that were found make no car: {error}") from None
+    others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
+    every = [*drives, *(with_offsets(drive, len(whole.offsets)) for drive in others)]
+    made = replace(made, vehicle=changed, fits=fits(made, whole, every), side_slip=_side_slip(
+        made, whole, [*recordings, *held_out], every))  # fmt: skip
+    if progress is not None:
+        progress(1.0)
+    return made
+
+
+def with_offsets(drive: Drive, count: int) -> Drive:
+    """The drive for a model whose outputs have offsets, zero at the start."""
+    return replace(drive, start=np.concatenate([drive.start, np.zeros(count)]))
+
+
+def _noise(vehicle: Vehicle, model: Rates, usual: Sequence[float]) -> list[float]:
+    """Deviations of the outputs (m,): those of the vehicle's inertial sensor, if they are larger than usual."""
+    imu = next((s for s in vehicle.sensors.values() if "rates and forces" in s.tells), None)
+    if imu is None:
+        return list(usual)
+    rates, forces = imu.deviations()[:3], imu.deviations()[3:6]
+    own = {
+        "longitudinal_acceleration": forces[0], "lateral_acceleration": forces[1], "roll_rate": rates[0],
+        "yaw_rate": rates[2],
+    }  # fmt: skip
+    return [max(float(own[name]), least) for name, least in zip(model.outputs, usual, strict=True)]
+
+
+def handling_identifier(vehicle: Vehicle, model: ModelName, free: Sequence[str] = ()) -> tuple[Identifier, Array]:
+    """Of a handling model with the parameters of a vehicle file, of which some are free, then the errors of its
+    sensors; and the prior deviations of all these. Raises `InputError` for a free one that the model does not have."""
+    how = MODELS[model]
+    base = how.make()
+    wanted = tuple(free) or how.free
+    check_free(wanted, base.parameters, model)
+    whole = WithSensorErrors(base)
+    start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
+    start |= {"steering_gain": 1.0, "steering_offset": 0.0}
+    prior = np.array([*best.prior(start, wanted), *STEERING_PRIOR])
+    usual = _noise(vehicle, base, how.noise.outputs)
+    off, drift = zip(*how.offsets.values(), strict=True)
+    disturbances = {**how.noise.disturbances, **dict(zip(whole.offsets, drift, strict=True))}
+    noise = Noise(usual, (*how.noise.start, *off), disturbances)
+    one = Identifier(
+        whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model), scales=prior / best.PRIOR,
+        bounds=best_4dof.BOUNDS,
+    )  # fmt: skip
+    return one, prior
+
+
+def check_free(wanted: Sequence[str], known: Sequence[str], model: str) -> None:
+    """Raises `InputError` for a name that is no parameter of the model."""
+    for name in wanted:
+        if name not in known:
+            near = get_close_matches(name, known, 3, 0.5) or known
+            raise InputError(f"--free: the model {model} has no parameter {name!r}; nearest are {', '.join(near)}")
+
+
+def check_signs(one: Signals) -> None:
+    """Raises `InputError` for a signal that goes against another that it should go with."""
+    moving = one.known
+    turned = one.rates[:, 2] * one.speed
+    slowly = np.convolve(np.gradient(one.speed, recorded.STEP), np.ones(100) / 100, "same")
+    pairs = (
+        ("the lateral acceleration", one.forces[:, 1], "yaw rate times speed", turned, 0.3),
+        ("the steering angle", one.steering * one.speed**2, "yaw rate times speed", turned, 0.3),
+        ("the steering angle", one.steering * one.speed**2, "the lateral acceleration", one.forces[:, 1], 0.3),
+        ("the longitudinal acceleration", one.forces[:, 0], "the change of speed", slowly, 0.3),
+    )
+    for name, signal, other, with_it, least in pairs:
+        good = moving & np.isfinite(signal) & np.isfinite(with_it)
+        if good.sum() < 500 or np.std(with_it[good]) < least or np.std(signal[good]) == 0:
+            continue
+        correlation = float(np.corrcoef(signal[good], with_it[good])[0, 1])
+        if correlation < BACKWARDS:
+            raise InputError(
+                f"{one.name}: {name} goes against {other} (correlation {correlation:+.2f}): one of the two has the "
+                "wrong sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set attitude or gain "
+                "of the sensor in the vehicle file, or the sign in the mapping of the importer"
+            )
+
+
+def _own(one: Identifier, drive: Drive, weighed: Information, prior: Array) -> Information:
+    """What one drive says alone."""
+    return weigh(one, [drive], weighed.values, one.begin(), prior)
+
+
+def check_one_car(one: Identifier, drives: Sequence[Drive], weighed: Information, prior: Array) -> None:
+    """Raises `InputError` for drives whose cornering stiffnesses are those of two cars."""
+    if len(drives) < 2:
+        return
+    alone = [_own(one, drive, weighed, prior) for drive in drives]
+    for axle in AXLES:
+        told = [cornering_stiffness(found, axle, one.values) for found in alone]
+        for i, (a, s) in enumerate(told):
+            for j, (b, t) in enumerate(told[:i]):
+                if abs(a - b) > max(TWO_CARS * float(np.hypot(s, t)), TWO_CARS_SHARE * max(a, b)):
+                    raise InputError(
+                        f"{drives[j].name} and {drives[i].name} are not of one car, or not with the same tyres: the "
+                        f"cornering stiffness of a {axle} tyre is {b:.3g} ± {t:.1g} N/rad in one and {a:.3g} ± {s:.1g} "
+                        "in the other; identify them one by one"
+                    )
+
+
+def cornering_stiffness(found: Information, axle: str, start: Mapping[str, float]) -> tuple[float, float]:
+    """D C_α of an axle's tyres and its standard deviation [N/rad]."""
+    known = dict(start) | dict(zip(found.names, found.values.tolist(), strict=True))
+    names = (f"{axle}_stiffness", f"{axle}_peak")
+    gradient = np.zeros(len(found.names))
+    for name, other in (names, names[::-1]):
+        if name in found.names:
+            gradient[found.names.index(name)] = known[other]
+    return known[names[0]] * known[names[1]], found.deviation_of(gradient)
+
+
+def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, prior: Array) -> list[Product]:
+    if not {f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "peak")} & set(one.free):
+        return []
+    halves: list[list[Drive]] = [[], []]
+    for drive in drives:
+        middle = len(drive.inputs) // 2
+        halves[0].append(drive.part(0, middle, drive.start))
+        begun = drive.start.copy()
+        if isinstance(getattr(one.model, "model", None), Best4Dof):
+            begun[0] = float(np.mean(drive.inputs[middle, 1:5])) * one.values["wheel_radius"]
+        halves[1].append(drive.part(middle, len(drive.inputs), begun))
+    said = [weigh(one, half, weighed.values, one.begin(), prior) for half in halves]
+    made = []
+    for axle in AXLES:
+        value, deviation = cornering_stiffness(weighed, axle, one.values)
+        first, second = (cornering_stiffness(half, axle, one.values) for half in said)
+        before = best.PRIOR * 2**0.5 * value
+        made.append(Product(axle, value, deviation, (first, second), deviation < 0.6 * before))
+    return made
+
+
+def _curves(start: Mapping[str, float], model: str) -> Any:
+    """Force curves over their peaks, of the tyres that the model has."""
+    full = {name: start.get(name, best_4dof.PAPER[name]) for name in Best4Dof.parameters}
+    peak = best_4dof.curves(full).max(axis=1)[:, None]
+
+    def curves(values: Mapping[str, float]) -> Array:
+        found = best_4dof.curves({name: values.get(name, full[name]) for name in full}) / peak
+        return found if model == "best" else found[[0, 2]]
+
+    return curves
+
+
+def fits(
+    made: Identification, model: WithSensorErrors, drives: Sequence[Drive]
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """Of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it
+    cannot follow. A mean error is an offset of the sensor."""
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    errors = {name: value for name, value in made.values.items() if name in STEERING}
+    for drive in drives:
+        pair = []
+        for values in (made.start | errors, made.values):
+            one = OpenLoop(model, values, (STEERING[0],))
+            try:
+                outputs = one.outputs(drive, np.array([values[STEERING[0]]]))
+                rms = (outputs - drive.outputs).std(axis=0)
+                pair.append(1 - rms / np.maximum(drive.outputs.std(axis=0), 1e-9))
+            except FloatingPointError:
+                pair.append(np.full(len(model.outputs), np.nan))
+        found[drive.name] = {
+            name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(model.outputs)
+        }  # fmt: skip
+    return found
+
+
+def _side_slip(
+    made: Identification, model: WithSensorErrors, recordings: Sequence[Recording], drives: Sequence[Drive]
+) -> dict[str, float]:
+    """RMSE of the side slip of the model alone [rad], of recordings with a reference.
+
+    Where the reference sits along the car and how it is turned is found by least squares on those that were fitted to:
+    its side slip is that of the centre of gravity, plus the place times yaw rate over speed, plus the turn.
+    """
+    parts = {}
+    for recording, drive in zip(recordings, drives, strict=True):
+        if "reference/odometry" in recording:
+            parts[drive.name] = _slip_error(made, model, recording, drive)
+    fitted = [parts[drive.name] for drive in made.drives if drive.name in parts]
+    if not fitted:
+        return {}
+    columns = np.concatenate([np.column_stack([turning, np.ones(len(turning))]) for _, turning in fitted])
+    mounting = np.linalg.lstsq(columns, np.concatenate([error for error, _ in fitted]), rcond=None)[0]
+    return {
+        name: float(np.sqrt(np.mean((error - turning * mounting[0] - mounting[1]) ** 2)))
+        for name, (error, turning) in parts.items()
+    }  # fmt: skip
+
+
+def _slip_error(
+    made: Identification, model: WithSensorErrors, recording: Recording, drive: Drive
+) -> tuple[Array, Array]:
+    """Side slip of the reference less that of the model at the centre of gravity [rad], and yaw rate over speed [1/m],
+    (N,) each, where the car drives."""
+    truth, values, names = recording["reference/odometry"], made.values, model.states
+    states = OpenLoop(model, values, STEERING[:1]).states(drive, np.array([values[STEERING[0]]]))
+    lateral, yaw = (states[:, names.index(name)] for name in ("lateral_velocity", "yaw_rate"))
+    speed = states[:, 0] if names[0] == "speed" else drive.inputs[:, 1]
+    at = (truth.stamp - recording.first_stamp) * 1e-9
+    true = np.interp(
+        drive.begin + drive.seconds, at, np.arctan2(truth.columns["linear"][:, 1], truth.columns["linear"][:, 0])
+    )
+    return (true - np.arctan2(lateral, speed)), yaw / speed

@@ -1,0 +1,204 @@
+"""What a drive told of the free parameters, and what it did not.
+
+The posterior covariance of a pass that began with the prior covariance D² gives the information of the drive alone,
+I = P⁻¹ - D⁻². Units of parameters differ, so that its eigenvalues mean nothing until it is scaled, D I D: an eigenvalue
+of 1 halves the variance of its direction, one far below 1 leaves what was known before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsense_ros.estimation.filter import Array, Gaussian
+from vsense_ros.estimation.observability import Direction
+from vsense_ros.identify.rinsing import Drive, Identifier
+
+TOLD = 0.3  # of its prior deviation: a parameter of which no more is left is told
+TOLD_OF_CURVE = 0.5  # the same of one that is judged by its curve
+APART = 5.0  # times the deviation that a parameter has if all others are known: beyond, it is not told apart
+_STEPS = 6  # of Gauss and Newton, at most
+_LONGEST, _SMALL_STEP = 0.5, 0.01  # of a step [prior deviations]: at most, and where it ends
+_SHARE = 0.05  # of the prior deviations, with which the drives are asked what they tell
+CORRELATED = 0.9  # correlation from which on two parameters are named together
+
+
+@dataclass(frozen=True)
+class Information:
+    """Of the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D (p, p)."""
+
+    names: tuple[str, ...]
+    values: Array
+    prior: Array
+    scaled: Array
+    disagreement: float = 1.0  # of the pieces of the drive, by which the information was divided
+
+    @property
+    def covariance(self) -> Array:
+        """Of the parameters, prior and drive together (p, p)."""
+        inverse = np.linalg.inv(self.scaled + np.eye(len(self.names)))
+        return self.prior[:, None] * inverse * self.prior
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations (p,), prior and drive together."""
+        return np.sqrt(self.covariance.diagonal())
+
+    @property
+    def left(self) -> Array:
+        """Of the prior deviation, (p,)."""
+        return self.deviations / self.prior
+
+    @property
+    def correlation(self) -> Array:
+        """(p, p)"""
+        deviations = self.deviations
+        return np.asarray(self.covariance / np.outer(deviations, deviations))
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        """Combinations of parameters in units of their prior deviations, the least told first."""
+        values, vectors = np.linalg.eigh(self.scaled)
+        return tuple(Direction(v, float(w), self.names) for w, v in zip(values, vectors.T, strict=True))
+
+    def deviation_of(self, gradient: Array) -> float:
+        """Standard deviation of a function of the parameters with this gradient (p,)."""
+        return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+    @property
+    def amplification(self) -> Array:
+        """How many times as large the deviation of each parameter (p,) is as if all others were known: the square root
+        of its variance inflation factor (Belsley, Kuh & Welsch 1980). Errors of the model come out as many times as
+        large, and no longer drive makes that less."""
+        ridge = 1e-9 * np.trace(self.scaled) / len(self.names) * np.eye(len(self.names))
+        inverse = np.linalg.inv(self.scaled + ridge)
+        return np.sqrt(np.maximum(self.scaled.diagonal() * inverse.diagonal(), 1.0))
+
+    def weakest(self, judged_by_curve: Collection[str] = ()) -> Direction:
+        """The combination that is hardest to tell apart, whatever each parameter is known to, in units of what is told
+        of each alone; those that are judged by their curve are left out, and count as unknown."""
+        inverse = np.linalg.inv(self.scaled + 1e-9 * np.trace(self.scaled) / len(self.names) * np.eye(len(self.names)))
+        stay = [i for i, name in enumerate(self.names) if name not in judged_by_curve]
+        within = np.linalg.inv(inverse[np.ix_(stay, stay)])
+        by = 1 / np.sqrt(within.diagonal())
+        values, vectors = np.linalg.eigh(by[:, None] * within * by)
+        return Direction(vectors[:, 0], float(values[0]), tuple(self.names[i] for i in stay))
+
+    def without(self, name: str) -> Information:
+        """The same if one parameter were known, and is as it is."""
+        stay = [i for i, one in enumerate(self.names) if one != name]
+        square = np.ix_(stay, stay)
+        return Information(tuple(self.names[i] for i in stay), self.values[stay], self.prior[stay], self.scaled[square])
+
+    def pairs(self) -> list[tuple[str, str, float]]:
+        """Parameters that the drive can hardly tell apart, with their correlation, the closest first."""
+        found = [
+            (self.names[i], self.names[j], float(self.correlation[i, j]))
+            for i in range(len(self.names)) for j in range(i) if abs(self.correlation[i, j]) >= CORRELATED
+        ]  # fmt: skip
+        return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def information(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> Information:
+    """What drives tell of the parameters around `values` (p,), whose prior deviations are `prior` (p,).
+
+    The pass that tells it begins with only a `_SHARE` of these, so that the equations stay as they are there. It is
+    divided by how much more the pieces of the drives disagree about the parameters than noise would make them.
+    Raises `FloatingPointError` where the pass cannot go on.
+    """
+    return _told(identifier, drives, np.asarray(values, dtype=float), prior)[0]
+
+
+def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start: Array, prior: Array) -> Information:
+    """The parameters that are likeliest by prior and drives together, and what is known of them: Gauss-Newton steps
+    from `values` (p,), where passes have ended, with the prior around `start` (p,). A direction that the drives do not
+    tell goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
+    values = np.asarray(values, dtype=float)
+    found, score = _told(identifier, drives, values, prior)
+    for _ in range(_STEPS):
+        step = np.linalg.solve(found.scaled + np.eye(len(prior)), score + (start - values) / prior)
+        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-12))
+        inside = 0.01 * (identifier.high - identifier.low)
+        inside[~np.isfinite(inside)] = 0.0
+        new = np.clip(values + prior * step, identifier.low + inside, identifier.high - inside)
+        try:
+            found, score = _told(identifier, drives, new, prior)
+        except FloatingPointError:
+            break
+        values = new
+        if np.abs(step).max() < _SMALL_STEP:
+            break
+    return found
+
+
+def _told(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> tuple[Information, Array]:
+    """The information, and the score (p,): the gradient of the log-likelihood at `values`, both scaled by the prior
+    deviations."""
+    deviations = _SHARE * prior
+    belief, made = identifier.follow(drives, values, np.diag(deviations**2))
+    within = belief.covariance / np.outer(deviations, deviations)
+    precision = np.linalg.inv(within)
+    scaled = precision - np.eye(len(prior))
+    scaled = 0.5 * (scaled + scaled.T) / _SHARE**2
+    score = precision @ ((belief.mean - values) / deviations) / _SHARE
+    disagreement = _disagreement(made.beliefs, values, prior, scaled)
+    return Information(identifier.free, values, prior, scaled / disagreement, disagreement), score / disagreement
+
+
+def _disagreement(beliefs: Sequence[Gaussian], values: Array, prior: Array, scaled: Array) -> float:
+    """Variance of what the pieces of a drive say of the parameters, over what the filter takes it for: 1 if all of its
+    noise is right, more if the model errs otherwise in one piece than in another.
+
+    The information form of a belief, P⁻¹ (m - θ), is a sum of what each piece adds, whose covariance is the information
+    of the piece (White 1982, of estimates by a model that is not right).
+    """
+    vectors = [np.linalg.solve(one.covariance / np.outer(prior, prior), (one.mean - values) / prior) for one in beliefs]
+    added = np.diff(vectors, axis=0)
+    eigenvalues, directions = np.linalg.eigh(scaled)
+    told = eigenvalues > 1.0
+    if not told.any():
+        return 1.0
+    squares = ((added - added.mean(axis=0)) @ directions[:, told]) ** 2
+    count = len(added) - 1
+    return float(np.mean(squares.sum(axis=0) / eigenvalues[told]) * (count + 1) / max(count, 1))
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A parameter that the drives do not tell: the share of its prior deviation that is `left`, and its
+    `amplification`; `beside` names what it cannot be told apart from."""
+
+    name: str
+    left: float
+    amplification: float
+    beside: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Why, in a sentence without its full stop."""
+        if self.beside:
+            return (
+                f"{self.name} cannot be told apart from {' and '.join(self.beside)}: together they are "
+                f"{self.amplification:.0f} times as uncertain as alone"
+            )
+        return f"{self.name} is not told: {100 * self.left:.0f} % of what was uncertain of it before are left"
+
+
+def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
+    """Parameters that are not told, or not told apart from others.
+
+    Of one that is told no more than `TOLD` of its prior deviation is left. One whose deviation is more than `APART`
+    times that alone cannot be told apart. Both are milder with those that are `judged_by_curve`: a shape factor and a
+    curvature make up one force curve, which may well be told where they are not.
+    """
+    refused = []
+    for i, (name, left, amplification) in enumerate(zip(found.names, found.left, found.amplification, strict=True)):
+        of_curve = name in judged_by_curve
+        if left > (TOLD_OF_CURVE if of_curve else TOLD):
+            refused.append(Refusal(name, float(left), float(amplification)))
+        elif amplification > APART and not of_curve:
+            closest = [int(j) for j in np.argsort(-np.abs(found.correlation[i])) if j != i]
+            near = [j for j in closest if abs(found.correlation[i, j]) > CORRELATED][:2] or closest[:1]
+            refused.append(Refusal(name, float(left), float(amplification), tuple(found.names[j] for j in near)))
+    return refused

@@ -1,0 +1,214 @@
+"""Drives for the handling models from recordings: signals of the car's own sensors, 100 times a second.
+
+Sensors are read as the observer reads them (units, offsets, latency, mounting), accelerations are taken to the centre
+of gravity, and wheels are compared with one another: their radii differ by more than their slip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Array
+from vsense_ros.estimation.reading import Map, Reader
+from vsense_ros.identify.best import CUT_OFF, EVERYDAY, EVERYDAY_CUT_OFF
+from vsense_ros.identify.rinsing import Drive, low_passed
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import SensorBase, telling
+from vsense_ros.model.simulation.closed_loop import rolling_radii
+from vsense_ros.model.vehicle import Vehicle
+
+Mask = NDArray[np.bool_]
+
+STEP = 0.01  # [s]
+SLOWEST = 5.0  # [m/s] below it nothing is identified
+SHORTEST = 10.0  # [s] of driving without a gap
+GAP = 0.3  # [s] between two samples of a sensor, beyond which there is a gap
+SPIN = 20.0  # [°] of side slip, as yaw rate and speed and lateral acceleration have it, that is a spin
+_STRAIGHT, _STEADY = 0.02, 0.5  # [rad/s], [m/s²] up to which a car is taken to roll straight and freely
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Of one recording on common instants `t` (N,) [s]: road-wheel angle (N,), wheel spins (N, 4), speed (N,),
+    accelerations and rates at the centre of gravity in the axes of the car (N, 3); None where no sensor tells."""
+
+    name: str
+    t: Array
+    steering: Array
+    speed: Array
+    spins: Array | None
+    forces: Array
+    rates: Array
+    known: Mask  # (N,) where all that is needed is there
+
+
+def signals(recording: Recording, vehicle: Vehicle) -> Signals:
+    """Raises `InputError` where a sensor is missing without which nothing can be identified."""
+    name = recording.name or "recording"
+    sensors, on_map = vehicle.sensing(), Map(recording.map_origin)
+    read = {key: found for key, one in sensors.items() if (found := _read(recording, one, on_map)) is not None}
+    steering = _pick(read, sensors, "steering", name, "a steering angle, which drives every model")
+    imu = _pick(read, sensors, "rates and forces", name, "accelerations and rates")
+    wheels = telling(((key, sensors[key]) for key in read), "rolling speed")
+    ground = telling(((key, sensors[key]) for key in read), "ground speed")
+    if wheels is None and ground is None:
+        raise InputError(f"{name}: expected wheel speeds or a GNSS velocity, found neither in the recording")
+    begin = max(found[0][0] for key, found in read.items() if key in (steering, imu, wheels or ground))
+    end = min(found[0][-1] for key, found in read.items() if key in (steering, imu, wheels or ground))
+    t = np.arange(begin, end, STEP)
+    known = np.ones(len(t), dtype=bool)
+
+    def at(key: str) -> Array:
+        stamps, value = read[key]
+        nearest = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
+        known[:] &= stamps[nearest] - stamps[nearest - 1] < GAP
+        return np.column_stack([_interpolated(t, stamps, column) for column in value.T])
+
+    inertial = at(imu)
+    rates, forces = inertial[:, :3], inertial[:, 3:6]
+    angle = at(steering)[:, 0]
+    radii = rolling_radii(vehicle)
+    spins = None if wheels is None else at(wheels)
+    if spins is not None and np.isfinite(spins).all():
+        speed = np.median(spins * radii, axis=1)
+        spins = _alike(spins, radii, rates[:, 2], speed)
+    else:
+        key = ground or wheels
+        assert key is not None
+        spins = None
+        speed = sensors[key].speeds(*_of_speed(read, key, radii))
+        speed = np.interp(t, read[key][0][np.isfinite(speed)], speed[np.isfinite(speed)])
+    lever = np.asarray(getattr(sensors[imu], "position", (0.0, 0.0, 0.0)))
+    forces = _at_cog(forces, np.nan_to_num(rates), lever)
+    return Signals(name, t, angle, speed, spins, forces, rates, known & (speed > SLOWEST))
+
+
+def _of_speed(read: Mapping[str, tuple[Array, Array]], key: str, radii: Array) -> tuple[Array, Array]:
+    return read[key][1], radii
+
+
+def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> tuple[Array, Array] | None:
+    """Times [s] and measurements (N, m) in the axes of the car; None where there are none."""
+    if sensor.topic not in recording or len(recording[sensor.topic]) < 2:
+        return None
+    channel, reader = recording[sensor.topic], Reader(0, sensor, on_map)
+    events = [one for row in range(len(channel)) if not isinstance(one := reader.read(channel.sample(row)), str)]
+    if len(events) < 2:
+        return None
+    stamps = np.array([event.stamp for event in events], dtype=np.int64)
+    stamps, rows = np.unique(stamps, return_index=True)
+    value = sensor.in_axes_of_car(np.array([events[i].value for i in rows]))
+    return np.asarray((stamps - recording.first_stamp) * 1e-9, dtype=np.float64), value
+
+
+def _pick(read: Mapping[str, object], sensors: Mapping[str, SensorBase], what: str, name: str, words: str) -> str:
+    found = telling(((key, sensors[key]) for key in read), what)  # type: ignore[arg-type]
+    if found is None:
+        raise InputError(f"{name}: expected {words}; no sensor of the vehicle file gives it in this recording")
+    return found
+
+
+def _interpolated(t: Array, stamps: Array, value: Array) -> Array:
+    there = np.isfinite(value)
+    return np.interp(t, stamps[there], value[there]) if there.sum() > 1 else np.full(len(t), np.nan)
+
+
+def _alike(spins: Array, radii: Array, yaw_rate: Array, speed: Array) -> Array:
+    """Spins (N, 4) that all wheels would have with the mean radius, if they rolled alike straight ahead."""
+    pace = np.gradient(speed, STEP)
+    smooth = np.convolve(pace, np.ones(50) / 50, "same")
+    free = (np.abs(yaw_rate) < _STRAIGHT) & (np.abs(smooth) < _STEADY) & (speed > SLOWEST)
+    rolling = spins * radii
+    if free.sum() > 1.0 / STEP:
+        rolling = rolling / np.median(rolling[free] / rolling[free].mean(axis=1)[:, None], axis=0)
+    return rolling / radii.mean()
+
+
+def _at_cog(forces: Array, rates: Array, lever: Array) -> Array:
+    """Specific forces (N, 3) at the centre of gravity, of a sensor that sits at `lever` [m] from it."""
+    if not lever.any():
+        return forces
+    turning = np.gradient(low_passed(rates, STEP, 10.0), STEP, axis=0)
+    return forces - np.cross(turning, lever) - np.cross(rates, np.cross(rates, np.broadcast_to(lever, rates.shape)))
+
+
+def drives(found: Sequence[Signals], model: str) -> list[Drive]:
+    """The longest stretch of each recording without a gap, for the model "best" or "single_track". Raises `InputError`
+    where there is none, or a sensor is missing that the model needs."""
+    made = []
+    for one in found:
+        if model == "best":
+            spins = _need(one.spins, one.name, "the speeds of all four wheels")
+            inputs = np.column_stack([one.steering, spins])
+            outputs = np.column_stack([one.forces[:, :2], one.rates[:, [0, 2]]])
+        else:
+            inputs = np.column_stack([one.steering, one.speed])
+            outputs = np.column_stack([one.forces[:, 1], one.rates[:, 2]])
+        if not np.isfinite(outputs).any(axis=0).all():
+            raise InputError(f"{one.name}: a signal that the model {model} is compared with is not in the recording")
+        stretch = _longest(one.known & np.isfinite(inputs).all(axis=1) & np.isfinite(outputs).all(axis=1))
+        if (stretch.stop - stretch.start) * STEP < SHORTEST:
+            raise InputError(
+                f"{one.name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap in a sensor; "
+                "record a longer drive"
+            )
+        _refuse_spin(one, stretch)
+        cut_off = cut_off_of(one, stretch)
+        inputs, outputs = (low_passed(values[stretch], STEP, cut_off) for values in (inputs, outputs))
+        start = np.zeros(13 if model == "best" else 2)
+        if model == "best":
+            start[0], start[2] = one.speed[stretch.start], _mean(one.rates[stretch.start : stretch.start + 20, 2])
+        else:
+            start[1] = outputs[0, 1]
+        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), float(one.t[stretch.start])))
+    return made
+
+
+def _mean(values: Array) -> float:
+    return float(np.nanmean(values)) if np.isfinite(values).any() else 0.0
+
+
+def _need(value: Array | None, name: str, what: str) -> Array:
+    if value is None:
+        raise InputError(f"{name}: this model needs {what}; use --model single_track, which needs a speed alone")
+    return value
+
+
+def cut_off_of(one: Signals, stretch: slice) -> float:
+    """Of the low-pass [Hz]: lower for everyday driving, in which slip is small beside the noise of the wheels."""
+    return EVERYDAY_CUT_OFF if _strongest(one, stretch) < EVERYDAY else CUT_OFF
+
+
+def _strongest(one: Signals, stretch: slice) -> float:
+    """Acceleration in the plane that is exceeded for one per cent of the time [m/s²]."""
+    plane = low_passed(np.nan_to_num(one.forces[stretch, :2]), STEP, 1.0)
+    return float(np.percentile(np.hypot(*plane.T), 99))
+
+
+def _longest(good: Mask) -> slice:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    if not len(edges):
+        return slice(0, 0)
+    begins, ends = edges[::2], edges[1::2]
+    at = int(np.argmax(ends - begins))
+    return slice(int(begins[at]), int(ends[at]))
+
+
+def _refuse_spin(one: Signals, stretch: slice) -> None:
+    """Raises `InputError` where the car spins: where its yaw rate is far beyond what its path turns."""
+    part = slice(stretch.start, stretch.stop)
+    path = low_passed(np.nan_to_num(one.forces[part, 1:2]), STEP, 1.0)[:, 0] / one.speed[part]
+    yaw = low_passed(np.nan_to_num(one.rates[part, 2:3]), STEP, 1.0)[:, 0]
+    over = np.abs(yaw) - np.abs(path) - 0.15
+    slip = np.degrees(np.convolve(np.clip(over, 0, None), np.ones(100), "same") * STEP)
+    if slip.max() > SPIN:
+        at = one.t[part][int(np.argmax(slip))]
+        raise InputError(
+            f"{one.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, in "
+            "which no parameter of its tyres can be told; leave that part out"
+        )
