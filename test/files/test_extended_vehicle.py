@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from scipy.linalg import expm
 
 from vsense_ros import codegen
 from vsense_ros.bag import read_bag
@@ -36,7 +37,7 @@ from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.state import DISTURB, Prior
+from vsense_ros.observer.state import DISTURB, Prior, U
 
 DRAG, GRADE, BIAS, DELAY = 0.4, 0.03, 0.03, 0.02  # [m²], [rad], [rad/s], [s]
 GRADE_STATE = DISTURB.start + DISTURBANCES.index("grade")
@@ -189,14 +190,19 @@ def test_a_known_slope_is_what_the_filter_starts_with_and_goes_back_to(extended:
     ekf.linearize()
     uphill = ekf.car.udot[X, 0]
     assert ekf.car.mean[GRADE_STATE] == pytest.approx(GRADE)
-    ekf.car.mean[GRADE_STATE] = 0.0
+    ekf.car.mean[GRADE_STATE] = driven = 0.0
     ekf.linearize()
     assert uphill - ekf.car.udot[X, 0] == pytest.approx(-9.80665 * np.sin(GRADE), rel=1e-6)
     for _ in range(200):
+        way = ekf.car.mean[U.start] * 0.01
         ekf.predict(0.01)
         ekf.linearize()
-    gone = 1 - np.exp(-2.0 / extended.observer.surroundings.grade_time_constant)
-    assert ekf.car.mean[GRADE_STATE] == pytest.approx(GRADE * gone, rel=1e-9)
+        driven += way
+    # By the way driven s: x'' + x'/L + (c/σ)² x = 0 for the distance x from the mean.
+    around = extended.observer.surroundings
+    bent_back = np.array([[0.0, 1.0], [-((around.grade_change / around.grade) ** 2), -1 / around.change_length]])
+    left = expm(driven * bent_back)[0, 0]
+    assert ekf.car.mean[GRADE_STATE] == pytest.approx(GRADE * (1 - left), rel=0.02)
 
 
 # The commands

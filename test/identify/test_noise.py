@@ -223,6 +223,7 @@ def test_the_noise_that_was_put_into_a_recording_is_found(car: Vehicle, tmp_path
     ):
         assert there in source
         source = source.replace(there, here)
+    source += "observer:\n  surroundings: {grade: 0.0, bank: 0.0}\n"  # as the road of the drive is, which is level
     start, target = tmp_path / "start.yaml", tmp_path / "tuned.yaml"
     start.write_text(source, encoding="utf-8")
     half = {t: c.select(c.seconds < 6.0) for t, c in drive.channels.items()}

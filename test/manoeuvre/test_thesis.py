@@ -116,7 +116,7 @@ def test_what_the_filter_takes_the_model_to_lack_is_no_less_than_it_does(plant, 
     count = len(car.t[rows])
     dynamics = model_functions(car_of(known))["dynamics"].map(count)
     memory = np.zeros((car_of(known).internal_state.numel(), 1))
-    state = (car.q[rows].T, car.u[rows].T, np.zeros((14, 1)), np.zeros((4, 1)), car.inputs[rows].T)
+    state = (car.q[rows].T, car.u[rows].T, np.zeros((14, 1)), np.zeros((7, 1)), car.inputs[rows].T)
     explained = np.array(dynamics(*state, known.parameter_vector(), memory)[0]).T
     lacking = np.sqrt(np.mean((car.udot[rows] - explained) ** 2, axis=0))[:10]
     believed = [LEFT.longitudinal, LEFT.lateral, LEFT.vertical, LEFT.roll, LEFT.pitch, LEFT.yaw] + [LEFT.suspension] * 4

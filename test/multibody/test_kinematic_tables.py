@@ -103,7 +103,7 @@ def test_wheels_of_the_simplified_car_slip_lean_and_press_as_those_of_the_full_c
         u += random.uniform(-1, 1, 14) * ([0.5] * 3 + [0.4] * 3 + [0.4] * 4 + [2.0] * 4)
         inputs = np.array([random.uniform(-0.3, 0.3), 0, 0, 0, 0])
         plant.place(q, u, inputs)
-        found = np.asarray(dynamics(q, u, np.zeros(14), np.zeros(4), inputs, vehicle.parameter_vector(), [])[1])
+        found = np.asarray(dynamics(q, u, np.zeros(14), np.zeros(7), inputs, vehicle.parameter_vector(), [])[1])
         expected = plant.wheels
         assert expected[2].min() > 100
         assert_allclose(found[2], expected[2], atol=3.0)  # N: a tyre of 160 N/mm within 10 µm, its damper

@@ -13,7 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import DISTURBANCES
+from vsense_ros.model.coordinates import DISTURBANCES, GRADE, GRADE_CHANGE
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.aero_drag import AeroDrag
 from vsense_ros.model.effects.crosswind import Crosswind
@@ -24,6 +24,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 STEP = 1e-3  # [s]
 RADIUS = 0.27  # [m]
+HILL = 40.0  # [m] along which the road bends upwards
 # Speed [m/s], road-wheel angle [rad] and acceleration [m/s²] by time.
 DRIVES: dict[str, tuple[float, Callable, Callable]] = {
     "slalom": (16.0, lambda t: 0.05 * np.sin(2 * np.pi * 0.4 * t), lambda t: 0.3 * np.sin(0.6 * t)),
@@ -68,7 +69,9 @@ def driven(
     told[:, 1:] = (vehicle.physics.chassis.mass * RADIUS * acceleration(t) / 4)[:, None]
     felt, around = told.copy(), np.zeros((len(t), len(DISTURBANCES)))
     felt[t > begin, 1] -= drag
-    around[t > begin, 0] = grade
+    change = grade / HILL * np.where((t > begin) & (t < begin + HILL / speed), 1.0, 0.0)
+    around[:, GRADE_CHANGE] = change
+    around[:, GRADE] = np.cumsum(change) * speed * STEP
     plant, varying = (afflicted(), {f"effects.{effect}": size * (t > begin)}) if effect else (vehicle, {})
     motion = OpenLoop(car_of(plant), keep=1).run(
         *rolling_straight(vehicle, speed), Inputs(STEP, felt, around, varying), plant.parameter_vector()

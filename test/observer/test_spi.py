@@ -177,7 +177,7 @@ def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehi
     values = {name: vehicle.values()[name] for name in FIVE}
     spi = cornering(spi_of(vehicle, kind, {name: {"deviation": 1e-3 * value} for name, value in values.items()}))
     accelerations = model_functions(car_of(vehicle))["dynamics"]
-    q, u, force, around = (spi.car.mean[s] for s in (slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 46)))
+    q, u, force, around = (spi.car.mean[s] for s in (slice(0, 14), slice(14, 28), slice(28, 42), slice(42, 49)))
 
     def at(name: str, changed: float) -> Array:
         parameters = vehicle.with_parameters({name: changed}).parameter_vector()

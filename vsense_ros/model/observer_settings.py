@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from vsense_ros.model.parameter import Part, parameter
+
+_FORMER = frozenset({"grade_time_constant", "bank_time_constant"})
 
 
 class ForceErrors(Part):
@@ -27,8 +29,8 @@ class ForceErrors(Part):
 class Disturbances(Part):
     """How far road, steering offset and tyre radius may be from what is assumed."""
 
-    grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.05)
-    bank: float = parameter("rad", "standard deviation of the slope across the road", ge=0, default=0.03)
+    grade: float = parameter("rad", "standard deviation of the slope along the road", ge=0, default=0.03)
+    bank: float = parameter("rad", "standard deviation of the slope across the road", ge=0, default=0.015)
     grade_change: float = parameter(
         "rad/m", "standard deviation of what the grade changes by along the way: the road's curvature", ge=0,
         default=1e-3,
@@ -41,6 +43,14 @@ class Disturbances(Part):
         "-", "standard deviation of the relative error of the tyre radius", ge=0, default=0.01
     )
     radius_error_drift: float = parameter("-", "its change in one second", ge=0, default=1e-6)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_what_it_had(cls, given: Any) -> Any:
+        """Of files that were written when slopes went back to their means by time instead of by distance."""
+        if not isinstance(given, dict):
+            return given
+        return {name: value for name, value in given.items() if name not in _FORMER}
 
 
 class EstimatedParameter(Part):

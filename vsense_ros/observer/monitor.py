@@ -154,12 +154,20 @@ class Monitor:
         biases = {f"{name}.{bias.name}": bias.unit for name, sensor in sensors.items() for bias in sensor.biases()}
         for index in range(DISTURB.start, car.layout.size):
             name = car.layout.names[index]
+            if name in _OF_THE_PLACE:
+                continue
             unit = biases.get(name, _unit(name))
             slow.append((index - FORCE.start, Quantity(f"estimated {name.replace('_', ' ')}", unit)))
         self._places = np.array([place for place, _ in slow])
         self._of_slow = slice(len(self.quantities), len(self.quantities) + len(slow))
         self.quantities += [quantity for _, quantity in slow]
         n = len(self.quantities)
+        # An estimate that is not known yet says nothing of the model: of each, its standard deviation as parts ended.
+        self._diagonal = car.covariance.reshape(-1)[:: len(car.mean) + 1]
+        self._estimated = np.array(
+            [place + FORCE.start for place in self._places if place >= DISTURB.start - FORCE.start]
+        )
+        self._unsure = np.zeros((PARTS, n))
         self._part = round((limits.window if limits else WINDOW) * 1e9 / PARTS)
         self._sums = np.zeros((PARTS, 3, n))  # of values, of squares, numbers of values
         self._low, self._high, self._most = self._bounds(limits, n)
@@ -230,6 +238,8 @@ class Monitor:
             self._filled = 0
         self._row = (self._row + 1) % PARTS
         self._sums[self._row] = 0.0
+        deviation = np.sqrt(np.maximum(self._diagonal[self._estimated], 0.0))
+        self._unsure[self._row, self._of_slow.stop - len(deviation) : self._of_slow.stop] = deviation
 
     def _add_up(self) -> None:
         """Make sums of what was kept, and room. What was refused counts as much as what is just believed."""
@@ -258,7 +268,8 @@ class Monitor:
             self._last[0], self._last[1] = sums / counts, np.sqrt(squares / counts)
             mean, rms = self._last
             middle, half = (self._low + self._high) / 2, (self._high - self._low) / 2
-            self._excess = np.fmax(np.abs(mean - middle) / half, rms / self._most)
+            unsure = self._unsure.max(axis=0)
+            self._excess = np.fmax((np.abs(mean - middle) - unsure) / half, (rms - unsure) / self._most)
         if self._on_statistics is not None:
             self._on_statistics(stamp, self._last)
         beyond = {int(i) for i in np.flatnonzero(self._excess > 1.0)}
@@ -306,6 +317,8 @@ def _unit(name: str) -> str:
     return "-" if name == "radius_error" else "rad"
 
 
+# What a road is from place to place, and a car's model is neither right nor wrong about.
+_OF_THE_PLACE = frozenset({"grade_change", "bank_change", "road_height"})
 _FORCES = (
     (X, Quantity("longitudinal force", "N")),
     (Y, Quantity("lateral force", "N")),

@@ -106,7 +106,7 @@ class Prior:
             deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
         deviation[DISTURB] = [
-            *(around.grade, around.bank, around.grade_change, around.bank_change),
+            *(around.grade, around.bank, *np.sqrt(_roughness(around)[:, 1])),
             *(_PLACED, around.steering_offset, around.radius_error),
         ]
         if any("position" in sensor.tells for sensor in sensors.values()):
@@ -134,10 +134,12 @@ class Prior:
 
 
 def _roughness(around: Disturbances) -> Array:
-    """As in `Prior`: a slope that is bent at random, and bent back, has this spread in the long run."""
+    """As in `Prior`: a slope that is bent at random, and bent back, has this spread in the long run; one that is known
+    to be as its mean is not bent."""
     rows = []
     for slope, change in ((around.grade, around.grade_change), (around.bank, around.bank_change)):
-        rows.append([1 / around.change_length, change**2, (change / slope) ** 2 if slope > 0 else 0.0])
+        bent = (change**2, (change / slope) ** 2) if slope > 0 else (0.0, 0.0)
+        rows.append([1 / around.change_length, *bent])
     return np.array(rows)
 
 
