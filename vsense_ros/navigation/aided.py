@@ -14,7 +14,6 @@ from vsense_ros.estimation.cascade import Cascade
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, largest_nis
 from vsense_ros.estimation.state_space import Symbols, expression
 from vsense_ros.model.sensors import SensorBase, words_of
-from vsense_ros.model.sensors.base import Tells
 from vsense_ros.navigation.readings import (
     CONDITIONS_AT,
     INPUTS,
@@ -35,7 +34,7 @@ class _Use(NamedTuple):
     inputs: tuple[tuple[int, int], ...]
     speed: Callable[[Array], float] | None
     remembered: tuple[_Memory, ...]
-    measurements: tuple[tuple[str, Callable[[Array, Array], tuple[Array, Array]], float], ...]
+    measurements: tuple[tuple[str, Callable[[Array, Array], tuple[Array, Array]], float, Array], ...]
     conditions: tuple[tuple[str, Array, Array], ...]
     gate: float
 
@@ -91,7 +90,8 @@ class Aided(Filter):
         for one in self.definition.measurements:
             source = MEASUREMENTS.get(one.name)
             if source is not None and source.tells in tells:
-                made.append((one.name, source.of, largest_nis(gate, len(one.deviations))))
+                limit = largest_nis(gate, len(one.deviations)) if sensor.deviations().any() else np.inf
+                made.append((one.name, source.of, limit, one.variances))
             elif source is None and CONDITIONS_AT in tells:
                 conditions.append((one.name, np.zeros(len(one.deviations)), one.variances))
         remembered = tuple(_Memory(one, self) for one in self.definition.remembered if one.tells in tells)
@@ -129,17 +129,19 @@ class Aided(Filter):
     def correct(
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
     ) -> Innovation:
-        """All that a reading (m,) of a sensor does. The normalized innovation squared that is returned compares with the
-        `limit` of the sensor as the worst of its measurements does with its own."""
+        """All that a reading (m,) of a sensor does. The normalized innovation squared that is returned compares with
+        the `limit` of the sensor as the worst of its measurements does with its own."""
         use = self._uses[sensor]
         for memory in use.remembered:
             memory.renew(value)
         worst, accepted, found = 0.0, True, _NOTHING
-        for name, make, own in use.measurements:
+        for name, make, own, usual in use.measurements:
             made, variances = make(value, variance)
-            most = own * (limit / largest_nis(use.gate, len(value))) if np.isfinite(limit) else np.inf
+            if not variances.all():  # of a sensor that the multibody car takes for an input without noise
+                variances = np.where(variances > 0, variances, usual)
+            most = own * (limit / largest_nis(use.gate, len(value))) if isfinite(limit) and isfinite(own) else np.inf
             found = self.filter.correct(name, made, variances, most, scale)
-            share = found.nis / own * largest_nis(use.gate, len(value)) if own < np.inf else found.nis
+            share = found.nis / own * largest_nis(use.gate, len(value)) if isfinite(own) else 0.0
             worst, accepted = (share if not share <= worst else worst), accepted and (found.accepted or found.nis < 0)
         self.give_reading(sensor, value)
         if self._since_fix is not None and sensor in self._fixes and accepted and isfinite(value[0]):
@@ -191,4 +193,3 @@ def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: flo
     if not rolling and "course" in sensor.tells:
         return lambda value: float(speed_over_ground(value, value)[0][0])
     return None
-

@@ -7,7 +7,24 @@ from functools import partial
 from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation import dual_kkf, integrated_kf, mekf, triple_kkf, wheel_speed_ekf, yaw_kkf
+from vsense_ros.navigation import (
+    attitude_ekf,
+    dual_kkf,
+    inertial,
+    integrated,
+    integrated_kf,
+    joint_kkf,
+    mekf,
+    model_observers,
+    open_loop,
+    parameter_ekf,
+    side_slip_kkf,
+    strapdown,
+    triple_kkf,
+    wheel_speed_ekf,
+    wheel_speed_observer,
+    yaw_kkf,
+)
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.space import Definition
@@ -63,6 +80,72 @@ DEFINITIONS: dict[str, tuple[str, Definition, str]] = {
         "integrated KF a: triple b, then single-track c",
         integrated_kf.INTEGRATED_KF_A,
         "to repeat table 5.5",
+    ),
+    "side_slip_kkf_1": (
+        "dual KF, side slip extrapolated along a line",
+        side_slip_kkf.SIDE_SLIP_KKF_1,
+        "to repeat table 4.9",
+    ),
+    "side_slip_kkf_2": (
+        "dual KF, side slip extrapolated along a parabola",
+        side_slip_kkf.SIDE_SLIP_KKF_2,
+        "to repeat table 4.9",
+    ),
+    "attitude_ekf": ("attitude by gyros and two antennas", attitude_ekf.ATTITUDE_EKF, "for the attitude alone"),
+    "body_ins": ("INS in the axes of the car, open loop", open_loop.BODY_INS, "to see how an inertial sensor drifts"),
+    "map_ins": ("INS on the map, open loop", open_loop.MAP_INS, "likewise, with the heading"),
+    "gyro_and_course": (
+        "side slip as course less integrated gyro",
+        open_loop.GYRO_AND_COURSE,
+        "as what a filter has to beat",
+    ),
+    "joint_kkf": (
+        "velocity, heading, biases, position in one",
+        joint_kkf.JOINT_KKF,
+        "to see why gates or two antennas are needed",
+    ),
+    "joint_kkf_non_holonomic": (
+        "the same, not sliding",
+        joint_kkf.JOINT_KKF_NON_HOLONOMIC,
+        "where position counts and the car slides little",
+    ),
+    "single_track": ("single-track model, open loop", model_observers.SINGLE_TRACK, "to repeat table 5.3"),
+    "single_track_kf": (
+        "single-track model, gyro and accelerometer",
+        model_observers.SINGLE_TRACK_KF,
+        "where there is no GNSS",
+    ),
+    "luenberger": ("single-track model, linear gain", model_observers.LUENBERGER, "as the cheapest observer"),
+    "sliding_mode": ("single-track model, switching gain", model_observers.SLIDING_MODE, "likewise"),
+    "model_and_ins": (
+        "side slip by model and inertial sensor in two bands",
+        model_observers.MODEL_AND_INS,
+        "as what a filter has to beat",
+    ),
+    "wheel_speed_observer": (
+        "accelerometers that wheel speeds correct",
+        wheel_speed_observer.WHEEL_SPEED_OBSERVER,
+        "where there is no GNSS",
+    ),
+    "parameter_ekf": (
+        "openpilot's filter of stiffness, ratio and offset",
+        parameter_ekf.PARAMETER_EKF,
+        "as a baseline: yaw rate and steering offset",
+    ),
+    "integrated": (
+        "single track with learning tyres, GNSS, all sensors",
+        integrated.INTEGRATED,
+        "where the car is roughly known: no gates, side slip also at the limit",
+    ),
+    "inertial": (
+        "planar INS that learns its car",
+        inertial.INERTIAL,
+        "where nothing is known of the car: IMU and GNSS velocity",
+    ),
+    "strapdown": (
+        "six-axis INS in error coordinates",
+        strapdown.STRAPDOWN,
+        "where the IMU has six axes, and attitude or position count",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""The integrated Kalman filter a: the triple filter b, then the single-track model of MEKF 2c (Leung 2010, figure 5.15).
+"""Integrated Kalman filter a: the triple filter b, then the single-track model of MEKF 2c (Leung 2010, figure 5.15).
 
 The model gets the forward velocity of the triple filter for its speed, the yaw rate without the gyro's bias, and the
 heading as one more measurement.

@@ -9,6 +9,7 @@ the straight of the last ten seconds: in a bend a wrong stiffness looks like an 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -28,7 +29,7 @@ class Mekf2a(NavigationSpace):
     names: tuple[str, ...] = ("side_slip", "yaw_rate", "yaw", "gyro_bias")
     inputs: tuple[str, ...] = ("steer_angle", "speed")
     parameters: tuple[str, ...] = single_track.PARAMETERS
-    prior = {"side_slip": 0.01, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02}
+    prior: Mapping[str, float] = {"side_slip": 0.01, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02}
     drifts: tuple[float, ...] = (*NOISE, 1e-5, 1e-6)
 
     def steer(self, x: Named, u: Named) -> ca.SX:
@@ -54,7 +55,7 @@ class Mekf2b(Mekf2a):
     """With b_δ, `steering_bias` [rad]."""
 
     names = (*Mekf2a.names, "steering_bias")
-    prior = {**Mekf2a.prior, "steering_bias": 0.01}
+    prior: Mapping[str, float] = {**Mekf2a.prior, "steering_bias": 0.01}
     drifts = (*Mekf2a.drifts, 3e-5)
 
     def steer(self, x: Named, u: Named) -> ca.SX:

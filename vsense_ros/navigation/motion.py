@@ -52,8 +52,10 @@ class Motions:
         found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
         if "forward_acceleration" in self.told:
             rows = v.shape[:-1]
-            nothing = np.zeros((*rows, 36))
-            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), nothing))
+            covariance = np.zeros((*rows, 36))
+            untold = [7 * axis for axis in (2, 3, 4, 5) if axis != 2 or MOTION[14] not in self.told]
+            covariance[..., untold] = messages.UNTOLD
+            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), covariance))
         if self.tells_side_slip:
             found.append(messages.side_slip(stamp, row(self.side_slip)))
         if self.parameter_names:

@@ -7,12 +7,12 @@ by the course of a car that moves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import hypot
 
 import numpy as np
 
-from vsense_ros.estimation.filter import Array, Innovation, largest_nis
+from vsense_ros.estimation.filter import Innovation, largest_nis
 from vsense_ros.estimation.intake import Intake, Timing, by_topic
 from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
@@ -24,7 +24,7 @@ from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.motion import Motions, Readout
-from vsense_ros.navigation.readings import INPUTS, MEASUREMENTS, SPEED, Tells
+from vsense_ros.navigation.readings import INPUTS, MEASUREMENTS, SPEED
 
 _ALIGNMENT_SPEED = 2.0  # [m/s] above it the course tells the heading
 _FASTEST = 150.0  # [m/s]
@@ -39,9 +39,7 @@ class Navigator:
     Raises `InputError` if the vehicle file lacks a sensor that the filter needs.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, name: str, map_origin: tuple[float, float, float] | None = None
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, map_origin: tuple[float, float, float] | None = None) -> None:
         self.vehicle, self.name = vehicle, name
         self.definition = DEFINITIONS[FILTERS[name].name][1]
         self.sensors = {key: one for key, one in vehicle.sensing().items() if _is_used(one)}
@@ -65,10 +63,7 @@ class Navigator:
         self._holds = [_only_drives(one, self.filter) for one in self.sensors.values()]
         self._timeline = Timeline(
             self.filter,
-            [
-                Channel(key, largest_nis(sensor.gate, len(sensor.deviations())))
-                for key, sensor in self.sensors.items()
-            ],
+            [Channel(key, largest_nis(sensor.gate, len(sensor.deviations()))) for key, sensor in self.sensors.items()],
             reach=settings.history,
             longest_step=settings.longest_step,
             merge=settings.merge_window,
@@ -109,6 +104,25 @@ class Navigator:
                 if self._timeline.add(event):
                     self.health[index].late += 1
 
+    def events(self, samples: Iterable[Sample]) -> list[Event]:
+        """The readings in messages that can be true, in the order of their measurement: of a whole recording."""
+        found = []
+        for sample in samples:
+            for index in self._by_topic.get(sample.topic, ()):
+                event = self.intake.read(index, sample)
+                if event is not None:
+                    self.intake.believe(index, sample.stamp)
+                    found.append(self._in_axes_of_car(event))
+        return sorted(found, key=lambda event: event.stamp)
+
+    def begin_with(self, event: Event) -> None:
+        """Before the start: take in a reading."""
+        self._gather(event)
+
+    def correct(self, event: Event) -> None:
+        """After the start: let a reading act on the filter as it is."""
+        self._act(event)
+
     def _in_axes_of_car(self, event: Event) -> Event:
         """The event with its value in the axes of the car, at cog as far as rates alone tell; of a sensor that only
         drives the filter, half a period earlier, so that what is held from then on is the mean."""
@@ -140,12 +154,18 @@ class Navigator:
 
     def _missing(self) -> list[str]:
         """What the sensors that have come do not tell and the filter needs."""
-        told = {what for key in self._first for what in self.sensors[key].tells}
-        names = self.filter.input_names
-        wanted: dict[Tells, None] = {INPUTS[n].tells: None for n in names if n in INPUTS and "held" not in n}
-        if SPEED in names or "yaw" in self._states or "forward_velocity" in self._states:
-            wanted["course"] = None
-        return [what for what in wanted if what not in told]
+        names, first = self.filter.input_names, self._first
+        missing = []
+        for name in names:
+            if name in INPUTS and "held" not in name:
+                tells, places = INPUTS[name]
+                readings = (e.value for key, e in first.items() if tells in self.sensors[key].tells)
+                if not any(np.isfinite(value[places[0]]) for value in readings):
+                    missing.append(f"{name} ({tells})")
+        needs_course = SPEED in names or bool(self._states & {"yaw", "forward_velocity", "velocity_east"})
+        if needs_course and not any("course" in self.sensors[key].tells for key in first):
+            missing.append("course")
+        return missing
 
     @property
     def _states(self) -> set[str]:
@@ -169,7 +189,8 @@ class Navigator:
                     seen["velocity_east"], seen["velocity_north"] = value.tolist()
                 if _ALIGNMENT_SPEED < speed < _FASTEST:
                     seen.setdefault("yaw", float(np.arctan2(value[1], value[0])))
-        unknown = self._states & {"yaw", "forward_velocity"} - set(seen)
+        needed = {"q_w": "yaw"}
+        unknown = {needed.get(n, n) for n in self._states & {"yaw", "forward_velocity", "q_w"}} - set(seen)
         return None if unknown else seen
 
     def _start(self, seen: Mapping[str, float], stamp: int) -> None:
@@ -235,8 +256,12 @@ class Navigator:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        newest = self.motions()
-        return newest.samples() if self.started else []
+        newest = self.output()
+        return newest if self.started else []
+
+    def output(self) -> list[Sample]:
+        """The same, also before the start, when it means nothing: the topics are those of any estimate."""
+        return self.motions().samples()
 
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""
@@ -257,7 +282,11 @@ class Navigator:
             text = f"not told so far: {', '.join(unsure)}" if unsure else "converged"
             return Diagnostic("observer", Level.WARN if unsure else Level.OK, text, values)
         missing = self._missing()
-        text = f"waiting for a sensor that tells {', '.join(missing)}" if missing else "heading unknown until the car moves"
+        text = (
+            f"waiting for a sensor that tells {', '.join(missing)}"
+            if missing
+            else "heading unknown until the car moves"
+        )
         return Diagnostic("observer", Level.WARN, text, values)
 
     def _unsure(self) -> list[str]:
@@ -270,7 +299,7 @@ class Navigator:
 
 def _is_used(sensor: SensorBase) -> bool:
     """Whether any filter of this room could use it."""
-    used = {source.tells for source in (*INPUTS.values(), *MEASUREMENTS.values())}
+    used = {one.tells for one in INPUTS.values()} | {one.tells for one in MEASUREMENTS.values()}
     return not used.isdisjoint(sensor.tells)
 
 
@@ -280,4 +309,3 @@ def _only_drives(sensor: SensorBase, filter: Aided) -> bool:
         return False
     names = (one.name for one in filter.definition.measurements)
     return not any(name in MEASUREMENTS and MEASUREMENTS[name].tells in sensor.tells for name in names)
-

@@ -82,6 +82,7 @@ MEASUREMENTS = {
     "gnss_velocity": Measured("course", _places(0, 1)),
     "gnss_position": Measured("position", _places(0, 1)),
     "heading": Measured("heading", _heading),
+    "steering": Measured("steering", _places(0)),
     "gyro": Measured("rates and forces", _places(2)),
     "lateral_force": Measured("rates and forces", _places(4)),
     "rear_spins": Measured("rolling speed", _places(2, 3)),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Array
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
@@ -42,12 +43,7 @@ def run(
     sensors, or the filter never starts.
     """
     navigator = Navigator(vehicle, name, recording.map_origin)
-    present = tuple(t for t in navigator.topics if t in recording and len(recording[t]))
-    if not present:
-        raise InputError(
-            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected "
-            f"{', '.join(navigator.topics)}, found {', '.join(sorted(recording.channels)) or 'nothing'}"
-        )
+    present = topics_in(recording, navigator.topics)
     total = sum(len(recording[t]) for t in present)
     interval, last = int(0.999e9 / rate), 0
     snapshots: list[Snapshot] = []
@@ -79,16 +75,27 @@ def run(
     )
 
 
+def topics_in(recording: Recording, topics: Iterable[str]) -> tuple[str, ...]:
+    """Those of which a recording has messages. Raises `InputError` if there are none."""
+    present = tuple(t for t in topics if t in recording and len(recording[t]))
+    if not present:
+        raise InputError(
+            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected "
+            f"{', '.join(topics)}, found {', '.join(sorted(recording.channels)) or 'nothing'}"
+        )
+    return present
+
+
 def as_recording(motions: Motions, of: Recording) -> Recording:
     """Estimates as the output channels of a recording; arrival times are the times they are valid for."""
     stamps = motions.stamp.astype(np.int64)
     channels = {
-        s.topic: Channel(s.topic, s.kind, stamps, stamps, _rows(s.values, len(stamps)), s.frame_id, s.names, s.child_frame_id)
+        s.topic: Channel(s.topic, s.kind, stamps, stamps, _rows(s.values), s.frame_id, s.names, s.child_frame_id)
         for s in motions.samples()
     }
     return Recording(channels, name=of.name, metadata=dict(of.metadata))
 
 
-def _rows(values: dict[str, np.ndarray] | object, count: int) -> dict[str, np.ndarray]:
+def _rows(values: Mapping[str, Array]) -> dict[str, Array]:
     """Columns with one row for each time, also where there is only one."""
-    return {k: v if v.ndim == 2 else v[None] for k, v in values.items()}  # type: ignore[attr-defined]
+    return {name: value if value.ndim == 2 else value[None] for name, value in values.items()}

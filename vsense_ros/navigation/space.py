@@ -78,8 +78,8 @@ Part = tuple[NavigationSpace, tuple[Measurement, ...]]
 
 @dataclass(frozen=True)
 class Definition:
-    """A filter of this room: its `parts` by name, and the links between them. Of several parts that tell the same of the
-    motion, the last counts."""
+    """A filter of this room: its `parts` by name, and the links between them. Of parts that tell the same motion, the
+    last counts."""
 
     parts: Mapping[str, Part]
     passed_inputs: tuple[PassedInput, ...] = ()

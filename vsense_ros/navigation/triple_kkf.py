@@ -8,6 +8,7 @@ with the wrong sign (C16); here it is a state, which the same difference correct
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -40,7 +41,7 @@ class VelocityKkfB(VelocityKkf):
 
     names = (*VelocityKkf.names, "dynamic_bias")
     parameters = (*VelocityKkf.parameters, "straight_rate")
-    prior = {**VelocityKkf.prior, "dynamic_bias": 0.1}
+    prior: Mapping[str, float] = {**VelocityKkf.prior, "dynamic_bias": 0.1}
 
     def acceleration(self, x: Named, u: Named) -> ca.SX:
         along, across = ca.vertsplit(super().acceleration(x, u))

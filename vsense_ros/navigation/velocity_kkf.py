@@ -9,6 +9,7 @@ the fix and of the time since; without it the filter goes on by its acceleromete
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -22,10 +23,15 @@ LONGEST_HOLD = 1.5  # [s] after the last fix, for which it is held
 class VelocityKkf(NavigationSpace):
     """See the module. `yaw_rate` is that of the gyro without its bias, `yaw` the heading by which a fix is turned."""
 
-    names = ("forward_velocity", "acceleration_bias_x", "lateral_velocity", "acceleration_bias_y")
+    names: tuple[str, ...] = ("forward_velocity", "acceleration_bias_x", "lateral_velocity", "acceleration_bias_y")
     inputs = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw", "held_east", "held_north", "since_fix")
-    parameters = ("acceleration_noise", "sample_time", "antenna_x", "antenna_y")
-    prior = {"forward_velocity": 0.3, "acceleration_bias_x": 2.0, "lateral_velocity": 0.3, "acceleration_bias_y": 2.0}
+    parameters: tuple[str, ...] = ("acceleration_noise", "sample_time", "antenna_x", "antenna_y")
+    prior: Mapping[str, float] = {
+        "forward_velocity": 0.3,
+        "acceleration_bias_x": 2.0,
+        "lateral_velocity": 0.3,
+        "acceleration_bias_y": 2.0,
+    }
 
     def acceleration(self, x: Named, u: Named) -> ca.SX:
         """Of the car over ground, in its axes (2,)."""

@@ -10,6 +10,7 @@ and fro there is used twice (C24). The speed is measured, not the radius 2 V / (
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -28,7 +29,7 @@ class WheelSpeedEkf(NavigationSpace):
     names = ("yaw", "rolling_radius")
     inputs = ("spin_rear_left", "spin_rear_right", "held_east", "held_north", "since_fix")
     parameters = ("rear_track", "spin_noise", "sample_time", "straight_rate")
-    prior = {"yaw": 0.05, "rolling_radius": 0.02}
+    prior: Mapping[str, float] = {"yaw": 0.05, "rolling_radius": 0.02}
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         return [x.yaw + h * turning_rate(x, u, theta), x.rolling_radius]

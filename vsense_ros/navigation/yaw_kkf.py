@@ -9,6 +9,7 @@ the innovation of the angle itself is wrapped, where cosine and sine would have 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -23,7 +24,7 @@ class YawKkf(NavigationSpace):
     names = ("yaw", "gyro_bias")
     inputs = ("yaw_rate",)
     parameters = ("gyro_noise", "sample_time", "straight_rate")
-    prior = {"yaw": 0.05, "gyro_bias": 0.02}
+    prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": 0.02}
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         return [x.yaw + h * (u.yaw_rate - x.gyro_bias), x.gyro_bias]
