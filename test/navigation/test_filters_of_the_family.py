@@ -22,6 +22,7 @@ NUMBERS = {
     "rear_stiffness": 147540.0, "friction": 1.0, "roll_gain": 0.05, "rolling_radius": 0.29, "rear_track": 1.536,
     "straight_rate": 0.0175, "sample_time": 0.01, "gyro_noise": 0.0018, "acceleration_noise": 0.5, "spin_noise": 0.04,
     "antenna_x": 0.3, "antenna_y": -0.1, "gravity": 9.81,
+    "road_bank": 0.01, "road_bank_time": 20.0,
 }  # fmt: skip
 SEEN = {
     **NUMBERS,

@@ -98,6 +98,11 @@ class Aided(Filter):
         speed = speed if SPEED in self.input_names else None
         return _Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
 
+    def uses(self, sensor: str) -> bool:
+        """Whether readings of this sensor do anything."""
+        use = self._uses[sensor]
+        return bool(use.inputs or use.speed or use.remembered or use.measurements or use.conditions)
+
     def needs(self, sensor: SensorBase) -> bool:
         """Whether any input depends on what this sensor tells."""
         wanted = {INPUTS[name].tells for name in self.input_names if name in INPUTS and not name.startswith("held")}

@@ -40,6 +40,8 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "antenna_x": 0.0,
         "antenna_y": 0.0,
         "gravity": GRAVITY,
+        "road_bank": vehicle.observer.surroundings.bank,
+        "road_bank_time": vehicle.observer.surroundings.bank_time_constant,
     }
     for sensor in sensors:
         deviations = sensor.deviations()

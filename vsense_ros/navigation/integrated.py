@@ -20,10 +20,9 @@ from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
-STIFFNESS_DRIFT = 0.05  # of ln k after one second at a slip angle of `FULL_SLIP`
+STIFFNESS_DRIFT = 0.03  # of ln k after one second at a slip angle of `FULL_SLIP`
 FULL_SLIP = 0.05  # [rad]
-BANK, BANK_TIME = 0.01, 20.0  # [rad] and [s] of the road's bank
-FORCE_NOISE, MOMENT_NOISE = 0.05, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
+FORCE_NOISE, MOMENT_NOISE = 0.012, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
 _SLIDES = 3.0  # normalized slip from which a brush tyre slides
 
 
@@ -37,14 +36,14 @@ class Integrated(NavigationSpace):
     )  # fmt: skip
     inputs = ("acceleration_x", "steer_angle")
     parameters = (
-        *single_track.PARAMETERS, "friction", "roll_gain", "rear_track", "gravity", "acceleration_noise", "sample_time",
-        "antenna_x", "antenna_y",
+        *single_track.PARAMETERS, "friction", "roll_gain", "gravity", "acceleration_noise", "sample_time",
+        "antenna_x", "antenna_y", "road_bank", "road_bank_time",
     )  # fmt: skip
     auxiliaries = ("lateral_force",)
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
         "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
-        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": BANK,
+        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05,
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
@@ -76,18 +75,22 @@ class Integrated(NavigationSpace):
         across = (front + rear) / theta.mass - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
         turning = (theta.to_front * front - theta.to_rear * rear) / theta.yaw_inertia
         still = ca.SX.zeros(7)
-        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, -x.bank / BANK_TIME)
+        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, -x.bank / theta.road_bank_time)
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
         seen = [STIFFNESS_DRIFT * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
         drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, 0.0, 1e-5, 1e-5, 1e-4, 1e-4]
-        walk = ca.diag(ca.vertcat(*(d**2 for d in (*drifts, *seen, 1e-5, BANK * (2 / BANK_TIME) ** 0.5)))) * h
+        bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
+        walk = ca.diag(ca.vertcat(*(d**2 for d in (*drifts, *seen, 1e-5, bank)))) * h
         return felt + walk + drifting(h, *[1e-6] * 12)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
         return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
+
+    def uncertain(self, name: str, seen: Seen) -> float:
+        return seen["road_bank"] if name == "bank" else super().uncertain(name, seen)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along = u.acceleration_x - x.acceleration_bias_x
@@ -108,9 +111,8 @@ def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
     return [c * forward - s * lateral, s * forward + c * lateral]
 
 
-def _spins(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    half = x.yaw_rate * p.rear_track / 2
-    return [(x.forward_velocity - half) / x.rolling_radius, (x.forward_velocity + half) / x.rolling_radius]
+def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
+    return x.forward_velocity / x.rolling_radius
 
 
 GYRO = Measurement("gyro", lambda x, z, u, p: x.yaw_rate + x.gyro_bias, (0.003,))
@@ -119,6 +121,8 @@ LATERAL_FORCE = Measurement(
 )
 VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
 HEADING = Measurement("heading", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,))
-SPINS = Measurement("rear_spins", _spins, (0.05, 0.05))
+# The mean of both wheels: in a bend the outer one is pressed down and the inner one lifted, and what their radii differ
+# by would be taken for a yaw rate. Slip is of the size of some thousandths.
+SPIN = Measurement("rear_spin", _spin, (0.3,))
 
-INTEGRATED = Definition.of(Integrated(), GYRO, LATERAL_FORCE, VELOCITY, HEADING, SPINS)
+INTEGRATED = Definition.of(Integrated(), GYRO, LATERAL_FORCE, VELOCITY, HEADING, SPIN)

@@ -71,6 +71,15 @@ def _heading(value: Array, variance: Array) -> tuple[Array, Array]:
     return np.array([atan2(value[1], value[0])]), variance[:1]
 
 
+SPIN_SLIP = 0.005  # of a spin, by which wheels that drive or brake differ from rolling
+
+
+def _rear_spin(value: Array, variance: Array) -> tuple[Array, Array]:
+    """Mean of both rear wheels, with the slip of wheels that drive."""
+    mean = 0.5 * (value[2] + value[3])
+    return np.array([mean]), np.array([0.25 * (variance[2] + variance[3]) + (SPIN_SLIP * mean) ** 2])
+
+
 def _places(*places: int) -> Callable[[Array, Array], tuple[Array, Array]]:
     chosen = list(places)
     return lambda value, variance: (value[chosen], variance[chosen])
@@ -85,6 +94,7 @@ MEASUREMENTS = {
     "steering": Measured("steering", _places(0)),
     "gyro": Measured("rates and forces", _places(2)),
     "lateral_force": Measured("rates and forces", _places(4)),
+    "rear_spin": Measured("rolling speed", _rear_spin),
     "rear_spins": Measured("rolling speed", _places(2, 3)),
 }
 CONDITIONS_AT: Tells = "rates and forces"  # readings with which conditions are applied

@@ -50,10 +50,14 @@ class NavigationSpace(StateSpace):
         held = theta.sample_time / h
         return self.noise_of_inputs(x, u, theta, h, {name: d**2 * held for name, d in deviations.items()})
 
+    def uncertain(self, name: str, seen: Seen) -> float:
+        """Standard deviation at start of an element of the error."""
+        return self.prior[name]
+
     def start(self, seen: Seen) -> Gaussian:
-        """Mean and covariance at start."""
+        """Mean and covariance at start, by the first readings and the numbers of the car."""
         at = self.begin(seen)
-        deviations = np.array([self.prior[name] for name in self.error_names])
+        deviations = np.array([self.uncertain(name, seen) for name in self.error_names])
         return Gaussian(np.array([at.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
 
 
