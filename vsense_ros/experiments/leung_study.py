@@ -29,13 +29,14 @@ from vsense_ros.manoeuvre.receivers import RECEIVERS
 from vsense_ros.mismatch.fleet import workers
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, SPEED_X, SPEED_Y, SPIN, YAW, YAW_RATE
-from vsense_ros.model.sensors import GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
+from vsense_ros.model.sensors import GnssAttitude, GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
-from vsense_ros.navigation.motion import MOTION, Readout
+from vsense_ros.navigation.motion import Readout, Snapshot
+from vsense_ros.navigation.space import MOTION
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,7 @@ class Errors:
     spin: float = 0.04  # [rad/s]
     fix: float = 0.025  # [m/s] to the east and to the north
     fix_period: float = 1.0  # [s]
+    heading: float | None = None  # [rad] of a magnetometer, or of two antennas; None: there is none
     feels_gravity: bool = True  # whether roll and pitch of the body enter the accelerometers
 
 
@@ -114,7 +116,7 @@ def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
         }  # fmt: skip
         file.parent.mkdir(parents=True, exist_ok=True)
         with in_place_of(file) as temporary, temporary.open("wb") as out:
-            np.savez(out, **kept)
+            np.savez(out, **kept)  # type: ignore[arg-type]  # names of arrays, not options
     with np.load(file) as found_again:
         return Truth(**{key: found_again[key] for key in found_again.files})
 
@@ -127,12 +129,15 @@ def _study_car(plant: str) -> Vehicle:
 def sensors_of(errors: Errors) -> dict[str, SensorBase]:
     """Sensors at cog with these errors, without gates of their own: a study has no receivers that lie."""
     gyro, force = errors.gyro[0], errors.force[0]
-    return {
+    found: dict[str, SensorBase] = {
         "imu": Imu(rate_noise=(gyro,) * 3, force_noise=(force,) * 3, gate=1e6),
         "wheels": WheelSpeeds(noise=errors.spin, gate=1e6),
         "steering": Steering(gate=1e6),
         "velocity": GnssVelocity(noise=errors.fix, gate=1e6),
     }
+    if errors.heading is not None:
+        found["heading"] = GnssAttitude(noise=errors.heading, gate=1e6)
+    return found
 
 
 @dataclass(frozen=True)
@@ -143,13 +148,14 @@ class Readings:
     wheels: Array  # (n, 4)
     steering: Array  # (n, 1)
     fixes: Array
+    heading: Array  # (n, 2) cosine and sine
 
 
 def readings(truth: Truth, case: Case) -> Readings:
     """With the noise of the case's seed."""
     errors, n = case.errors, len(truth.t)
     random = np.random.default_rng([case.seed, 2010])
-    noise = random.standard_normal((n, 10))
+    noise = random.standard_normal((n, 11))
     imu = np.zeros((n, 6))
     imu[:, 2] = truth.yaw_rate + errors.gyro[1] + errors.gyro[0] * noise[:, 0]
     forces = truth.forces if errors.feels_gravity else truth.level_forces
@@ -166,7 +172,8 @@ def readings(truth: Truth, case: Case) -> Readings:
     if case.outage is not None:
         silent |= (truth.t >= case.outage[0]) & (truth.t < case.outage[1])
     fixes[silent] = np.nan
-    return Readings(imu, wheels, steering, fixes)
+    heading = truth.yaw + (errors.heading or 0.0) * noise[:, 10]
+    return Readings(imu, wheels, steering, fixes, np.column_stack([np.cos(heading), np.sin(heading)]))
 
 
 def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
@@ -184,10 +191,12 @@ def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
         "velocity_east": float(fix[0]), "velocity_north": float(fix[1]), "yaw_rate": float(read.imu[0, 2]),
     }  # fmt: skip
     rows = {"imu": read.imu, "wheels": read.wheels, "steering": read.steering, "velocity": read.fixes}
+    if case.errors.heading is not None:
+        rows["heading"] = read.heading
     for key, values in rows.items():
         filter.give_reading(key, values[0])
     filter.start(filter.definition.start({**numbers, **first}))
-    used = [key for key in ("wheels", "steering", "imu") if filter.uses(key)]
+    used = [key for key in ("heading", "wheels", "steering", "imu") if key in rows and filter.uses(key)]
     has_fix = np.isfinite(read.fixes[:, 0]).tolist()
     snapshots, at = [], []
     means = {key: 0.5 * (rows[key][1:] + rows[key][:-1]) for key in used}  # of a step's two ends
@@ -206,7 +215,7 @@ def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
 
 
 def _scores(
-    readout: Readout, snapshots: list[Any], truth: Truth, at: NDArray[np.int64], read: Readings, errors: Errors
+    readout: Readout, snapshots: list[Snapshot], truth: Truth, at: NDArray[np.int64], read: Readings, errors: Errors
 ) -> dict[str, Any]:
     motions = readout.motions(snapshots)
     settled = truth.t[at] > SETTLED
@@ -323,7 +332,8 @@ def _plant(manoeuvre: str, plant: str, store: Path) -> None:
 
 def _work(case: Case, names: Sequence[str], store: Path) -> dict[str, Mapping[str, Any]]:
     """One drive by some filters, kept."""
-    truth, found = drive_plant(case.manoeuvre, case.plant, store), {}
+    truth = drive_plant(case.manoeuvre, case.plant, store)
+    found: dict[str, Mapping[str, Any]] = {}
     for name in names:
         found[name] = estimate(name, truth, case)
         with in_place_of(_file(store, case, name)) as temporary:

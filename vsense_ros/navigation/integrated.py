@@ -83,7 +83,7 @@ class Integrated(NavigationSpace):
         seen = [STIFFNESS_DRIFT * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
         drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, 0.0, 1e-5, 1e-5, 1e-4, 1e-4]
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
-        walk = ca.diag(ca.vertcat(*(d**2 for d in (*drifts, *seen, 1e-5, bank)))) * h
+        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank) ** 2) * h
         return felt + walk + drifting(h, *[1e-6] * 12)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
