@@ -129,7 +129,7 @@ TABLES = {
             "b_r R|triple_kkf|gyro_bias|R", "v_x R|triple_kkf|forward_velocity|R",
             "v_y N|triple_kkf|lateral_velocity|N",
             "b_x R|triple_kkf|acceleration_bias_x|R", "b_y R|triple_kkf|acceleration_bias_y|R",
-            "psi of wheels c N|triple_kkf|yaw|N", "b_w R|triple_kkf|rolling_radius|R",
+            "psi of wheels c N|wheel_speed_ekf_c|yaw|N", "b_w R|triple_kkf|rolling_radius|R",
         ),
         _printed(
             "DO15 0.04 0.87 6.75 13.14 0.21 0.04 0.34", "DO25 0.06 0.90 6.09 13.15 0.38 0.04 0.37",

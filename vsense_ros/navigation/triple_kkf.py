@@ -67,8 +67,8 @@ NO_DYNAMIC_BIAS = Measurement(
 def triple(velocity: NavigationSpace, *more: Measurement) -> Definition:
     """With this velocity filter, and more measurements of it."""
     parts = {
-        "heading": (YawKkf(), (COURSE,)),
         "wheels": (WheelSpeedEkf(), (*B2, YAW_OF_GYRO)),
+        "heading": (YawKkf(), (COURSE,)),
         "velocity": (velocity, (VELOCITY, HELD_LATERAL, ROLLING, *more)),
     }
     return Definition(parts, (RATE,), (PASSED_YAW, TURNED, OF_WHEELS))
