@@ -10,6 +10,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation import (
     attitude_ekf,
     dual_kkf,
+    heading_bank,
     inertial,
     integrated,
     integrated_kf,
@@ -71,6 +72,11 @@ DEFINITIONS: dict[str, tuple[str, Definition, str]] = {
     "triple_kkf_b": ("triple kinematic KF b", triple_kkf.TRIPLE_KKF_B, "to repeat table 5.5"),
     "mekf_2a": ("single-track EKF", mekf.MEKF_2A, "where the steering sensor has no offset"),
     "mekf_2b": ("single-track EKF with the steering offset", mekf.MEKF_2B, "where the tyres are well known"),
+    "mekf_2b_particles": (
+        "the same as a particle filter",
+        mekf.PARTICLES,
+        "as a reference without any linearisation, at a hundred times the cost",
+    ),
     "mekf_2c": (
         "single-track EKF, offset learnt on the straight",
         mekf.MEKF_2C,
@@ -141,6 +147,11 @@ DEFINITIONS: dict[str, tuple[str, Definition, str]] = {
         "planar INS that learns its car",
         inertial.INERTIAL,
         "where nothing is known of the car: IMU and GNSS velocity",
+    ),
+    "heading_bank": (
+        "heading by a bank of hypotheses",
+        heading_bank.HEADING_BANK,
+        "where the heading at start is not known and the course does not tell it yet",
     ),
     "strapdown": (
         "six-axis INS in error coordinates",

@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from vsense_ros.estimation.particle import ParticleFilter
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
 from vsense_ros.navigation.car_numbers import STRAIGHT
@@ -85,5 +86,9 @@ def running_mean(x: Named, u: Named, theta: Named, value: ca.SX) -> dict[str, ca
 
 MEKF_2A = Definition.of(Mekf2a(), GYRO, COURSE)
 MEKF_2B = Definition.of(Mekf2b(), GYRO, COURSE)
+PARTICLES = Definition(  # Leung 2010, section 2.4.4
+    {"": (Mekf2b(), (GYRO, COURSE))},
+    make_part=lambda system, measurements, numbers: ParticleFilter(system, measurements, numbers),
+)
 MEAN_ON_STRAIGHT = Remembered("", "rates and forces", running_mean)
 MEKF_2C = Definition({"": (Mekf2c(), (GYRO, COURSE))}, remembered=(MEAN_ON_STRAIGHT,))

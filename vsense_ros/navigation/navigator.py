@@ -190,6 +190,8 @@ class Navigator:
                 if _ALIGNMENT_SPEED < speed < _FASTEST:
                     seen.setdefault("yaw", float(np.arctan2(value[1], value[0])))
         needed = {"q_w": "yaw"}
+        if self.definition.finds_heading:
+            return seen if "forward_velocity" in seen else None
         unknown = {needed.get(n, n) for n in self._states & {"yaw", "forward_velocity", "q_w"}} - set(seen)
         return None if unknown else seen
 

@@ -32,7 +32,7 @@ class BodyIns(NavigationSpace):
 class MapIns(NavigationSpace):
     """v̇_e = R(ψ) a, ψ̇ = r, β = ν - ψ (eqs. 2.7 to 2.10, 2.53)."""
 
-    names = ("velocity_east", "velocity_north", "yaw")
+    names: tuple[str, ...] = ("velocity_east", "velocity_north", "yaw")
     inputs = ("acceleration_x", "acceleration_y", "yaw_rate")
     parameters = ("acceleration_noise", "gyro_noise", "sample_time")
     prior: Mapping[str, float] = {"velocity_east": 0.1, "velocity_north": 0.1, "yaw": 0.05}

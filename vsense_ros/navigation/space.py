@@ -89,6 +89,7 @@ class Definition:
     passed_inputs: tuple[PassedInput, ...] = ()
     passed_measurements: tuple[PassedMeasurement, ...] = ()
     remembered: tuple[Remembered, ...] = ()
+    finds_heading: bool = False  # whether it begins without knowing any
     make_part: Callable[[NavigationSpace, tuple[Measurement, ...], Mapping[str, float]], Any] = field(
         default=lambda system, measurements, numbers: Ekf(Dense(system, measurements, numbers))
     )
