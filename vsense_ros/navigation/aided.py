@@ -9,6 +9,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, largest_nis
@@ -180,11 +182,16 @@ class _Memory:
         self._part, self._parameters = part, parameters_of(part)
         self._places = [filter.input_names.index(name) for name in found]
         self._inputs, self._own = filter.inputs, [at.system.inputs.index(name) for name in found]
-        self._function = ca.Function("remembered", [*at.now, value], [expression(list(found.values()))])
+        self._value = np.zeros(value.numel())
+        results = [expression(list(found.values()))]
+        function = codegen.function("remembered", [*at.now, value], results, ("x", "u", "p", "value"))
+        self._kernel = Kernel(function, [part.mean, part.inputs, self._parameters, self._value])
 
     def renew(self, value: Array) -> None:
         """With a reading (m,)."""
-        found = np.array(self._function(self._part.mean, self._part.inputs, self._parameters, value))[:, 0]
+        self._value[:] = value
+        self._kernel.call()
+        found = self._kernel.results[0][:, 0]
         if np.isfinite(found).all():
             self._inputs[self._places] = found
             self._part.inputs[self._own] = found
