@@ -297,11 +297,17 @@ def table_genesis(laps: Path) -> dict[str, dict[str, dict[str, float | None]]]:
     return found
 
 
+_WIDEST = 10  # columns that a terminal can show
+
+
 def show(found: Found, console: Console) -> None:
     """Print tables: ours, its spread over seeds, and in brackets what the thesis prints."""
     for name, rows in found.items():
         title = TABLES[name].title if name in TABLES else _TITLES[name]
         headings = tuple(next(iter(rows.values())))
+        if len(headings) > _WIDEST:  # rather long than wide
+            rows = {heading: {row: columns[heading] for row, columns in rows.items()} for heading in headings}
+            headings = tuple(next(iter(rows.values())))
         table = plain_table("", *headings, right=headings)
         for row, columns in rows.items():
             table.add_row(row, *(_cell(columns.get(heading)) for heading in headings))
