@@ -12,6 +12,7 @@ from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.model.vehicle import Vehicle
 
 STRAIGHT = float(np.radians(1.0))  # [rad/s] of yaw rate below which Leung 2010 (4.2.1) calls a drive straight
+TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes in time
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
 
 
@@ -21,6 +22,7 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
     chassis, front, rear = vehicle.physics.chassis, vehicle.physics.front, vehicle.physics.rear
     a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
     load = chassis.mass * GRAVITY / (a + b) / 2
+    road = vehicle.observer.surroundings
     found = {
         "mass": chassis.mass,
         "yaw_inertia": chassis.yaw_inertia,
@@ -40,8 +42,8 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "antenna_x": 0.0,
         "antenna_y": 0.0,
         "gravity": GRAVITY,
-        "road_bank": vehicle.observer.surroundings.bank,
-        "road_bank_time": vehicle.observer.surroundings.bank_time_constant,
+        "road_bank": road.bank,
+        "road_bank_time": road.bank / max(road.bank_change * TYPICAL_SPEED, 0.02 * road.bank, 1e-9) + 0.1,
     }
     for sensor in sensors:
         deviations = sensor.deviations()
