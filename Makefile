@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench best thesis genesis road blind recordings bags clean
+.PHONY: help venv check test lint format demo bench best thesis genesis road leung blind recordings bags clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -50,6 +50,10 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
 	$(VENV)/bin/vsense genesis
+
+# LEUNG=--quick takes one seed and four of ten manoeuvres.
+leung: venv ## the tables of Leung 2010 on GNSS/INS filters and models, beside his figures, to out/leung.json
+	$(VENV)/bin/vsense leung $(LEUNG)
 
 # BLIND="--cases 40" examines with a part of the cases. Ablations are run on a sample.
 BLIND ?=

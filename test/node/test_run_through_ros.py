@@ -26,6 +26,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Channel, Recording, Sample
+from vsense_ros.navigation.run import run as navigate
 from vsense_ros.node.processes import RosRun, run_through_ros
 from vsense_ros.observer.monitor import Limits, Range, save_limits
 
@@ -193,6 +194,23 @@ def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_p
     assert len(common) > 0.9 * len(alone)
     for field in ("position", "linear", "angular", "orientation"):
         np.testing.assert_allclose(through.columns[field][here], alone.columns[field][there], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["inertial", "yaw_kkf"])
+def test_a_gnss_ins_filter_in_the_node_gives_what_it_gives_without_ros(tmp_path: Path, name: str) -> None:
+    """It publishes what it estimates, and nothing else."""
+    drive = straight_drive()
+    write_bag(tmp_path / "drive", drive)
+    alone = navigate(drive, load_vehicle(vehicle_path(CAR)), name, rate=1000.0).output
+    chosen = {"observer": {"filter": name}}
+    through = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0, driver_parameters=chosen).output
+    assert {topic for topic, channel in through.channels.items() if len(channel)} == set(alone.channels)
+    assert ("vsense/sideslip" in through) == (name == "inertial")
+    here, there = through["vsense/odometry"], alone["vsense/odometry"]
+    common, i, j = np.intersect1d(here.stamp, there.stamp, return_indices=True)
+    assert len(common) > 0.9 * len(there)
+    for field in ("linear", "angular", "orientation"):
+        np.testing.assert_allclose(here.columns[field][i], there.columns[field][j], atol=1e-9)
 
 
 def test_the_observer_says_in_its_diagnostics_what_of_its_model_no_longer_fits(tmp_path: Path) -> None:

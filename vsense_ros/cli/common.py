@@ -14,6 +14,7 @@ import click
 from vsense_ros.errors import InputError
 
 if TYPE_CHECKING:  # at run time it would load the whole model before the first line of help
+    from vsense_ros.estimation.catalogue import Catalogue
     from vsense_ros.messages.recording import Recording
     from vsense_ros.model.vehicle import Vehicle
 
@@ -97,3 +98,12 @@ def load_car(vehicle: str) -> Vehicle:
     from vsense_ros.files.vehicle import load_vehicle
 
     return load_vehicle(vehicle_path(vehicle))
+
+
+def every_filter() -> Catalogue:
+    """The filters of the multibody car and those of the GNSS/INS family."""
+    from vsense_ros.estimation.catalogue import Catalogue
+    from vsense_ros.navigation.catalogue import FILTERS as of_navigation
+    from vsense_ros.observer.catalogue import FILTERS as of_car
+
+    return Catalogue([*of_car, *of_navigation])

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsense_ros.cli.common import EXISTING, load_car, vehicle_option, warn
+from vsense_ros.cli.common import EXISTING, every_filter, load_car, vehicle_option, warn
+from vsense_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from vsense_ros.messages.recording import Recording
+    from vsense_ros.model.vehicle import Vehicle
+
+    Progress = Callable[[float], None]
 
 
 @click.command()
@@ -15,8 +24,12 @@ from vsense_ros.cli.common import EXISTING, load_car, vehicle_option, warn
 @vehicle_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results; default: out/run/<name>.")
 @click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
+@click.option("--smooth", is_flag=True, help="Each estimate in the light of the whole recording (GNSS/INS filters).")
+@click.option("--lag", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="… or of so much after it.")
 @click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
-def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: bool) -> None:
+def run(
+    bag: Path, vehicle: str, out: Path | None, chosen: str | None, smooth: bool, lag: float | None, report: bool
+) -> None:
     """Estimate what BAG does not tell, and compare with its reference where it has one.
 
     BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
@@ -27,12 +40,12 @@ def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: b
       vsense run bags/double_lane_change --vehicle prototype_model --report
       vsense run med_lap --vehicle genesis --out out/med_lap
       vsense run bags/step_steer --vehicle prototype_model --filter dekf
+      vsense run med_lap --vehicle genesis --filter inertial --smooth
     """
     from dataclasses import replace
 
     import numpy as np
 
-    from vsense_ros import observer
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.drive import Drive
@@ -41,9 +54,9 @@ def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: b
     from vsense_ros.messages.plausibility import findings
     from vsense_ros.model.sensors import unheard
     from vsense_ros.model.simulation.closed_loop import rolling_radii
-    from vsense_ros.observer.catalogue import FILTERS
 
-    car, make = load_car(vehicle), None if chosen is None else FILTERS[chosen].make
+    car = load_car(vehicle)
+    estimate = _way(chosen, smooth, lag)
     with waiting(f"reading {bag.name}"):
         recording = import_recording(bag)
     name = recording.name or bag.stem
@@ -56,7 +69,7 @@ def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: b
     if heading and not any(topic in recording for topic in heading):
         warn(f"none of {', '.join(heading)} is in the recording: the car's heading on the map stays unknown")
     with progress(f"estimating {name}") as done:
-        result = observer.run(recording, car, make=make, progress=done)
+        result = estimate(recording, car, done)
     compared = replace(result, output=at_reference(result.output, car))
     notes = tuple(filter(None, [mounting_in_words(car)]))
     drive = Drive.of(name, f"{name}, {car.name}", recording, compared, way="without ROS", notes=notes)
@@ -75,12 +88,32 @@ def run(bag: Path, vehicle: str, out: Path | None, chosen: str | None, report: b
     say(f"Results in {folder}.")
 
 
+def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recording, Vehicle, Progress], Any]:
+    """How a recording of a vehicle is estimated: by the observer, or a filter of the GNSS/INS family."""
+    from vsense_ros import observer
+    from vsense_ros.navigation.catalogue import FILTERS
+    from vsense_ros.navigation.run import run
+    from vsense_ros.navigation.smoothing import run_smoothed
+
+    if chosen is None or chosen not in FILTERS.names:
+        make = None if chosen is None else every_filter()[chosen].make
+        if smooth or lag:
+            raise InputError(
+                "--smooth and --lag are for a GNSS/INS filter of one state space, which --filter names; `vsense "
+                "filters` lists them"
+            )
+        return lambda recording, car, done: observer.run(recording, car, make=make, progress=done)
+    if smooth or lag:
+        return lambda recording, car, done: run_smoothed(recording, car, chosen, lag=lag, progress=done)
+    return lambda recording, car, done: run(recording, car, chosen, progress=done)
+
+
 @click.command()
 def filters() -> None:
     """List the filters: what each estimates, from what, and when to take which.
 
     `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
-    writes errorEKF and SPI.
+    writes errorEKF, SPI, and GNSS/INS filters of one state space.
 
     \b
     Examples:
@@ -88,9 +121,8 @@ def filters() -> None:
     """
     from vsense_ros.estimation.catalogue import table
     from vsense_ros.evaluate.terminal import console
-    from vsense_ros.observer.catalogue import FILTERS
 
-    console().print(table(FILTERS))
+    console().print(table(every_filter()))
 
 
 COMMANDS = (run, filters)

@@ -223,4 +223,39 @@ def best(out: Path, study: bool) -> None:
     say(f"Written to {out}; figures 1 to {len(pictures)} in {out.with_suffix('')}.")
 
 
-COMMANDS = (best, demo, genesis, thesis, simplification, sampling, road)
+@click.command()
+@click.option("--table", "tables", multiple=True, metavar="N.M", help="Only this table; may be given again.")
+@click.option("--quick", is_flag=True, help="One seed, and four of the ten manoeuvres.")
+@click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/leung.json"), show_default=True, help="File.")
+def leung(tables: tuple[str, ...], quick: bool, processes: int | None, out: Path) -> None:
+    """Repeat the tables of Leung 2010: GNSS/INS filters and vehicle models on a simulated saloon, beside his figures.
+
+    Each drive by each filter is kept in the folder `leung` beside FILE, so that what was stopped goes on where it was.
+    Table 4.11 is that of the Genesis, where its laps are there.
+
+    \b
+    Examples:
+      vsense leung --quick
+      vsense leung --table 4.2 --table 5.5
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import leung as job
+    from vsense_ros.experiments.demo import dataset
+
+    names = tables or job.NAMES
+    laps = None
+    if job.GENESIS in names:
+        try:
+            folder = dataset("genesis_oxts_can")
+            laps = folder if folder.is_dir() else folder.parent
+        except (OSError, ValueError) as error:
+            warn(f"table {job.GENESIS} is left out: {error}")
+    with progress("driving and estimating") as done:
+        found, results = job.repeat(names, out.parent / "leung", laps, done, quick=quick, processes=processes)
+    job.write(found, results, out)
+    job.show(found, console())
+    say(f"Written to {out}.")
+
+
+COMMANDS = (best, demo, genesis, leung, thesis, simplification, sampling, road)

@@ -27,7 +27,12 @@ def export() -> None:
 @click.option(
     "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
 )
-@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
+@click.option(
+    "--filter",
+    "chosen",
+    metavar="NAME",
+    help="error_ekf, spi, or a GNSS/INS filter of one state space; default: as VEHICLE says.",
+)
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
 def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, check: Path | None) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
@@ -46,8 +51,20 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
     from vsense_ros.model.vehicle import left_out_of_observer
+    from vsense_ros.navigation.catalogue import FILTERS as OF_NAVIGATION
 
     car = load_car(vehicle)
+    if chosen in OF_NAVIGATION.names:
+        if sensors or check is not None:
+            raise click.UsageError(
+                f"--filter {chosen}: its sources take measurements by name, so that there is no --sensor to leave out; "
+                "--check is for error_ekf and spi"
+            )
+        from vsense_ros.export import state_space
+
+        written = state_space.write(car, str(chosen), output)
+        say(f"Written to {output}: {', '.join(file.name for file in written)}.")
+        return
     if sensors:
         car = c.with_sensors(car, sensors)
     if chosen is not None:

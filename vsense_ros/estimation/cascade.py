@@ -16,9 +16,12 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
 
+from vsense_ros import codegen
+from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation
 from vsense_ros.estimation.gaussian import check_belief
+from vsense_ros.estimation.operations import misfit
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace, Symbols, expression
 
 
@@ -190,7 +193,7 @@ class _Input:
     """A link to inputs, with its function."""
 
     def __init__(self, link: PassedInput, cascade: Cascade) -> None:
-        self.target, self._cascade = link.target, cascade
+        self.target = link.target
         self._source, self._own = cascade.filters[link.source], cascade.filters[link.target].inputs
         known = _system(cascade.filters[link.target]).inputs
         self._places = [known.index(name) for name in link.names]
@@ -200,14 +203,16 @@ class _Input:
         found = expression(link.equation(at.x, u))
         if found.numel() != len(link.names) or len(link.variances) not in (0, len(link.names)):
             raise InputError(f"the link to {', '.join(link.names)} of {link.target!r} gives {found.numel()} numbers")
-        self._function = ca.Function("passed", [at.x.vector, u.vector], [found, at.by_error(found)])
+        function = codegen.function("passed", [at.x.vector, u.vector], [found, at.by_error(found)], ("x", "u"))
+        self._kernel = Kernel(function, [self._source.mean, cascade.inputs])
 
     def act(self) -> None:
         """Set the inputs."""
-        value, by_error = self._function(self._source.mean, self._cascade.inputs)
-        self._own[self._places] = np.array(value)[:, 0]
+        self._kernel.call()
+        value, by_error = self._kernel.results
+        self._own[self._places] = value[:, 0]
         if self._variances:
-            self._own[self._variances] = _variances(np.array(by_error), self._source.covariance)
+            self._own[self._variances] = _variances(by_error, self._source.covariance)
 
 
 class _Measured:
@@ -219,18 +224,24 @@ class _Measured:
         value = ca.SX.sym("value", len(link.sensor.deviations))
         found = expression(link.equation(at.x, value))
         by = [at.by_error(found), ca.jacobian(found, value)]
-        self._function = ca.Function("passed", [at.x.vector, value], [found, *by])
+        self._value = np.zeros(value.numel())
+        function = codegen.function("passed", [at.x.vector, value], [found, *by], ("x", "value"))
+        self._kernel = Kernel(function, [self._source.mean, self._value])
 
     def made(self, value: Array, variance: Array) -> tuple[Array, Array]:
         """Measurement (m,) of the target, and its variances (m,)."""
-        found, by_error, by_value = (np.array(one) for one in self._function(self._source.mean, value))
+        if len(value) != len(self._value):
+            raise misfit(self.link.sensor.name, len(self._value), value)
+        self._value[:] = value
+        self._kernel.call()
+        found, by_error, by_value = self._kernel.results
         variances = _variances(by_error, self._source.covariance) + np.square(by_value) @ variance
-        return found[:, 0], variances
+        return found[:, 0].copy(), variances
 
 
 def _variances(by_error: Array, covariance: Array) -> Array:
     """Of what depends on an error by this Jacobian (m, e), (m,)."""
-    return np.einsum("ij,jk,ik->i", by_error, covariance, by_error)
+    return np.asarray(((by_error @ covariance) * by_error).sum(axis=1))
 
 
 def _copied(found: Innovation) -> Innovation:

@@ -185,6 +185,7 @@ class Jacobians:
         y = ca.SX.sym("y", len(system.names))
         self.difference = ca.Function("difference", [y, at.x.vector], [at.difference(y)])
         made += [sensing(at, one, i) for i, one in enumerate(measurements)]
+        self.written = tuple(made)  # the same, not compiled: for who writes them as sources
         self.transition, self.retract, *self.sense = codegen.compiled(f"filter_{title(system)}", made)
 
 

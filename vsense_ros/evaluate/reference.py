@@ -37,8 +37,8 @@ def at_reference(output: Recording, vehicle: Vehicle) -> Recording:
     columns["linear"] = turn.inv().apply(columns["linear"] + np.cross(columns["angular"], arm))
     columns["angular"] = turn.inv().apply(columns["angular"])
     channels = {**output.channels, ODOMETRY: replace(odometry, columns=columns)}
-    slip = output[SIDE_SLIP]
-    if len(slip) and np.array_equal(slip.stamp, odometry.stamp):
+    slip = output.channels.get(SIDE_SLIP)  # not every filter tells it
+    if slip is not None and len(slip) and np.array_equal(slip.stamp, odometry.stamp):
         vector = slip.columns["vector"].copy()
         vector[:, 0] = np.arctan2(columns["linear"][:, 1], columns["linear"][:, 0])
         channels[SIDE_SLIP] = replace(slip, columns={"vector": vector})

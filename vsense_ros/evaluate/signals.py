@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.messages.estimates import UNTOLD
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.messages.topics import WHEELS
 
@@ -117,7 +118,8 @@ def euler_angles(quaternion: Array) -> tuple[Array, Array, Array]:
 def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     """All signals that `recording` holds below `source` ("vsense" or "reference").
 
-    A value that is not finite, or whose variance is negative or not a number (ways to say "absent"), is left out; a
+    A value that is not finite, or whose variance is negative, not a number, or `UNTOLD` (ways to say "absent"), is left
+    out; a
     signal without any value is no signal. The side slip is what `<source>/sideslip` says, else the angle of the
     velocity vector, and is only given at more than `SLOWEST_SIDE_SLIP` where it is the angle of a velocity.
     """
@@ -155,7 +157,7 @@ def _read_odometry(odometry: Channel, keep: Callable[[str, Channel, Array, Array
     keep("longitudinal_velocity", odometry, linear[:, :1], variance[0])
     keep("lateral_velocity", odometry, linear[:, 1:2], variance[1])
     keep("yaw_rate", odometry, angular[:, 2:], variance[5])
-    lateral_absent = variance[1] is not None and not np.any(variance[1] >= 0.0)
+    lateral_absent = variance[1] is not None and not np.any((variance[1] >= 0.0) & (variance[1] != UNTOLD))
     if lateral_absent:
         keep("speed", odometry, np.abs(linear[:, :1]), variance[0])
     else:
@@ -185,7 +187,7 @@ def make_series(signal: Signal, channel: Channel, value: Array, variance: Array 
     """
     good = np.isfinite(value).all(axis=1)
     if variance is not None:
-        good &= variance >= 0.0
+        good &= (variance >= 0.0) & (variance != UNTOLD)
     rows = np.flatnonzero(good)[::-1]
     stamp, first = np.unique(channel.stamp[rows], return_index=True)
     rows = rows[first]

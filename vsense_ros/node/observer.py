@@ -18,17 +18,21 @@ import numpy as np
 from pydantic import Field
 
 from vsense_ros.errors import InputError
+from vsense_ros.estimation.catalogue import Catalogue
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.online import PERIOD, TOPIC, OnlineIdentification
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
+from vsense_ros.navigation.navigator import Navigator
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.reader import Reader
-from vsense_ros.observer import Observer, estimate_samples
+from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.monitor import load_limits
 
@@ -58,7 +62,7 @@ class ObserverParameters(NodeParameters):
 class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
-    _observer: Observer | None = None
+    _observer: Observer | Navigator | None = None
     _inputs: tuple[Reader, ...] = ()
     _identification: OnlineIdentification | None = None
 
@@ -69,11 +73,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if len(p.map_origin) not in (0, 3):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
-        make = FILTERS[p.filter].make if p.filter else None
-        self._observer = Observer(load_vehicle(vehicle_path(p.vehicle)), origin, make)
+        self._observer = _observer(p.filter, load_vehicle(vehicle_path(p.vehicle)), origin)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:
+            if not isinstance(self._observer, Observer):
+                raise InputError(f"parameter monitor: the filter {p.filter!r} has no model of the car to be judged")
             self._observer.watch(load_limits(p.monitor))
         self._identification = (
             OnlineIdentification(load_vehicle(vehicle_path(p.vehicle)), Path(p.identify)) if (p.identify) else None
@@ -82,7 +87,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if self._identification is not None:
             self.create_output(TOPIC, "sensor_msgs/msg/JointState")
         # The topics are those of any estimate, also of one before the start.
-        for sample in estimate_samples(self._observer.snapshot()):
+        for sample in self._observer.output():
             self.create_output(sample.topic, sample.kind)
         self._interval = round(1e9 / p.rate)
         self._next_due = 0
@@ -209,6 +214,14 @@ class ObserverNode(SensingNode[ObserverParameters]):
                 for d in self._observer.diagnostics()
             ],
         }
+
+
+def _observer(name: str, vehicle: Vehicle, origin: tuple[float, float, float] | None) -> Observer | Navigator:
+    """The observer, with the filter of this name, of either family; its default where the name is empty."""
+    if name in NAVIGATION.names:
+        return Navigator(vehicle, name, origin)
+    make = Catalogue([*FILTERS, *NAVIGATION])[name].make if name else None
+    return Observer(vehicle, origin, make)
 
 
 def percentiles(seconds: list[float]) -> dict[str, float]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.messages import estimates as messages
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
 from vsense_ros.model.coordinates import (
@@ -215,37 +216,19 @@ def estimate_samples(e: Estimate) -> list[Sample]:
     rows = e.velocity.shape[:-1]
     wheels, absent = e.wheels, np.zeros((*rows, 0))
     samples = [
-        Sample(
-            "vsense/odometry",
-            "nav_msgs/msg/Odometry",
+        messages.odometry(
             e.stamp,
-            {
-                "position": e.position,
-                "orientation": e.orientation,
-                "pose_covariance": e.pose_covariance.reshape(*rows, 36),
-                "linear": e.velocity,
-                "angular": e.rates,
-                "twist_covariance": e.twist_covariance.reshape(*rows, 36),
-            },
-            "map",
-            child_frame_id="cog",
+            e.position,
+            e.orientation,
+            e.pose_covariance,
+            e.velocity,
+            e.rates,
+            e.twist_covariance,
         ),
-        Sample(
-            "vsense/acceleration",
-            "geometry_msgs/msg/AccelWithCovarianceStamped",
-            e.stamp,
-            {"linear": e.acceleration, "angular": e.angular_acceleration, "covariance": np.zeros((*rows, 36))},
-            "cog",
-        ),
+        messages.acceleration(e.stamp, e.acceleration, e.angular_acceleration, np.zeros((*rows, 36))),
         Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog"),
-        Sample("vsense/sideslip", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.side_slip}, "cog"),
-        Sample(
-            "vsense/parameters",
-            "sensor_msgs/msg/JointState",
-            e.stamp,
-            {"position": e.parameters, "velocity": e.parameter_deviations, "effort": absent},
-            names=e.parameter_names,
-        ),
+        messages.side_slip(e.stamp, e.side_slip),
+        messages.parameters(e.stamp, e.parameter_names, e.parameters, e.parameter_deviations),
         Sample(
             "vsense/wheel_torques",
             "sensor_msgs/msg/JointState",

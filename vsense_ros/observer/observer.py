@@ -231,8 +231,12 @@ class Observer:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        newest = self.snapshot()
-        return estimate_samples(newest) if self.started else []
+        newest = self.output()
+        return newest if self.started else []
+
+    def output(self) -> list[Sample]:
+        """The same, also before the start, when it means nothing: the topics are those of any estimate."""
+        return estimate_samples(self.snapshot())
 
     def snapshot(self) -> Estimate:
         """The newest state in terms of the car."""

@@ -1,0 +1,72 @@
+"""What filters of this room may know of a car, as plain numbers by name: from a vehicle file, or for a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors.wheel_speeds import LOADED
+from vsense_ros.model.vehicle import Vehicle
+
+STRAIGHT = float(np.radians(1.0))  # [rad/s] of yaw rate below which Leung 2010 (4.2.1) calls a drive straight
+TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes in time
+SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
+
+
+def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, float]:
+    """Parameters of all filters by name [SI]: the single-track model of the car at rest, its wheels, and the sensors'
+    noise and mounting."""
+    chassis, front, rear = vehicle.physics.chassis, vehicle.physics.front, vehicle.physics.rear
+    a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+    load = chassis.mass * GRAVITY / (a + b) / 2
+    road = vehicle.observer.surroundings
+    found = {
+        "mass": chassis.mass,
+        "yaw_inertia": chassis.yaw_inertia,
+        "to_front": a,
+        "to_rear": b,
+        "front_stiffness": 2 * float(front.tyre.cornering_stiffness_at(load * b)) * front.cornering_scale,
+        "rear_stiffness": 2 * float(rear.tyre.cornering_stiffness_at(load * a)) * rear.cornering_scale,
+        "friction": vehicle.physics.road.friction,
+        "roll_gain": roll_gain(vehicle),
+        "rolling_radius": rear.unloaded_radius * LOADED,
+        "rear_track": rear.track,
+        "straight_rate": STRAIGHT,
+        "sample_time": SAMPLE_TIME,
+        "gyro_noise": 0.003,
+        "acceleration_noise": 0.1,
+        "spin_noise": 0.05,
+        "antenna_x": 0.0,
+        "antenna_y": 0.0,
+        "gravity": GRAVITY,
+        "road_bank": road.bank,
+        "road_bank_time": road.bank / max(road.bank_change * TYPICAL_SPEED, 0.02 * road.bank, 1e-9) + 0.1,
+    }
+    for sensor in sensors:
+        deviations = sensor.deviations()
+        if "rates and forces" in sensor.tells:
+            found["gyro_noise"], found["acceleration_noise"] = float(deviations[2]), float(deviations[4])
+        elif "rolling speed" in sensor.tells:
+            found["spin_noise"] = float(deviations[2])
+        elif "course" in sensor.tells:
+            found["antenna_x"], found["antenna_y"] = sensor.mounting()[:2].tolist()
+    return found
+
+
+def roll_gain(vehicle: Vehicle) -> float:
+    """Share of a lateral acceleration that the body's roll adds to what an accelerometer feels: g dφ/da_y, with the
+    springs at the wheels, on straight guides (Milliken & Milliken 1995, section 18.4)."""
+    chassis, front, rear = vehicle.physics.chassis, vehicle.physics.front, vehicle.physics.rear
+    axles, stiffness = (front, rear), 0.0
+    for axle in axles:
+        wheel = axle.suspension_stiffness + 2 * axle.antiroll_stiffness
+        at_road = 1 / (1 / wheel + 1 / axle.tyre_stiffness)
+        stiffness += at_road * axle.track**2 / 2
+    a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
+    axis = (front.roll_centre_height * b + rear.roll_centre_height * a) / (a + b)
+    unsprung = 2 * sum(axle.hub_mass + axle.wheel_mass for axle in axles)
+    moment = (chassis.mass - unsprung) * (chassis.cog_height - axis)
+    return GRAVITY * moment / (stiffness - moment * GRAVITY)

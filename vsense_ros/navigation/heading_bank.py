@@ -1,0 +1,155 @@
+"""The heading of a car of which nothing is known at start: a bank of hypotheses (Gaussian sum, as PX4's EKF-GSF).
+
+Filters of (v_east, v_north, ψ, b_r) begin at headings all around. Each goes on by gyro and accelerometers, a fix of the
+velocity corrects each and weighs it by the likelihood of its innovation. A wrong heading turns accelerations into the
+wrong direction: whoever accelerates or turns is told apart within seconds, without gates and before the course means
+anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.estimation.dense import Dense
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Array, Gaussian, Innovation
+from vsense_ros.estimation.gaussian import GaussianFilter
+from vsense_ros.estimation.state_space import Measurement, Named
+from vsense_ros.navigation.open_loop import MapIns
+from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+
+HYPOTHESES = 8
+TILT = 0.3  # [m/s²/√Hz] of body and road, in the accelerometers
+SLIDING = 3.0  # [m/s] of a car across itself, a hundred times a second
+
+
+class Hypothesis(MapIns):
+    """Velocity on the map, heading, bias of the gyro."""
+
+    names = ("velocity_east", "velocity_north", "yaw", "gyro_bias")
+    prior: Mapping[str, float] = {
+        "velocity_east": 0.5, "velocity_north": 0.5, "yaw": np.pi / HYPOTHESES, "gyro_bias": 0.02,
+    }  # fmt: skip
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        c, s = ca.cos(x.yaw), ca.sin(x.yaw)
+        east = c * u.acceleration_x - s * u.acceleration_y
+        north = s * u.acceleration_x + c * u.acceleration_y
+        moved = [x.velocity_east + h * east, x.velocity_north + h * north]
+        return [*moved, x.yaw + h * (u.yaw_rate - x.gyro_bias), x.gyro_bias]
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        return super().noise(x, u, theta, h) + drifting(h, TILT, TILT, 0.0, 1e-5)
+
+    def begin(self, seen: Seen) -> Mapping[str, float]:
+        return {name: seen[name] for name in ("velocity_east", "velocity_north") if name in seen}
+
+    def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
+        found = super().motion(x, u, theta)
+        return {name: found[name] for name in ("yaw", "forward_velocity", "lateral_velocity")} | {
+            "yaw_rate": u.yaw_rate - x.gyro_bias
+        }
+
+
+class HeadingBank(GaussianFilter):
+    """The filters side by side in one memory, behind their mixture's mean, covariance and the logarithms of weights."""
+
+    def __init__(self, system: NavigationSpace, measurements: tuple[Measurement, ...], numbers: Any) -> None:
+        one = Ekf(Dense(system, measurements, numbers))
+        n, k, size = len(one.mean), len(one.inputs), len(one.memory)
+        self.memory = np.zeros(n + n * n + k + HYPOTHESES * (1 + size))
+        bounds = np.cumsum([n, n * n, k, HYPOTHESES]).tolist()
+        self.mean, covariance, self.inputs, self.log_weights, rest = np.split(self.memory, bounds)
+        self.covariance = covariance.reshape(n, n)
+        self.bank = [one.at(part) for part in np.split(rest, HYPOTHESES)]
+        self.names, self.sensors = one.names, one.sensors
+        self.system, self.parameters = system, np.array(list(numbers.values()))
+        self._yaw = system.names.index("yaw")
+
+    def start(self, belief: Gaussian) -> None:
+        """With headings all around that of the belief."""
+        self.check(belief)
+        self.log_weights[:] = -np.log(HYPOTHESES)
+        for i, one in enumerate(self.bank):
+            mean = np.array(belief.mean)
+            mean[self._yaw] += 2 * np.pi * i / HYPOTHESES
+            one.inputs[:] = self.inputs
+            one.start(Gaussian(mean, belief.covariance))
+        self._mix()
+
+    def predict(self, h: float) -> None:
+        """Each filter, with the inputs of the bank."""
+        for one in self.bank:
+            one.inputs[:] = self.inputs
+            one.predict(h)
+        self._mix()
+
+    def correct(
+        self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
+    ) -> Innovation:
+        """Each filter, and its weight by the likelihood of what it had expected; `limit` holds for the likeliest."""
+        before = self.memory.copy()
+        best, likeliest = int(np.argmax(self.log_weights)), _NOTHING
+        for i, one in enumerate(self.bank):
+            found = one.correct(sensor, value, variance, np.inf, scale)
+            if i == best:
+                likeliest = found
+            if found.nis >= 0:
+                factor = np.diag(found.factor)
+                self.log_weights[i] -= 0.5 * found.nis + float(np.sum(np.log(factor)))
+        if likeliest.nis > limit and self.log_weights[best] > np.log(0.9):
+            self.memory[:] = before
+            return likeliest._replace(accepted=False)
+        self.log_weights -= self.log_weights.max()
+        self.log_weights[:] = np.maximum(self.log_weights, -50.0)
+        self.log_weights -= np.log(np.sum(np.exp(self.log_weights)))
+        self._mix()
+        return likeliest
+
+    def _mix(self) -> None:
+        """Mean and covariance of the mixture; headings are averaged about the likeliest."""
+        weights = np.exp(self.log_weights)
+        means = np.array([one.mean for one in self.bank])
+        around = means[int(np.argmax(weights)), self._yaw]
+        means[:, self._yaw] = around + (means[:, self._yaw] - around + np.pi) % (2 * np.pi) - np.pi
+        self.mean[:] = weights @ means
+        off = means - self.mean
+        inner = np.einsum("i,ijk->jk", weights, np.array([one.covariance for one in self.bank]))
+        self.covariance[:] = inner + off.T @ (weights[:, None] * off)
+
+    def is_valid(self) -> bool:
+        """Whether each filter is."""
+        return all(one.is_valid() for one in self.bank)
+
+    def inflate(self) -> None:
+        """Each filter."""
+        for one in self.bank:
+            one.inflate()
+        self._mix()
+
+
+_NOTHING = Innovation(np.zeros(0), np.zeros((0, 0)), -1.0, True)
+
+
+def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
+    return ca.cos(x.yaw) * x.velocity_north - ca.sin(x.yaw) * x.velocity_east
+
+
+def _rearward(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
+    """How fast the car goes backwards, which it hardly does."""
+    return ca.fmin(ca.cos(x.yaw) * x.velocity_east + ca.sin(x.yaw) * x.velocity_north, 0.0)
+
+
+VELOCITY = Measurement("gnss_velocity", lambda x, z, u, p: [x.velocity_east, x.velocity_north], (0.1, 0.1))
+NO_SLIDING = Measurement("no_sliding", _sliding, (SLIDING,))
+FORWARDS = Measurement("forwards", _rearward, (SLIDING,))
+
+HEADING_BANK = Definition(
+    {"": (Hypothesis(), (VELOCITY, NO_SLIDING, FORWARDS))},
+    finds_heading=True,
+    make_part=lambda system, measurements, numbers: HeadingBank(system, measurements, numbers),
+)

@@ -1,0 +1,67 @@
+"""Planar INS that needs no number of the car, and learns on the way what keeps its lateral velocity from drifting.
+
+    v̇_x = a_x - b_x + r v_y,  v̇_y = a_y / (1 + κ) - b_y - r v_x,  ψ̇ = r_m - b_r      process
+    R(ψ) v = GNSS velocity of the antenna                                              at a fix
+    v_y = l r - e r v_x²  ± σ                                                          at each inertial reading
+
+A car at constant speed tells neither heading nor b_y by its fixes. What the straight-line gates of Bevly 2001 and Leung
+2010 assume there, β = 0, is here the steady state of any car that does not slide: rear wheels roll where they point
+(l: distance of the rear axle) but for the slip of their tyres (e = m a / (L C_r)). Both are states, κ the body's roll
+per lateral acceleration too; the fixes tell them wherever the car turns, so that no number of it has to be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from vsense_ros.estimation.state_space import Measurement, Named
+from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_on_map
+from vsense_ros.navigation.space import Definition, Seen, drifting
+
+TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
+TILT_NOISE = 0.3  # [m/s²/√Hz] of the body's roll and pitch on springs and road, in the accelerometers
+SLIDING = 0.5  # [m/s] of the steady state, a hundred times a second
+
+
+class Inertial(JointKkf):
+    """See the module."""
+
+    names = (
+        "forward_velocity", "lateral_velocity", "yaw", "gyro_bias", "acceleration_bias_x", "acceleration_bias_y",
+        "rear_distance", "rear_slip", "roll_gain",
+    )  # fmt: skip
+    parameters = JointKkf.parameters
+    prior: Mapping[str, float] = {
+        "forward_velocity": 0.3, "lateral_velocity": 0.1, "yaw": 0.05, "gyro_bias": 0.02,
+        "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0, **{name: own[1] for name, own in TYPICAL.items()},
+    }  # fmt: skip
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        rate = u.yaw_rate - x.gyro_bias
+        along = u.acceleration_x - x.acceleration_bias_x + rate * x.lateral_velocity
+        across = (u.acceleration_y - x.acceleration_bias_y) / (1 + x.roll_gain) - rate * x.forward_velocity
+        moving = [x.forward_velocity + h * along, x.lateral_velocity + h * across, x.yaw + h * rate]
+        return ca.vertcat(*moving, x.vector[3:])
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        force, rate = theta.acceleration_noise, theta.gyro_noise
+        felt = self.sampled(x, u, theta, h, acceleration_x=force, acceleration_y=force, yaw_rate=rate)
+        return felt + drifting(h, TILT_NOISE, TILT_NOISE, 0.0, 1e-5, 0.02, 0.02, 1e-4, 1e-5, 1e-4)
+
+    def begin(self, seen: Seen) -> Mapping[str, float]:
+        typical = {name: own[0] for name, own in TYPICAL.items()}
+        return {**super().begin(seen), **typical}
+
+
+def _sliding(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
+    rate = u.yaw_rate - x.gyro_bias
+    return x.lateral_velocity - (x.rear_distance * rate - x.rear_slip * rate * x.forward_velocity**2)
+
+
+STEADY = Measurement("steady_state", _sliding, (SLIDING,))
+VELOCITY = Measurement("gnss_velocity", velocity_on_map, (0.1, 0.1))
+
+INERTIAL = Definition.of(Inertial(), VELOCITY, HEADING, STEADY)

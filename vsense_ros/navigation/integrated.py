@@ -1,0 +1,128 @@
+"""One filter of all: single-track model with a tyre that saturates, its stiffnesses as states, GNSS velocity and all
+that the car measures; no gates for straight lines (beyond Leung 2010; Best et al. 2000 for the stiffness states).
+
+    v̇_x = a_x - b_x + r v_y
+    v̇_y = (F_f cos δ + F_r) / m - r v_x - g sin φ_road,  ṙ = (a F_f cos δ - b F_r) / J,  ψ̇ = r
+    F = μ F_z f(k C α / (μ F_z))   a brush tyre with a parabolic pressure (Pacejka 2012, section 3.2.1)
+
+ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
+tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from vsense_ros.estimation.state_space import Measurement, Named
+from vsense_ros.navigation import single_track
+from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+
+STIFFNESS_DRIFT = 0.03  # of ln k after one second at a slip angle of `FULL_SLIP`
+FULL_SLIP = 0.05  # [rad]
+FORCE_NOISE, MOMENT_NOISE = 0.012, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
+_SLIDES = 3.0  # normalized slip from which a brush tyre slides
+
+
+class Integrated(NavigationSpace):
+    """See the module."""
+
+    names = (
+        "forward_velocity", "lateral_velocity", "yaw_rate", "yaw", "gyro_bias", "steering_bias",
+        "acceleration_bias_x", "acceleration_bias_y", "front_ln_stiffness", "rear_ln_stiffness", "rolling_radius",
+        "bank",
+    )  # fmt: skip
+    inputs = ("acceleration_x", "steer_angle")
+    parameters = (
+        *single_track.PARAMETERS, "friction", "roll_gain", "gravity", "acceleration_noise", "sample_time",
+        "antenna_x", "antenna_y", "road_bank", "road_bank_time",
+    )  # fmt: skip
+    auxiliaries = ("lateral_force",)
+    prior: Mapping[str, float] = {
+        "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
+        "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
+        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05,
+    }  # fmt: skip
+
+    def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
+        """Of both axles, such that the force has their sign [rad]."""
+        speed = single_track.speed_of_model(x.forward_velocity)
+        front = u.steer_angle - x.steering_bias - (x.lateral_velocity + theta.to_front * x.yaw_rate) / speed
+        return front, (theta.to_rear * x.yaw_rate - x.lateral_velocity) / speed
+
+    def axle_forces(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
+        """Across the car [N]."""
+        length = theta.to_front + theta.to_rear
+        most = theta.friction * theta.mass * theta.gravity / length
+        front, rear = self.slip_angles(x, u, theta)
+        stiff_front = theta.front_stiffness * ca.exp(x.front_ln_stiffness)
+        stiff_rear = theta.rear_stiffness * ca.exp(x.rear_ln_stiffness)
+        steer = u.steer_angle - x.steering_bias
+        return (
+            brush(stiff_front * front, most * theta.to_rear) * ca.cos(steer),
+            brush(stiff_rear * rear, most * theta.to_front),
+        )
+
+    def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
+        front, rear = self.axle_forces(x, u, theta)
+        return [(front + rear) / theta.mass]
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        front, rear = self.axle_forces(x, u, theta)
+        along = u.acceleration_x - x.acceleration_bias_x + x.yaw_rate * x.lateral_velocity
+        across = (front + rear) / theta.mass - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
+        turning = (theta.to_front * front - theta.to_rear * rear) / theta.yaw_inertia
+        still = ca.SX.zeros(7)
+        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, -x.bank / theta.road_bank_time)
+        return single_track.second_order(x.vector, rate, h)
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
+        seen = [STIFFNESS_DRIFT * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
+        drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, 0.0, 1e-5, 1e-5, 1e-4, 1e-4]
+        bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
+        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank) ** 2) * h
+        return felt + walk + drifting(h, *[1e-6] * 12)
+
+    def begin(self, seen: Seen) -> Mapping[str, float]:
+        return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
+
+    def uncertain(self, name: str, seen: Seen) -> float:
+        return seen["road_bank"] if name == "bank" else super().uncertain(name, seen)
+
+    def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
+        along = u.acceleration_x - x.acceleration_bias_x
+        felt = self.auxiliary(x, u, theta)[0] - theta.gravity * ca.sin(x.bank)
+        return {**super().motion(x, u, theta), "forward_acceleration": along, "lateral_acceleration": felt}
+
+
+def brush(linear: ca.SX, most: ca.SX) -> ca.SX:
+    """Force [N] of a tyre of which a linear one would give `linear`, and the largest is `most`."""
+    t = ca.fmin(ca.fmax(linear / most, -_SLIDES), _SLIDES)
+    return most * (t - t * ca.fabs(t) / 3 + t**3 / 27)
+
+
+def _velocity(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
+    c, s = ca.cos(x.yaw), ca.sin(x.yaw)
+    forward = x.forward_velocity - x.yaw_rate * p.antenna_y
+    lateral = x.lateral_velocity + x.yaw_rate * p.antenna_x
+    return [c * forward - s * lateral, s * forward + c * lateral]
+
+
+def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
+    return x.forward_velocity / x.rolling_radius
+
+
+GYRO = Measurement("gyro", lambda x, z, u, p: x.yaw_rate + x.gyro_bias, (0.003,))
+LATERAL_FORCE = Measurement(
+    "lateral_force", lambda x, z, u, p: (1 + p.roll_gain) * z.lateral_force + x.acceleration_bias_y, (0.5,)
+)
+VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
+HEADING = Measurement("heading", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,))
+# The mean of both wheels: in a bend the outer one is pressed down and the inner one lifted, and what their radii differ
+# by would be taken for a yaw rate. Slip is of the size of some thousandths.
+SPIN = Measurement("rear_spin", _spin, (0.3,))
+
+INTEGRATED = Definition.of(Integrated(), GYRO, LATERAL_FORCE, VELOCITY, HEADING, SPIN)

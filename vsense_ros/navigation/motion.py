@@ -1,0 +1,154 @@
+"""What a filter of this room tells of the car's motion, and as messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.estimation.filter import Array
+from vsense_ros.estimation.state_space import Symbols, expression
+from vsense_ros.messages import estimates as messages
+from vsense_ros.messages.recording import Sample
+from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.space import MOTION, filters_of, parameters_of
+
+_SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
+_FORWARD, _LATERAL, _SIDE_SLIP = (MOTION.index(n) for n in ("forward_velocity", "lateral_velocity", "side_slip"))
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A filter at one time: mean (n,), covariance (e, e) and inputs (k,) of each of its parts."""
+
+    stamp: int  # [ns]
+    parts: tuple[tuple[Array, Array, Array], ...]
+
+
+@dataclass(frozen=True)
+class Motions:
+    """The motion of a car at n times, in the order of `MOTION`: `value` (n, 16), zero where nothing is told, and
+    `variance`, which then is `UNTOLD`; covariances of pose and twist; slow states with their standard deviations."""
+
+    stamp: np.ndarray  # (n,) [ns]
+    value: Array
+    pose_covariance: Array  # (n, 6, 6)
+    twist_covariance: Array  # (n, 6, 6)
+    side_slip: Array  # (n, 3): angle, deviation, rate (not told: 0)
+    told: tuple[str, ...]
+    parameter_names: tuple[str, ...]
+    parameters: Array
+    deviations: Array
+
+    def samples(self) -> list[Sample]:
+        """As the messages of the output topics; of one time without the axis in front."""
+        one = len(self.stamp) == 1
+        row = (lambda a: a[0]) if one else (lambda a: a)
+        stamp, v = int(self.stamp[0]), row(self.value)
+        pose, twist = row(self.pose_covariance), row(self.twist_covariance)
+        orientation = messages.quaternion(v[..., 3:6])
+        found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
+        if "forward_acceleration" in self.told:
+            rows = v.shape[:-1]
+            covariance = np.zeros((*rows, 36))
+            untold = [7 * axis for axis in (2, 3, 4, 5) if axis != 2 or MOTION[14] not in self.told]
+            covariance[..., untold] = messages.UNTOLD
+            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), covariance))
+        if self.tells_side_slip:
+            found.append(messages.side_slip(stamp, row(self.side_slip)))
+        if self.parameter_names:
+            found.append(messages.parameters(stamp, self.parameter_names, row(self.parameters), row(self.deviations)))
+        return found
+
+    @property
+    def tells_side_slip(self) -> bool:
+        """Whether the filter knows the lateral velocity or the angle itself."""
+        return "side_slip" in self.told or {"forward_velocity", "lateral_velocity"} <= set(self.told)
+
+
+class Readout:
+    """Of one filter: from snapshots to motions."""
+
+    def __init__(self, filter: Aided) -> None:
+        self._filter = filter
+        self._parts = filters_of(filter.filter)
+        definition = filter.definition
+        functions, names = [], []
+        slow: list[str] = []
+        self._slow: list[tuple[int, list[int], list[int]]] = []
+        for i, (part, (system, _)) in enumerate(definition.parts.items()):
+            at = Symbols(system)
+            told = system.motion(at.x, at.u, at.theta)
+            value = expression(list(told.values()))
+            functions.append(ca.Function("motion", at.now, [value, at.by_error(value)]))
+            names.append(list(told))
+            own = [n for n in system.names if n not in MOTION and n in system.error_names]
+            slow += [f"{part}.{n}" if definition.is_cascade else n for n in own]
+            places = [system.names.index(n) for n in own], [system.error_names.index(n) for n in own]
+            self._slow.append((i, *places))
+        self._functions, self.parameter_names = functions, tuple(slow)
+        source = {name: (i, j) for i, told_by in enumerate(names) for j, name in enumerate(told_by)}
+        self._told = [(MOTION.index(name), *source[name]) for name in MOTION if name in source]
+        self.told = tuple(name for name in MOTION if name in source)
+
+    def snapshot(self, stamp: int) -> Snapshot:
+        """The filter now."""
+        return Snapshot(stamp, tuple((p.mean.copy(), p.covariance.copy(), p.inputs.copy()) for p in self._parts))
+
+    def motions(self, snapshots: Sequence[Snapshot]) -> Motions:
+        """Of one or more times."""
+        n, count = len(snapshots), len(MOTION)
+        value, covariance = np.zeros((n, count)), np.zeros((n, count, count))
+        by_error: list[tuple[Array, Array, Array]] = []
+        for i, (function, part) in enumerate(zip(self._functions, self._parts, strict=True)):
+            mean, spread, inputs = (np.array([s.parts[i][k] for s in snapshots]) for k in range(3))
+            theta = parameters_of(part)
+            mapped = function.map(n) if n > 1 else function
+            found, slope = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
+            k, e = function.size1_out(0), spread.shape[1]
+            jacobian = np.array(slope).reshape(k, n, e).transpose(1, 0, 2)
+            by_error.append((np.array(found).T, jacobian, spread))
+        for place, i, row in self._told:
+            value[:, place] = by_error[i][0][:, row]
+            for other, j, column in self._told:
+                if i == j:
+                    _, jacobian, spread = by_error[i]
+                    covariance[:, place, other] = np.einsum(
+                        "ne,nef,nf->n", jacobian[:, row], spread, jacobian[:, column]
+                    )
+        untold = [i for i, name in enumerate(MOTION) if name not in self.told]
+        covariance[:, untold, untold] = messages.UNTOLD
+        slip = _side_slip(value, covariance, self.told)
+        parameters = np.hstack([np.array([s.parts[i][0][m] for s in snapshots]) for i, m, _ in self._slow])
+        variances = np.hstack([np.array([s.parts[i][1].diagonal()[e] for s in snapshots]) for i, _, e in self._slow])
+        return Motions(
+            np.array([s.stamp for s in snapshots]),
+            value,
+            covariance[:, 0:6, 0:6],
+            covariance[:, 6:12, 6:12],
+            slip,
+            self.told,
+            self.parameter_names,
+            parameters,
+            np.sqrt(variances.clip(min=0)),
+        )
+
+
+def _side_slip(value: Array, covariance: Array, told: Sequence[str]) -> Array:
+    """Angle, standard deviation and rate (n, 3); zero with an infinite deviation at rest. The rate is not told."""
+    found = np.zeros((len(value), 3))
+    forward, lateral = value[:, _FORWARD], value[:, _LATERAL]
+    rests = np.hypot(forward, lateral) < _SMALLEST_SPEED
+    if "side_slip" in told:
+        angle, variance = value[:, _SIDE_SLIP], covariance[:, _SIDE_SLIP, _SIDE_SLIP]
+        rests &= "forward_velocity" in told
+    else:
+        square = np.maximum(forward**2 + lateral**2, _SMALLEST_SPEED**2)
+        slope = np.stack([-lateral / square, forward / square], axis=1)
+        block = covariance[:, [_FORWARD, _LATERAL]][:, :, [_FORWARD, _LATERAL]]
+        angle, variance = np.arctan2(lateral, forward), np.einsum("ni,nij,nj->n", slope, block, slope)
+    found[:, 0] = np.where(rests, 0.0, angle)
+    found[:, 1] = np.where(rests, np.inf, np.sqrt(variance.clip(min=0)))
+    return found

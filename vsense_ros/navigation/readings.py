@@ -1,0 +1,106 @@
+"""The vocabulary: which inputs and measurements of filters come from which sensor of a car, and how.
+
+A sensor is known by what it tells (`model.sensors.base.Tells`), so that any kind which tells the same will do. A
+measurement that no sensor gives is a condition, such as rolling without side slip: it is applied at each inertial
+reading, with its own standard deviations, where its `when` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import atan2, cos, hypot, nan, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from vsense_ros.estimation.filter import Array
+from vsense_ros.model.sensors.base import Tells
+
+SLOWEST_COURSE = 1.0  # [m/s] below it the direction of a velocity means nothing to any filter here
+
+
+class FromSensor(NamedTuple):
+    """Components of a reading: `tells` says of which sensor."""
+
+    tells: Tells
+    places: tuple[int, ...]
+
+
+# Readings of the inertial sensor are in the axes of the car, and at cog but for its angular acceleration.
+INPUTS = {
+    "roll_rate": FromSensor("rates and forces", (0,)),
+    "pitch_rate": FromSensor("rates and forces", (1,)),
+    "yaw_rate": FromSensor("rates and forces", (2,)),
+    "acceleration_x": FromSensor("rates and forces", (3,)),
+    "acceleration_y": FromSensor("rates and forces", (4,)),
+    "acceleration_z": FromSensor("rates and forces", (5,)),
+    "steer_angle": FromSensor("steering", (0,)),
+    "spin_rear_left": FromSensor("rolling speed", (2,)),
+    "spin_rear_right": FromSensor("rolling speed", (3,)),
+    "held_east": FromSensor("course", (0,)),
+    "held_north": FromSensor("course", (1,)),
+}
+SPEED = "speed"  # an input besides: of the rear wheels, or over ground where a vehicle file has no wheel speeds
+SINCE_FIX = "since_fix"  # an input besides: how long ago the last GNSS velocity was [s]
+
+
+class Measured(NamedTuple):
+    """A measurement that is made of a reading: value (m,) and variances (m,), NaN where it means nothing."""
+
+    tells: Tells
+    of: Callable[[Array, Array], tuple[Array, Array]]
+
+
+def course(value: Array, variance: Array) -> tuple[Array, Array]:
+    """Direction of travel; its standard deviation is σ_V / V, in every direction (correction C8 of Leung 2010, B.2).
+    Below twice its own standard deviation a velocity has no direction."""
+    east, north = value.tolist()
+    speed, noise = hypot(east, north), float(variance.max())
+    if not speed > max(SLOWEST_COURSE, 2 * noise**0.5):
+        return np.array([nan]), variance[:1]
+    return np.array([atan2(north, east)]), np.array([noise / speed**2])
+
+
+def speed_over_ground(value: Array, variance: Array) -> tuple[Array, Array]:
+    """Of a velocity (2,)."""
+    return np.array([hypot(*value.tolist())]), variance.max(keepdims=True)
+
+
+def _heading(value: Array, variance: Array) -> tuple[Array, Array]:
+    """Of two antennas, from cosine and sine."""
+    return np.array([atan2(value[1], value[0])]), variance[:1]
+
+
+SPIN_SLIP = 0.005  # of a spin, by which wheels that drive or brake differ from rolling
+
+
+def _rear_spin(value: Array, variance: Array) -> tuple[Array, Array]:
+    """Mean of both rear wheels, with the slip of wheels that drive."""
+    mean = 0.5 * (value[2] + value[3])
+    return np.array([mean]), np.array([0.25 * (variance[2] + variance[3]) + (SPIN_SLIP * mean) ** 2])
+
+
+def _places(*places: int) -> Callable[[Array, Array], tuple[Array, Array]]:
+    chosen = list(places)
+    return lambda value, variance: (value[chosen], variance[chosen])
+
+
+MEASUREMENTS = {
+    "course": Measured("course", course),
+    "gnss_speed": Measured("course", speed_over_ground),
+    "gnss_velocity": Measured("course", _places(0, 1)),
+    "gnss_position": Measured("position", _places(0, 1)),
+    "heading": Measured("heading", _heading),
+    "steering": Measured("steering", _places(0)),
+    "gyro": Measured("rates and forces", _places(2)),
+    "lateral_force": Measured("rates and forces", _places(4)),
+    "rear_spin": Measured("rolling speed", _rear_spin),
+    "rear_spins": Measured("rolling speed", _places(2, 3)),
+}
+CONDITIONS_AT: Tells = "rates and forces"  # readings with which conditions are applied
+
+
+def turned(east: float, north: float, yaw: float) -> tuple[float, float]:
+    """A velocity on the map in the axes of a car that heads to `yaw` [rad]."""
+    c, s = cos(yaw), sin(yaw)
+    return c * east + s * north, c * north - s * east

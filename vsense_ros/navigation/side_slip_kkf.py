@@ -1,0 +1,100 @@
+"""The dual filter with a side slip that is extrapolated from the last fixes (Leung 2010, section 4.4.4, eqs. 4.24 ff.).
+
+    x = (ψ, b_r, β),  ψ̇ = r_m - b_r,  β̇ = 0
+    bend, fix:      (ν, β_ext) = (ψ + β, β)      rule 1
+    bend, no fix:   β_ext = β                    rule 2
+    straight:       (ν, 0) = (ψ + β, β)          rule 3
+
+with β_ext(t) the line (or parabola) through ν - ψ̂ of the last two (three) fixes. It is made of the same ν and ψ̂ that it
+corrects: rule 1 counts a fix twice, and the covariance is too small (C24).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from vsense_ros.estimation.cascade import PassedInput
+from vsense_ros.estimation.state_space import Measurement, Named, wrapped
+from vsense_ros.navigation.dual_kkf import TURNED
+from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered, drifting
+from vsense_ros.navigation.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
+from vsense_ros.navigation.yaw_kkf import straight
+
+EXTRAPOLATED_NOISE = 0.02  # [rad] of β_ext, a hundred times a second (thesis: not told)
+
+
+class YawKkfB(NavigationSpace):
+    """See the module; `order` 1 or 2."""
+
+    names = ("yaw", "gyro_bias", "side_slip")
+    inputs = ("yaw_rate", "since_fix", "last_slip", "slip_before", "slip_before_that", "fix_interval")
+    parameters = ("gyro_noise", "sample_time", "straight_rate")
+    prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": 0.02, "side_slip": 0.02}
+
+    def __init__(self, order: int) -> None:
+        self.order = order
+
+    def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        return [x.yaw + h * (u.yaw_rate - x.gyro_bias), x.gyro_bias, x.side_slip]
+
+    def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
+        return self.sampled(x, u, theta, h, yaw_rate=theta.gyro_noise) + drifting(h, 0.0, 1e-5, 0.05)
+
+    def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
+        return {"yaw": x.yaw, "yaw_rate": u.yaw_rate - x.gyro_bias}
+
+    def extrapolated(self, u: Named) -> ca.SX:
+        """β_ext now, by Newton's formula."""
+        interval = ca.fmax(u.fix_interval, 0.01)
+        first = (u.last_slip - u.slip_before) / interval
+        second = (u.last_slip - 2 * u.slip_before + u.slip_before_that) / (2 * interval**2)
+        t = u.since_fix
+        return u.last_slip + first * t + (second * t * (t + interval) if self.order == 2 else 0.0)
+
+
+def fix(x: Named, u: Named, theta: Named, velocity: ca.SX) -> dict[str, ca.SX]:
+    """The side slip of a new fix becomes the last one."""
+    slip = wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw)
+    return {
+        "last_slip": slip,
+        "slip_before": u.last_slip,
+        "slip_before_that": u.slip_before,
+        "fix_interval": ca.if_else(u.since_fix < LONGEST_HOLD, u.since_fix, 1e3),
+    }
+
+
+COURSE = Measurement("course", lambda x, z, u, p: x.yaw + x.side_slip, (0.01,), angles=(0,))
+NO_SIDE_SLIP = Measurement("no_side_slip", lambda x, z, u, p: x.side_slip, (0.01,), when=straight)
+
+
+def _in_bend(x: Named, u: Named, p: Named) -> ca.SX:
+    return (1 - straight(x, u, p)) * (u.since_fix < LONGEST_HOLD)
+
+
+def side_slip_kkf(order: int) -> Definition:
+    """With extrapolation of this order."""
+    system = YawKkfB(order)
+    extrapolated = Measurement(
+        "extrapolated_slip",
+        lambda x, z, u, p: x.side_slip - system.extrapolated(u),
+        (EXTRAPOLATED_NOISE,),
+        when=_in_bend,
+    )
+    link = PassedInput(
+        "heading",
+        "velocity",
+        lambda x, u: [u.yaw_rate - x.gyro_bias, ca.atan2(u.held_north, u.held_east + 1e-9) - x.side_slip],
+        ("yaw_rate", "yaw"),
+    )
+    parts = {
+        "heading": (system, (COURSE, extrapolated, NO_SIDE_SLIP)),
+        "velocity": (VelocityKkf(), (VELOCITY, HELD)),
+    }
+    return Definition(parts, (link,), (TURNED,), remembered=(Remembered("heading", "course", fix),))
+
+
+SIDE_SLIP_KKF_1 = side_slip_kkf(1)
+SIDE_SLIP_KKF_2 = side_slip_kkf(2)

@@ -1,0 +1,175 @@
+"""What a filter of this room is: one state space, or several in a row, with what is known at start and what it tells.
+
+A state space says besides its equations how far its states may be off at start (`prior`), and what of the car's motion
+it tells (`motion`), by the names in `MOTION`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vsense_ros.estimation.cascade import Cascade, PassedInput, PassedMeasurement
+from vsense_ros.estimation.dense import Dense
+from vsense_ros.estimation.ekf import Ekf
+from vsense_ros.estimation.filter import Array, Filter, Gaussian
+from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
+from vsense_ros.model.sensors.base import Tells
+
+# The car's motion as an odometry has it: position [m] and attitude [rad] of cog on the map, velocity [m/s] and rates
+# [rad/s] in its own axes, acceleration [m/s²], and the side-slip angle [rad] of filters that know no lateral velocity.
+MOTION = (
+    "east", "north", "up", "roll", "pitch", "yaw",
+    "forward_velocity", "lateral_velocity", "vertical_velocity", "roll_rate", "pitch_rate", "yaw_rate",
+    "forward_acceleration", "lateral_acceleration", "vertical_acceleration", "side_slip",
+)  # fmt: skip
+
+Seen = Mapping[str, float]  # what the first readings tell, by the names of states
+
+
+class NavigationSpace(StateSpace):
+    """A state space of this room."""
+
+    prior: Mapping[str, float] = {}  # standard deviations at start, by elements of the error
+
+    def begin(self, seen: Seen) -> Mapping[str, float]:
+        """States at start by name, those that are not zero."""
+        return {name: seen[name] for name in self.names if name in seen}
+
+    def motion(self, x: Named, u: Named, theta: Named) -> Mapping[str, Any]:
+        """What it tells of the car's motion, by the names in `MOTION`."""
+        return {name: x[name] for name in self.names if name in MOTION}
+
+    def sampled(self, x: Named, u: Named, theta: Named, h: ca.SX, **deviations: Any) -> ca.SX:
+        """Noise (e, e) of inputs with these standard deviations at each sample, as G Q Gᵀ in eq. 2.25 of Leung 2010:
+        of steps as long as `theta.sample_time`, a step adds (h σ)², and as much in shorter ones together."""
+        held = theta.sample_time / h
+        return self.noise_of_inputs(x, u, theta, h, {name: d**2 * held for name, d in deviations.items()})
+
+    def uncertain(self, name: str, seen: Seen) -> float:
+        """Standard deviation at start of an element of the error."""
+        return self.prior[name]
+
+    def start(self, seen: Seen) -> Gaussian:
+        """Mean and covariance at start, by the first readings and the numbers of the car."""
+        at = self.begin(seen)
+        deviations = np.array([self.uncertain(name, seen) for name in self.error_names])
+        return Gaussian(np.array([at.get(name, 0.0) for name in self.names]), np.diag(deviations**2))
+
+
+def drifting(h: Any, *densities: float) -> ca.SX:
+    """Covariance that random walks add in `h` [s]; `densities` are standard deviations after one second."""
+    return ca.diag(ca.SX(np.square(densities))) * h
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """Inputs of a filter that are no readings but made of them and of its state, such as a mean of the past: with each
+    reading of the sensor that `tells` this, before it corrects anything, the inputs by name become `equation(x, u, θ,
+    value)` of the `part` with that name."""
+
+    part: str
+    tells: Tells
+    equation: Callable[[Named, Named, Named, ca.SX], Mapping[str, Any]]
+
+
+Part = tuple[NavigationSpace, tuple[Measurement, ...]]
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A filter of this room: its `parts` by name, and the links between them. Of parts that tell the same motion, the
+    last counts."""
+
+    parts: Mapping[str, Part]
+    passed_inputs: tuple[PassedInput, ...] = ()
+    passed_measurements: tuple[PassedMeasurement, ...] = ()
+    remembered: tuple[Remembered, ...] = ()
+    finds_heading: bool = False  # whether it begins without knowing any
+    make_part: Callable[[NavigationSpace, tuple[Measurement, ...], Mapping[str, float]], Any] = field(
+        default=lambda system, measurements, numbers: Ekf(Dense(system, measurements, numbers))
+    )
+
+    @classmethod
+    def of(cls, system: NavigationSpace, *measurements: Measurement) -> Definition:
+        """Of one extended Kalman filter."""
+        return cls({"": (system, measurements)})
+
+    @property
+    def is_cascade(self) -> bool:
+        """Whether it is several filters in a row."""
+        return len(self.parts) > 1
+
+    def make(self, numbers: Mapping[str, float]) -> Filter:
+        """The filter, with these numbers of the car, of which it takes what it needs."""
+        made = {}
+        for name, (system, measurements) in self.parts.items():
+            own = {key: numbers[key] for key in system.parameters}
+            made[name] = self.make_part(system, measurements, own)
+        if self.is_cascade:
+            return Cascade(made, self.passed_inputs, self.passed_measurements)
+        found: Filter = next(iter(made.values()))
+        return found
+
+    def start(self, seen: Seen) -> Gaussian:
+        """Mean and covariance at start, nothing between parts."""
+        every = [system.start(seen) for system, _ in self.parts.values()]
+        sizes = [len(one.covariance) for one in every]
+        covariance = np.zeros((sum(sizes), sum(sizes)))
+        for at, one in zip(np.cumsum([0, *sizes]), every, strict=False):
+            covariance[at : at + len(one.covariance), at : at + len(one.covariance)] = one.covariance
+        return Gaussian(np.concatenate([one.mean for one in every]), covariance)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of all that is estimated."""
+        return tuple(
+            f"{name}.{state}" if self.is_cascade else state
+            for name, (system, _) in self.parts.items()
+            for state in system.names
+        )
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Names of the elements of the error."""
+        return tuple(
+            f"{name}.{error}" if self.is_cascade else error
+            for name, (system, _) in self.parts.items()
+            for error in system.error_names
+        )
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of the errors at start."""
+        return np.array([system.prior[one] for system, _ in self.parts.values() for one in system.error_names])
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the readings that drive it."""
+        passed = {(link.target, name) for link in self.passed_inputs for name in (*link.names, *link.variances)}
+        wanted = ((part, name) for part, (system, _) in self.parts.items() for name in system.inputs)
+        return tuple(dict.fromkeys(name for part, name in wanted if (part, name) not in passed))
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """What corrects it from outside, each name once."""
+        fed = {(link.target, link.measurement) for link in self.passed_measurements}
+        own = [
+            one for part, (_, measurements) in self.parts.items() for one in measurements if (part, one.name) not in fed
+        ]
+        every = [*own, *(link.sensor for link in self.passed_measurements)]
+        return tuple({one.name: one for one in every}.values())
+
+
+def filters_of(filter: Filter) -> tuple[Any, ...]:
+    """The extended or unscented filters that a filter is made of."""
+    return tuple(filter.filters.values()) if isinstance(filter, Cascade) else (filter,)
+
+
+def parameters_of(part: Any) -> Array:
+    """Parameters (p,) of a filter of one state space."""
+    return np.asarray(part.system.parameters if hasattr(part.system, "memory") else part.parameters)
