@@ -252,7 +252,7 @@ def peer_pass(drive: Drive, start: Mapping[str, float], steps: int = 150) -> flo
     kernels: Any = one.filter._points  # type: ignore[attr-defined]
     move, sense = (kernels._functions[name] for name in ("move", "sensor outputs"))
     size = len(one.filter.mean)
-    x, u, h = np.zeros(size), np.zeros(len(drive.inputs[0])), np.array([drive.h])
+    x, u, h = np.zeros(size), np.zeros(drive.inputs.shape[1]), np.array([drive.h])
     from vsense_ros.codegen import Kernel
 
     moved = Kernel(move, [x, u, one.filter.parameters, h])  # type: ignore[attr-defined]

@@ -68,22 +68,22 @@ Driver = Callable[[int, Array, float], Command]  # sample, state of the plant (1
 def drive(driver: Driver, seconds: float, values: Mapping[str, float] = PAPER, speed: float = _START_SPEED) -> Twin:
     """Let the car be driven from straight ahead at a speed [m/s]."""
     count = round(seconds / STEP)
-    plant, x, u = _plant(), np.zeros(17), np.zeros(5)
+    plant, x, driven_by = _plant(), np.zeros(17), np.zeros(5)
     radius = values["wheel_radius"]
     x[0], x[13:] = speed, speed / radius
-    kernel = codegen.Kernel(plant, [x, u, np.array(list(values.values()))])
-    states, inputs, torque, angle = np.zeros((count, 13)), np.zeros((count, 5)), np.zeros(4), 0.0
+    kernel = codegen.Kernel(plant, [x, driven_by, np.array(list(values.values()))])
+    states, known, torque, angle = np.zeros((count, 13)), np.zeros((count, 5)), np.zeros(4), 0.0
     for k in range(count):
         command = driver(k, x, angle)
         reach = command.quickest * STEP
         angle += min(max(command.steering - angle, -reach), reach)
         torque += STEP / 0.06 * (_torques(command.force, x, radius) - torque)
-        states[k], inputs[k, 0], inputs[k, 1:] = x[:13], angle, x[13:]
-        u[0], u[1:] = angle, torque
+        states[k], known[k, 0], known[k, 1:] = x[:13], angle, x[13:]
+        driven_by[0], driven_by[1:] = angle, torque
         for _ in range(SUBSTEPS):
             kernel.call()
             x[:] = kernel.results[0][:, 0]
-    return Twin(states, inputs)
+    return Twin(states, known)
 
 
 def _torques(force: float, x: Array, radius: float) -> Array:
@@ -173,13 +173,14 @@ def random_steering(seed: int) -> Driver:
 def _plant() -> ca.Function:
     """A step of 1 ms of the car with its wheels: (state (17,), road-wheel angle and wheel torques (5,), parameters)."""
     model = Best4Dof()
-    x, u, p = ca.SX.sym("x", 17), ca.SX.sym("u", 5), ca.SX.sym("p", len(model.parameters))
+    x, driven_by, p = ca.SX.sym("x", 17), ca.SX.sym("u", 5), ca.SX.sym("p", len(model.parameters))
+    angle, torques = driven_by[0], driven_by[1:]
     named = Named(p, model.parameters)
 
     def rates(at: ca.SX) -> ca.SX:
-        state, inputs = Named(at[:13], model.states), Named(ca.vertcat(u[0], at[13:]), model.inputs)
+        state, inputs = Named(at[:13], model.states), Named(ca.vertcat(angle, at[13:]), model.inputs)
         along, _ = model.tyre_forces(state)
-        spin = [(u[1 + i] - named.wheel_radius * along[i]) / SPIN_INERTIA for i in range(len(WHEELS))]
+        spin = [(torques[i] - named.wheel_radius * along[i]) / SPIN_INERTIA for i in range(len(WHEELS))]
         return ca.vertcat(expression(list(model.rates(state, inputs, named))), *spin)
 
     h = STEP / SUBSTEPS
@@ -188,7 +189,7 @@ def _plant() -> ca.Function:
     k3 = rates(x + h / 2 * k2)
     k4 = rates(x + h * k3)
     moved = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return codegen.compiled("twin", [codegen.function("plant", [x, u, p], [moved], ("x", "u", "p"))])[0]
+    return codegen.compiled("twin", [codegen.function("plant", [x, driven_by, p], [moved], ("x", "u", "p"))])[0]
 
 
 def _outputs(states: Array, inputs: Array) -> Array:

@@ -131,14 +131,14 @@ def plant_inputs(model: HandlingModel, car: Vehicle, drive: Trajectory) -> Array
 def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     """Forward and lateral velocity [m/s] and yaw rate [rad/s] of a model, (n,) each, driven as the plant."""
     model, response = handling_models(plant())[name]
-    inputs = plant_inputs(model, plant(), drive)
+    driven_by = plant_inputs(model, plant(), drive)
     start, _ = response.straight(float(drive.u[0, SPEED_X]))
     # Inputs of a kept instant are those of the millisecond that begins there: their mean is that of both ends.
-    held = (inputs[:-1] + inputs[1:]) / 2
+    held = (driven_by[:-1] + driven_by[1:]) / 2
     states = response.drive(start, held, STEP)
-    told = response.told(states, inputs)
+    told = response.told(states, driven_by)
     found = {output: told[:, i] for i, output in enumerate(model.outputs)}
-    speed = states[:, 0] if "forward_velocity" in model.states else inputs[:, model.inputs.index("speed")]
+    speed = states[:, 0] if "forward_velocity" in model.states else driven_by[:, model.inputs.index("speed")]
     return {"forward": speed, "lateral": found["lateral_velocity"], "yaw_rate": found["yaw_rate"]}
 
 

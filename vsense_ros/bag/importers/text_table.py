@@ -190,7 +190,10 @@ class _Lines:
         return self.text(line).rstrip("\r\n")
 
     def split(self, text: str) -> list[str]:
-        return next(csv.reader([text], delimiter=self.wanted.delimiter, skipinitialspace=True), [])
+        try:
+            return next(csv.reader([text], delimiter=self.wanted.delimiter, skipinitialspace=True), [])
+        except csv.Error as error:
+            raise InputError(f"{self.path}, line {self.line}: not a table of text: {error}") from None
 
     def _has_number(self, text: str) -> bool:
         cells = [cell.strip() for cell in self.split(text)]
