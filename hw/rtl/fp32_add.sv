@@ -51,52 +51,57 @@ module fp32_add #(
     r3 <= minus2 ? ({1'b0, h2, 3'd0} - {1'b0, l2}) : ({1'b0, h2, 3'd0} + {1'b0, l2});
   end
 
-  // Normalised: leading zeros by binary search.
-  logic [27:0] n0, n1, n2, n3, n4;
-  logic [4:0]  zeros;
+  // Normalised: leading zeros by binary search, all but its last step.
+  logic [27:0] n0, n1, n2, n3;
+  logic [4:1]  zeros;
   always_comb begin
     zeros[4] = ~|r3[27:12]; n0 = zeros[4] ? {r3[11:0], 16'd0} : r3;
     zeros[3] = ~|n0[27:20]; n1 = zeros[3] ? {n0[19:0], 8'd0}  : n0;
     zeros[2] = ~|n1[27:24]; n2 = zeros[2] ? {n1[23:0], 4'd0}  : n1;
     zeros[1] = ~|n2[27:26]; n3 = zeros[1] ? {n2[25:0], 2'd0}  : n2;
-    zeros[0] = ~n3[27];     n4 = zeros[0] ? {n3[26:0], 1'd0}  : n3;
   end
-  logic        s4, nan4, inf4;
-  logic [9:0]  e4;
-  logic [27:0] m4;
+  logic        s4, nan4, inf4, none4;
+  logic [7:0]  e4;
+  logic [4:1]  z4;
+  logic [27:0] n4;
   always_ff @(posedge clk) begin
-    {nan4, inf4} <= {nan3, inf3};
+    {nan4, inf4, e4, z4, n4} <= {nan3, inf3, e3, zeros, n3};
+    none4 <= ~|r3;
     s4 <= s3 & ~(minus3 & ~(|r3));  // x - x = +0
-    e4 <= {2'b00, e3} + 10'd1 - {5'd0, zeros};
-    m4 <= n4;
   end
 
-  // Rounded.
-  wire         up = m4[3] & (m4[4] | (|m4[2:0]));
-  wire  [32:0] sum = {e4, m4[26:4]} + {32'd0, up};
+  // The last step, and rounded; what the fraction carries out goes to the exponent in the next stage.
+  wire        more = ~n4[27];
+  wire [26:0] m = more ? n4[26:0] << 1 : n4[26:0];  // without the leading one
+  wire        up = m[3] & (m[4] | (|m[2:0]));
+  wire [23:0] sum = {1'b0, m[26:4]} + {23'd0, up};
+  wire [9:0]  exponent = {2'b00, e4} + 10'd1 - {5'd0, z4, more};
   logic        s5, nan5, inf5, none5;
-  logic [32:0] r5;
+  logic [23:0] r5;
+  logic [9:0]  x5;
   generate
     if (DEEP) begin : deep
       always_ff @(posedge clk) begin
-        {s5, nan5, inf5, none5} <= {s4, nan4, inf4, ~m4[27]};
+        {s5, nan5, inf5, none5} <= {s4, nan4, inf4, none4};
         r5 <= sum;
+        x5 <= exponent;
       end
     end else begin : shallow
       always_comb begin
-        {s5, nan5, inf5, none5} = {s4, nan4, inf4, ~m4[27]};
+        {s5, nan5, inf5, none5} = {s4, nan4, inf4, none4};
         r5 = sum;
+        x5 = exponent;
       end
     end
   endgenerate
 
   // Packed.
-  wire [9:0] e5 = r5[32:23];
+  wire [9:0] e5 = x5 + {9'd0, r5[23]};
   wire       zero = none5 | e5[9] | (e5 == 10'd0);
   wire       over = ~zero & (e5 >= 10'd255);
   always_ff @(posedge clk) begin
     y[31]    <= ~nan5 & s5;
-    y[30:23] <= (nan5 | inf5 | over) ? 8'hFF : zero ? 8'd0 : r5[30:23];
+    y[30:23] <= (nan5 | inf5 | over) ? 8'hFF : zero ? 8'd0 : e5[7:0];
     y[22]    <= nan5 | (r5[22] & ~(inf5 | zero | over));
     y[21:0]  <= (nan5 | inf5 | zero | over) ? 22'd0 : r5[21:0];
   end

@@ -21,13 +21,19 @@ def test_a_product_is_the_nearest_binary32_of_the_exact_one_or_zero_below_the_no
     with np.errstate(all="ignore"):
         exact = np.float64(x) * np.float64(y)  # of 24 by 24 bits: exact in double precision
         nearest = np.float32(exact)
+        scaled = np.float32(exact * 2.0**64)  # rounded to 24 bits, as if there were no smallest number
     if np.isnan(nearest):
         assert np.isnan(found)
-    elif abs(nearest) < 2.0**-126:
+    elif abs(scaled) < 2.0**-62:
         assert found == 0
-        assert np.signbit(found) == np.signbit(nearest)
+        assert np.signbit(found) == np.signbit(exact)
     else:
         assert found == nearest
+
+
+def test_a_product_just_below_the_normal_numbers_is_zero():
+    assert float32.multiply(np.float32(2.0**-126), np.float32(1 - 2.0**-24)) == 0
+    assert float32.divide(np.float32(2.0**-126), np.float32(1 + 2.0**-23)) == 0
 
 
 def test_results_have_one_pattern_for_a_nan_and_no_subnormal_numbers():

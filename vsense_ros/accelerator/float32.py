@@ -32,25 +32,34 @@ def canonical(x: ArrayLike) -> Words:
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """a b of flushed numbers."""
-    with np.errstate(all="ignore"):
-        return _after(np.multiply(a, b, dtype=np.float32))
+    return _by(np.multiply, a, b)
 
 
 def add(a: ArrayLike, b: ArrayLike) -> Array:
-    """a + b of flushed numbers."""
+    """a + b of flushed numbers; one below the normal numbers is exact before it is flushed."""
     with np.errstate(all="ignore"):
-        return _after(np.add(a, b, dtype=np.float32))
+        return flushed(np.add(a, b, dtype=np.float32))
 
 
 def divide(a: ArrayLike, b: ArrayLike) -> Array:
     """a / b of flushed numbers."""
+    return _by(np.divide, a, b)
+
+
+def _by(operation: np.ufunc, a: ArrayLike, b: ArrayLike) -> Array:
+    """A product or quotient.
+
+    The hardware rounds to 24 bits wherever the number lies, and then takes what is below 2⁻¹²⁶ for zero; a processor
+    rounds there to fewer bits first, by which the largest such numbers become 2⁻¹²⁶.
+    """
     with np.errstate(all="ignore"):
-        return _after(np.divide(a, b, dtype=np.float32))
-
-
-def _after(x: Array) -> Array:
-    # A result that is subnormal before rounding and 2^-126 after it: both flush by the rounded result.
-    return np.where(np.abs(x) < SMALLEST, np.copysign(ZERO, x), x)
+        found = flushed(operation(a, b, dtype=np.float32))
+        smallest = np.abs(found) == SMALLEST
+        if smallest.any():
+            exact = np.abs(operation(a, b, dtype=np.float64))  # a product exactly, a quotient well enough to round it
+            below = (exact * 2.0**64).astype(np.float32) < np.float32(2.0**-62)
+            found = np.where(smallest & below, np.copysign(ZERO, found), found)
+    return found
 
 
 def is_positive_normal(x: ArrayLike) -> NDArray[np.bool_]:
