@@ -93,6 +93,8 @@ def ecp5(top: str, parameters: dict[str, int], alone: bool) -> dict[str, float]:
              "--freq", "110", "--timing-allow-fail"],
             place,
         )  # fmt: skip
+    (RECORDS.parents[1] / "out").mkdir(exist_ok=True)
+    (RECORDS.parents[1] / "out" / f"ecp5_{top}.log").write_text(said, encoding="utf-8")  # with the critical path
     frequency = float(re.findall(r"Max frequency for clock .*?: ([\d.]+) MHz", said)[-1])
     cells = {
         kind: int(re.findall(rf"{kind}: +(\d+)/", said)[-1]) for kind in ("TRELLIS_COMB", "TRELLIS_FF", "MULT18X18D")

@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 import jinja2
 
 from vsense_ros import codegen
+from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c
 from vsense_ros.export.c import Entry, Observer, _Contents, identifier, plain
@@ -33,7 +34,8 @@ VERSIONS = (2, 3)
 FIRST_INTEGER = 900000
 START_SPEED = 20.0  # [m/s] where nothing else is set
 PLANT_STEP = 0.002  # [s] longest step of a plant
-FLAGS = ("-O3", "-std=c99", "-Wall", "-Wextra", "-fPIC", "-shared")
+OPTIMISED = "-O3"
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-fPIC", "-shared")
 _WHEEL_ROWS = (
     ("force_x", "N"), ("force_y", "N"), ("force_z", "N"), ("moment", "N m"), ("slip", "-"), ("angle", "rad"),
     ("camber", "rad"),
@@ -95,7 +97,7 @@ class Unit:
             Variable("start_speed", "speed", "PARAMETER", (Entry("", "m/s", "speed at the start"),), START_SPEED),
             Variable("start_x", "start_x", "PARAMETER", (Entry("", "m", "position at the start, east"),), 0.0),
             Variable("start_y", "start_y", "PARAMETER", (Entry("", "m", "position at the start, north"),), 0.0),
-            Variable("start_yaw", "start_yaw", "PARAMETER", (Entry("", "rad", "heading at the start, from east"),), 0.0),
+            Variable("start_yaw", "start_yaw", "PARAMETER", (Entry("", "rad", "heading at the start"),), 0.0),
         ]
         steering, *torques = [Entry(e.name.lower(), e.unit, e.meaning) for e in c._INPUT_ENTRIES]
         if self.plant:
@@ -153,8 +155,8 @@ class Unit:
         values = {
             "title": f"{'The car' if self.plant else 'Observer of'} {self.vehicle.name}",
             "token": self.token(version),
-            "longest_step": c.number(PLANT_STEP if self.plant else self.vehicle.observer.longest_step),
-            "start_speed": c.number(START_SPEED),
+            "longest_step": number(PLANT_STEP if self.plant else self.vehicle.observer.longest_step),
+            "start_speed": number(START_SPEED),
             "plant": self.plant,
             "sensors": self.sensors,
             "measured": max(self.measured, 1),
@@ -182,7 +184,15 @@ class Unit:
         return _description_2(self) if version == 2 else _description_3(self)
 
 
-def write(vehicle: Vehicle, path: Path, version: int, *, plant: bool = False, binary: bool = True) -> None:
+def write(
+    vehicle: Vehicle,
+    path: Path,
+    version: int,
+    *,
+    plant: bool = False,
+    binary: bool = True,
+    optimised: str = OPTIMISED,
+) -> None:
     """Write a unit. Raises `InputError` without a compiler, unless it is to have sources alone."""
     if version not in VERSIONS:
         raise InputError(f"FMI {version} is not known; there are {', '.join(map(str, VERSIONS))}")
@@ -197,7 +207,7 @@ def write(vehicle: Vehicle, path: Path, version: int, *, plant: bool = False, bi
         if binary:
             target = folder / "binaries" / _platform(version) / f"{unit.identifier}.so"
             target.parent.mkdir(parents=True)
-            compile_sources(sources, version, target)
+            compile_sources(sources, version, target, optimised)
         (folder / "documentation").mkdir()
         (folder / "documentation" / "index.html").write_text(_documentation(unit), encoding="utf-8")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -207,12 +217,12 @@ def write(vehicle: Vehicle, path: Path, version: int, *, plant: bool = False, bi
                     archive.write(file, file.relative_to(folder))
 
 
-def compile_sources(sources: Path, version: int, target: Path) -> None:
+def compile_sources(sources: Path, version: int, target: Path, optimised: str = OPTIMISED) -> None:
     """The library of a unit from its own sources. Raises `InputError` where that fails."""
     compiler = codegen.compiler()
     if compiler is None:
         raise InputError("no C compiler here (cc, gcc or clang; CC names another); --no-binary writes sources alone")
-    command = [compiler, *FLAGS, f"-I{sources}", str(sources / f"fmi{version}.c"), str(sources / "vsense.c")]
+    command = [compiler, optimised, *FLAGS, f"-I{sources}", str(sources / f"fmi{version}.c"), str(sources / "vsense.c")]
     done = subprocess.run([*command, "-o", str(target), "-lm"], capture_output=True, text=True)
     if done.returncode or done.stderr:
         raise InputError(f"{' '.join(command)}:\n{done.stderr}")
@@ -398,7 +408,9 @@ def _documentation(unit: Unit) -> str:
     for variable in unit.variables:
         for entry in variable.elements:
             name = f"{variable.name} {entry.name.lower()}".strip()
-            rows.append(f"<tr><td>{name}</td><td>{_CAUSALITY[variable.kind]}</td><td>{entry.unit}</td><td>{entry.meaning}</td></tr>")
+            rows.append(
+                f"<tr><td>{name}</td><td>{_CAUSALITY[variable.kind]}</td><td>{entry.unit}</td><td>{entry.meaning}</td></tr>"
+            )
     order = (
         "Steering is the mean angle of the front wheels. What is set before a step holds during it."
         if unit.plant
