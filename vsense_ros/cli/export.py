@@ -29,14 +29,17 @@ def export() -> None:
     "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
 )
 @click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
+@click.option("--float32", "single", is_flag=True, help="Every number in single precision.")
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
-def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, check: Path | None) -> None:
+def export_c(
+    vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, single: bool, check: Path | None
+) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
     The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated.
 
     With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
-    of a step go into the README of the sources.
+    of a step go into the README of the sources. With --float32 too, it is compared with the same in double precision.
 
     \b
     Examples:
@@ -55,7 +58,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
         car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
     with waiting("writing C"):
-        files = c.write(car, output)
+        files = c.write(car, output, single=single)
     say(f"Written to {output}: {', '.join(file.name for file in files)}.")
     if check is None:
         return
@@ -63,6 +66,14 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
     from vsense_ros.export import check as checking
 
     recording = import_recording(check)
+    if single:
+        from vsense_ros.export.single import compare_single
+
+        with waiting("comparing with double precision"):
+            apart = compare_single(car, recording)
+        for name, unit, largest, size in apart:
+            say(f"{name}: at most {largest:.2g} {unit} from double precision, of up to {size:.2g}.")
+        return
     with waiting("compiling C"):
         library = checking.build(output)
     with progress("comparing") as done:
