@@ -1,9 +1,8 @@
 """The arithmetic units in Icarus, by cocotb: latency, one result a clock, rounding, special numbers.
 
-    python hw/test/cocotb_units.py
+python hw/test/cocotb_units.py
 """
 
-import os
 import sys
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 UNITS = {"fp32_mul": 5, "fp32_add": 6, "fp32_div": 16}
-SPECIAL = [0, 0x80000000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x3F800000, 0xBF800000, 0x00800000, 0x7F7FFFFF, 1, 0x34000000]
+SPECIAL = [0, 0x80000000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x3F800000, 0xBF800000, 0x00800000, 0x7F7FFFFF, 1]
 
 
 def operands(count):
@@ -34,12 +33,15 @@ def main():
 
     for unit in UNITS:
         runner = get_runner("icarus")
-        place = Path(os.environ.get("HW_BUILD", "out/cocotb")) / unit
-        runner.build(
-            sources=[sources() / f"{unit}.sv"], hdl_toplevel=unit, build_dir=place, timescale=("1ns", "1ps"), always=True
-        )
+        place = Path("out/cocotb").resolve() / unit
+        files = [sources() / f"{unit}.sv"]
+        runner.build(sources=files, hdl_toplevel=unit, build_dir=place, timescale=("1ns", "1ps"), always=True)
         results = runner.test(
-            hdl_toplevel=unit, test_module="units_by_cocotb", build_dir=place, test_dir=HERE, results_xml=str(place.resolve() / "results.xml")
+            hdl_toplevel=unit,
+            test_module="units_by_cocotb",
+            build_dir=place,
+            test_dir=HERE,
+            results_xml=str(place / "results.xml"),
         )
         from cocotb_tools.runner import get_results
 

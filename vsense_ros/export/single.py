@@ -61,7 +61,7 @@ def compare_single(vehicle: Vehicle, recording: Recording) -> list[tuple[str, st
             folder = Path(place) / str(single)
             c.write(vehicle, folder, single=single)
             built.append(check.build(folder, ("-O2", "-std=c99")))
-        pair = (check.Exported(vehicle, built[0]), _Single(vehicle, built[1]))
+        pair: tuple[check.Exported | _Single, ...] = (check.Exported(vehicle, built[0]), _Single(vehicle, built[1]))
         for one in pair:
             one.start(speed)
             one.parts["state"][YAW] = yaw
