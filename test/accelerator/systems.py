@@ -13,6 +13,7 @@ from vsense_ros.accelerator.kernels.suspension_motion import table
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
+from vsense_ros.model.coordinates import DISTURBANCES
 from vsense_ros.model.vehicle import Vehicle
 
 Words = NDArray[np.uint32]
@@ -45,7 +46,9 @@ def mass_matrices(count: int, seed: int) -> NDArray[np.float64]:
     for _ in range(count):
         q = np.concatenate([[0, 0, 0.3], random.normal(0, 0.05, 3), random.normal(0, 0.03, 4), random.normal(0, 9, 4)])
         inputs = np.concatenate([random.normal(0, 0.2, 1), np.zeros(4)])
-        found.append(np.array(_mass_matrix()(q, inputs, np.zeros(4), vehicle.parameter_vector(), np.zeros(0))))
+        found.append(
+            np.array(_mass_matrix()(q, inputs, np.zeros(len(DISTURBANCES)), vehicle.parameter_vector(), np.zeros(0)))
+        )
     return np.array(found)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
@@ -35,7 +34,6 @@ SPECIAL = np.array(
     [0, 0x80000000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x00800000, 0x7F7FFFFF, 1, 0x807FFFFF, 0x3F7FFFFF, 0x00FFFFFF],
     np.uint32,
 )
-RATE, REQUESTS = 250, 1500  # through topics
 
 
 def requests(kernel: Kernel, count: int, seed: int = 1) -> Words:
@@ -78,40 +76,6 @@ def bit_exact(kernel: Kernel, vehicle: Vehicle, count: int, progress: Callable[[
         same += int(alike.sum())
         progress((begin + len(part)) / count)
     return same, kernel.cycles()
-
-
-def node_latency(backend: str, progress: Callable[[float], None]) -> NDArray[np.float64]:
-    """Times [ms] of solutions of 14 × 14 systems through the topics of the accelerator's node, at 250 Hz."""
-    import rclpy
-
-    from vsense_ros.node.accelerator_link import TopicLink
-    from vsense_ros.node.processes import NodeProcess, free_domain, ros_environment
-
-    domain = free_domain()
-    with NodeProcess("accelerator", {"backend": backend, "kernels": ["solve14"]}, ros_environment(domain)) as node:
-        node.wait_until_active()
-        context = rclpy.Context()
-        rclpy.init(context=context, domain_id=domain)
-        owner = rclpy.create_node("asking", context=context)
-        link = TopicLink(owner)
-        client = Client(link, deadline=1.0)
-        random = np.random.default_rng(2)
-        matrix = np.eye(14) * 10 + random.standard_normal((14, 14))
-        times = []
-        while not client.counts["accelerated"]:  # until both have found each other
-            client.solve(matrix, np.ones(14))
-        begun = time.perf_counter()
-        for i in range(REQUESTS):
-            time.sleep(max(0.0, begun + i / RATE - time.perf_counter()))
-            began = time.perf_counter()
-            client.solve(matrix, random.standard_normal(14))
-            times.append(1e3 * (time.perf_counter() - began))
-            if i % 50 == 0:
-                progress(i / REQUESTS)
-        link.close()
-        owner.destroy_node()
-        rclpy.shutdown(context=context)
-    return np.array(times)
 
 
 @dataclass(frozen=True)
@@ -210,8 +174,10 @@ def results(
         if backend == "rtl" and missing():
             continue
         try:
+            from vsense_ros.node.latency import through_topics
+
             with progress(f"node, {backend}") as done:
-                times = node_latency(backend, done)
+                times = through_topics(backend, done)
         except ImportError:
             continue
         nodes[backend] = {f"p{q:g}_ms": float(np.percentile(times, q)) for q in (50, 99)}

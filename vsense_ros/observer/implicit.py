@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.model.car.car import Car, kinematics
-from vsense_ros.model.coordinates import COORDINATES
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
@@ -66,8 +66,8 @@ class ImplicitCar(CarBlocks):
         rate, mass = codegen.compiled("implicit", [_rate_function(), _mass_function(self.car)])
         self._here = Kernel(self.functions["dynamics"], self.arguments)
         self._there = Kernel(self.functions["dynamics"], [q, u, *around])
-        self._rate_here = Kernel(rate, [self.mean[Q], self.mean[U]])
-        self._rate_there = Kernel(rate, [q, u])
+        self._rate_here = Kernel(rate, [self.mean[Q], self.mean[U], self.mean[DISTURB]])
+        self._rate_there = Kernel(rate, [q, u, self.mean[DISTURB]])
         self._mass = Kernel(mass, [self.mean[Q], *around[1:]])
 
     def step(self, h: float) -> None:
@@ -82,8 +82,9 @@ class ImplicitCar(CarBlocks):
             self.given_up += 1
             self.advanced.call()
             moved = self.advanced.results[0][:, 0], self.advanced.results[1][:, 0]
-        self.propagate(self.transition(h, process.decay), process.noise)
-        self.move(*moved, process)
+        noise = self.map_road(h, process)
+        self.propagate(self.transition(h, process.decay), noise)
+        self.move(*moved, h, process)
         self.linearize()
 
     def _iterated(self, h: float) -> tuple[Array, Array] | None:
@@ -128,9 +129,10 @@ def implicit_error_ekf(
 
 
 def _rate_function() -> ca.Function:
-    """(q, u) → derivatives of q (14)."""
+    """(q, u, disturbances) → derivatives of q (14)."""
     q, u = ca.SX.sym("q", COORDINATES), ca.SX.sym("u", COORDINATES)
-    return codegen.function("rate", [q, u], [kinematics(q, u)], ["q", "u"])
+    disturbances = ca.SX.sym("disturbances", len(DISTURBANCES))
+    return codegen.function("rate", [q, u, disturbances], [kinematics(q, u, disturbances)], ["q", "u", "disturbances"])
 
 
 def _mass_function(car: Car) -> ca.Function:
