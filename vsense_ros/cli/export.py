@@ -16,6 +16,7 @@ def export() -> None:
     \b
     Examples:
       vsense export c prototype_model --output out/c --check bags/double_lane_change
+      vsense export fmu prototype_model --fmi 3 --output out/prototype.fmu --check bags/double_lane_change
     """
 
 
@@ -33,14 +34,17 @@ def export() -> None:
     metavar="NAME",
     help="error_ekf, spi, or a GNSS/INS filter of one state space; default: as VEHICLE says.",
 )
+@click.option("--float32", "single", is_flag=True, help="Every number in single precision.")
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
-def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, check: Path | None) -> None:
+def export_c(
+    vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str | None, single: bool, check: Path | None
+) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
     The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated.
 
     With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
-    of a step go into the README of the sources.
+    of a step go into the README of the sources. With --float32 too, it is compared with the same in double precision.
 
     \b
     Examples:
@@ -55,10 +59,10 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
 
     car = load_car(vehicle)
     if chosen in OF_NAVIGATION.names:
-        if sensors or check is not None:
+        if sensors or single or check is not None:
             raise click.UsageError(
                 f"--filter {chosen}: its sources take measurements by name, so that there is no --sensor to leave out; "
-                "--check is for error_ekf and spi"
+                "--check and --float32 are for error_ekf and spi"
             )
         from vsense_ros.export import state_space
 
@@ -71,7 +75,7 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
         car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
     with waiting("writing C"):
-        files = c.write(car, output)
+        files = c.write(car, output, single=single)
     say(f"Written to {output}: {', '.join(file.name for file in files)}.")
     if check is None:
         return
@@ -79,6 +83,14 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
     from vsense_ros.export import check as checking
 
     recording = import_recording(check)
+    if single:
+        from vsense_ros.export.single import compare_single
+
+        with waiting("comparing with double precision"):
+            apart = compare_single(car, recording)
+        for name, unit, largest, size in apart:
+            say(f"{name}: at most {largest:.2g} {unit} from double precision, of up to {size:.2g}.")
+        return
     with waiting("compiling C"):
         library = checking.build(output)
     with progress("comparing") as done:
@@ -88,6 +100,58 @@ def export_c(vehicle: str, output: Path, sensors: tuple[str, ...], chosen: str |
     with waiting("measuring"):
         c.write(car, output, checking.measure(output))
     say(f"Size and time of a step: {output / 'README.md'}.")
+
+
+@export.command("fmu")
+@click.argument("vehicle")
+@click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Version of FMI.")
+@click.option("--plant", is_flag=True, help="The car itself instead of its observer.")
+@click.option(
+    "--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="The unit, .fmu."
+)
+@click.option("--no-binary", is_flag=True, help="Sources alone, to be compiled where the unit shall run.")
+@click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
+@click.option(
+    "--check", metavar="BAG", type=EXISTING, help="Validate, and compare with C export and Python observer on BAG."
+)
+def export_fmu(
+    vehicle: str, version: str, plant: bool, output: Path, no_binary: bool, chosen: str | None, check: Path | None
+) -> None:
+    """Write the observer of VEHICLE, or the car itself, as a functional mock-up unit for co-simulation.
+
+    Inputs of an observer are the steering angle and what the sensors measure, with a count for each sensor that changes
+    with every new measurement; outputs are states and tyre forces. A plant has steering, wheel torques and slopes of
+    the road as inputs. Sources are inside; nothing needs Python.
+
+    \b
+    Examples:
+      vsense export fmu prototype_model --fmi 2 --output out/observer.fmu
+      vsense export fmu prototype_model --plant --output out/car.fmu
+      vsense export fmu rav4 --output out/rav4.fmu --check segment/
+    """
+    from vsense_ros.evaluate.terminal import console, progress, say, waiting
+    from vsense_ros.export import c, fmu
+    from vsense_ros.model.vehicle import left_out_of_observer
+
+    if check is not None and (plant or no_binary):
+        raise click.UsageError("--check compares an observer with a binary: leave --plant and --no-binary")
+    car = load_car(vehicle)
+    if chosen is not None:
+        car = c.with_filter(car, chosen)
+    warn(left_out_of_observer(car))
+    with waiting("writing and compiling the unit"):
+        fmu.write(car, output, int(version), plant=plant, binary=not no_binary)
+    say(f"Written to {output} ({output.stat().st_size / 1024:.0f} kB).")
+    if check is None:
+        return
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.export import fmu_check
+
+    recording = import_recording(check)
+    with progress("comparing") as done:
+        found = fmu_check.compare(car, output, int(version), recording, done)
+    for line in found.in_words():
+        console().print(line, soft_wrap=True)
 
 
 COMMANDS = (export,)

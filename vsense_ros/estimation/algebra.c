@@ -6,7 +6,7 @@
  * Nearly all the work is linear combinations of rows. They are made in tiles, a few rows of so many columns that their
  * sums stay in registers while the terms go by: each number that is loaded then serves several products. GCC and Clang
  * get the columns as vectors of the processor's width, also where nothing beyond C99 is allowed; for other compilers,
- * and processors without vectors, a `lane` is a single number. A last lane that would reach over the end of the row
+ * and processors without vectors of such numbers, a `lane` is a single number. A last lane that would reach over the end of the row
  * begins earlier and makes some columns twice, to the same bits.
  */
 #include <math.h>
@@ -24,6 +24,10 @@ enum { n = STATES };
 #define WIDE 4
 #define ROWS 2
 #define LANES 6
+#elif defined __GNUC__ && defined __ARM_NEON && !defined __aarch64__ && defined SINGLE && STATES >= 4
+#define WIDE 4
+#define ROWS 2
+#define LANES 4
 #elif defined __GNUC__ && (defined __SSE2__ || defined __aarch64__) && STATES >= 2
 #define WIDE 2
 #define ROWS 3
@@ -34,7 +38,7 @@ enum { n = STATES };
 #define LANES 4
 #endif
 #if WIDE > 1
-typedef double lane __attribute__((vector_size(8 * WIDE), aligned(8), may_alias));
+typedef double lane __attribute__((vector_size(sizeof(double) * WIDE), aligned(sizeof(double)), may_alias));
 #else
 typedef double lane;
 #endif

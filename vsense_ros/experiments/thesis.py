@@ -33,7 +33,7 @@ from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
-from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.catalogue import FILTERS, MakeFilter
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.run import as_recording
@@ -155,12 +155,15 @@ def observing(model: Vehicle, kind: Kind, step: int) -> Vehicle:
     return model.model_copy(update={"observer": model.observer.model_copy(update=settings)})
 
 
-def observe(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> tuple[Observer, Recording, Array]:
+def observe(
+    recording: Recording, vehicle: Vehicle, kind: Kind, step: int, make: MakeFilter | None = None
+) -> tuple[Observer, Recording, Array]:
     """An observer on a recording: itself at the end, its estimates every 10 ms, and computing times of the steps [µs].
+    `make` builds another filter than that of its kind.
 
     Waiting for a busy processor does not count.
     """
-    observer = Observer(vehicle, recording.map_origin, partial(_placed, kind.filter))
+    observer = Observer(vehicle, recording.map_origin, make or partial(_placed, kind.filter))
     topics = tuple(t for t in observer.topics if t in recording)
     estimates, last = [], 0
     spent: dict[int, float] = {}

@@ -201,10 +201,12 @@ def plain(text: str) -> str:
     return text.translate(_PLAIN).encode("ascii", "replace").decode()
 
 
-def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None) -> list[Path]:
+def write(
+    vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None, *, single: bool = False
+) -> list[Path]:
     """Write the sources into `folder`, which is made where it is missing; returns the files.
 
-    `measured` are the figures for the README, as `check.measure` returns them.
+    `measured` are the figures for the README, as `check.measure` returns them. With `single` every number is binary32.
     """
     contents = _Contents(Observer.of(vehicle))
     environment = jinja2.Environment(
@@ -218,10 +220,28 @@ def write(vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None
     for source in ("estimation/algebra.c", "observer/car_blocks.c"):
         texts[Path(source).name] = resources.files("vsense_ros").joinpath(source).read_text(encoding="utf-8")
     texts["model.c"] = contents.model()
+    if single:
+        texts = {name: text if name == "Makefile" else in_single_precision(text) for name, text in texts.items()}
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         (folder / name).write_text(text if name.endswith(".md") else plain(text), encoding="utf-8")
     return [folder / name for name in texts]
+
+
+_MATHEMATICS = (
+    "sqrt|sin|cos|tan|asin|acos|atan|atan2|sinh|cosh|tanh|asinh|acosh|atanh|exp|log|pow|fabs|fmin|fmax|fmod|copysign|"
+    "hypot|floor|ceil|erf|log1p|expm1"
+)
+_LITERAL = re.compile(r"(?<![\w.%])(\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])")
+
+
+def in_single_precision(text: str) -> str:
+    """The sources with `float` for `double`, in types, constants and functions of libm."""
+    text = text.replace("1e-300", "1e-30")  # below which a pivot is taken for zero
+    text = re.sub(r"\bdouble\b", "float", text)
+    text = re.sub(rf"\b({_MATHEMATICS})\(", r"\1f(", text)
+    text = _LITERAL.sub(r"\1f", text)
+    return text.replace("#define STATES", "#define SINGLE 1\n#define STATES", 1)
 
 
 _TEMPLATES = ("vsense.h", "vsense.c", "example.c", "Makefile", "README.md")

@@ -12,11 +12,13 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from vsense_ros.accelerator.client import Client, Direct
+from vsense_ros.accelerator.device import Device
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.catalogue import Catalogue
 from vsense_ros.files.installed import vehicle_path
@@ -28,12 +30,14 @@ from vsense_ros.messages.recording import Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
 from vsense_ros.navigation.navigator import Navigator
+from vsense_ros.node.accelerator_link import TopicLink
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter
 from vsense_ros.node.reader import Reader
 from vsense_ros.observer import Observer
-from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.observer.catalogue import FILTERS, MakeFilter
+from vsense_ros.observer.implicit import implicit_error_ekf
 from vsense_ros.observer.monitor import load_limits
 
 _TIMES_KEPT = 1_000_000
@@ -54,6 +58,14 @@ class ObserverParameters(NodeParameters):
     identify: str = Field(
         "", description="file that the identifying filter goes on from and stores its parameters in; empty: none runs"
     )
+    accelerator: Literal["", "topics", "mock", "rtl"] = Field(
+        "",
+        description="what solves the systems of the errorEKF's implicit step: the accelerator node over its topics, or "
+        "within this process NumPy or simulated hardware, in modelled time; empty: no such systems",
+    )
+    accelerator_deadline: float = parameter(
+        0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
+    )
     map_origin: tuple[float, ...] = parameter(
         (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the first GNSS fix"
     )
@@ -65,6 +77,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
     _observer: Observer | Navigator | None = None
     _inputs: tuple[Reader, ...] = ()
     _identification: OnlineIdentification | None = None
+    _client: Client | None = None
+    _link: TopicLink | None = None
 
     def configure(self) -> None:
         p = self.parameters
@@ -73,7 +87,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if len(p.map_origin) not in (0, 3):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
-        self._observer = _observer(p.filter, load_vehicle(vehicle_path(p.vehicle)), origin)
+        car = load_vehicle(vehicle_path(p.vehicle))
+        self._client = None
+        if p.accelerator:
+            self._observer = Observer(car, origin, self._accelerated())
+        else:
+            self._observer = _observer(p.filter, car, origin)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:
@@ -99,6 +118,24 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._newest_due = False
         self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
 
+    def _accelerated(self) -> MakeFilter:
+        """The filter whose systems an accelerator solves."""
+        p = self.parameters
+        if p.filter not in ("", "error_ekf"):
+            raise InputError(
+                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; only error_ekf has systems "
+                "that an accelerator solves: leave filter empty, or accelerator"
+            )
+        if p.accelerator == "topics":
+            self._link = TopicLink(self)
+            # In a replay nothing may depend on how busy the machine is: there the observer waits.
+            waits = bool(self.get_parameter("use_sim_time").value)
+            self._client = Client(self._link, deadline=1.0 if waits else p.accelerator_deadline)
+            return implicit_error_ekf(self._client.solve)
+        direct = Direct(Device(p.accelerator, ("solve14",)))
+        self._client = Client(direct, deadline=p.accelerator_deadline)
+        return implicit_error_ekf(self._client.solve, direct.at)
+
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
@@ -112,6 +149,9 @@ class ObserverNode(SensingNode[ObserverParameters]):
         for reader in self._inputs:
             reader.close()
         self._inputs = ()
+        if self._link is not None:
+            self._link.close()
+        self._link = None
 
     def _receive(self, topic: str, kind: str, data: bytes) -> None:
         observer = self._observer
@@ -187,7 +227,20 @@ class ObserverNode(SensingNode[ObserverParameters]):
             own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
         if self._delays and any(line.level != Level.OK for line in sensors):
             others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
-        return [own, *others]
+        return [own, *others, *self._use_of_accelerator()]
+
+    def _use_of_accelerator(self) -> list[Diagnostic]:
+        client = self._client
+        if client is None:
+            return []
+        values = {name: str(number) for name, number in client.counts.items()}
+        values |= {"clocks of a solution": str(client.compute_cycles), "of the link": str(client.link_cycles)}
+        values |= {"fallback": str(client.fallbacks), "longest wait [ms]": f"{1e3 * client.longest:.2f}"}
+        if client.is_off:
+            return [Diagnostic("use of accelerator", Level.WARN, "left alone: the processor solves", values)]
+        level = Level.WARN if client.fallbacks else Level.OK
+        text = f"{client.fallbacks} of {client.counts['requests']} systems were solved by the processor"
+        return [Diagnostic("use of accelerator", level, text, values)]
 
     def _clocks(self, reach: int) -> list[Diagnostic]:
         """Which topics have stamps so far behind those of others [ns] that the filter cannot go back to them."""
@@ -209,6 +262,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             "step_us_median": float(np.median(self.step_times) * 1e6) if self.step_times else None,
             "latency_ms": percentiles(self.latencies),
             "parameters": self._observer.parameters() if self._observer.started else {},
+            "accelerator": dict(self._client.counts) if self._client is not None else {},
             "diagnostics": [
                 {"name": d.name, "level": int(d.level), "message": d.message, "values": dict(d.values)}
                 for d in self._observer.diagnostics()

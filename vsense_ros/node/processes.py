@@ -44,6 +44,7 @@ class RosRun:
     parameters: dict[str, tuple[float, float]]  # value and standard deviation at the end
     latency_ms: dict[str, float]  # stamp of the estimate to its publication: p50, p90, p99, p99.9; empty with rate 0
     recording: Recording  # everything that was recorded, inputs as the drivers published them included
+    accelerator: dict[str, int]  # requests by what became of them, as `accelerator.client.Client.counts`; or empty
 
 
 def free_domain() -> int:
@@ -194,6 +195,7 @@ def run_through_ros(
     out_bag: str | Path | None = None,
     rate: float | None = None,
     output_rate: float = 100.0,
+    accelerator: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RosRun:
     """Run the nodes as separate processes on one drive, and collect what the observer published.
@@ -202,7 +204,8 @@ def run_through_ros(
     goes onto a bus to `can_driver`, `gnss_bytes` and `imu_bytes` (times [ns], bytes) over pseudo-terminals to
     `gps_driver` and `imu_driver`; `driver_parameters` are further parameters by node. `rate` is relative to real time;
     by default 1 with a bus or a serial line, else 0: as fast as observer and recorder can. `out_bag` keeps what was
-    recorded. `progress` is called with the share done, 0 to 1.
+    recorded. With parameters for `accelerator` that node solves the observer's systems. `progress` is called with the
+    share done, 0 to 1.
 
     Raises `InputError` with the last words of a node that ended too early, or if the observer never started.
     """
@@ -220,6 +223,8 @@ def run_through_ros(
             values = {"use_sim_time": True, "summary": str(folder / f"{node}.json")} | parameters | extra.get(node, {})
             return running.enter_context(NodeProcess(node, values, environment))
 
+        if accelerator is not None:
+            extra["observer"] = {"accelerator": "topics"} | extra.get("observer", {})
         nodes = {
             "observer": start(
                 "observer",
@@ -253,6 +258,8 @@ def run_through_ros(
             extra["gps_driver"] = {"protocol": gnss_protocol} | extra["gps_driver"]
         for name in drivers:
             nodes[name] = start(name)
+        if accelerator is not None:
+            nodes["accelerator"] = start("accelerator", **accelerator)
         for node in nodes.values():
             node.wait_until_active()
         # Estimates and measurements have their readers before the first of them is made.
@@ -261,7 +268,7 @@ def run_through_ros(
         replay = start("replay", **source)
         elapsed = _follow(replay, nodes, progress)
         time.sleep(0.5)  # what is still on its way through a driver
-        for name in (*drivers, "observer", "recorder"):
+        for name in (*drivers, "observer", "recorder", *(["accelerator"] if accelerator is not None else [])):
             if nodes[name].stop() != 0:
                 raise InputError(f"node {name} failed at its end: {nodes[name].output[-2000:]}")
         summaries = {name: _summary(folder / f"{name}.json") for name in (*nodes, "replay")}
@@ -282,6 +289,7 @@ def run_through_ros(
         parameters={name: (value, deviation) for name, (value, deviation) in observed["parameters"].items()},
         latency_ms=observed["latency_ms"] if rate else {},
         recording=recording,
+        accelerator=observed["accelerator"],
     )
 
 
@@ -325,6 +333,8 @@ def _lost(summaries: Mapping[str, Mapping[str, Any]]) -> int:
     lost = sum(summary.get("lost_in_bag", 0) for summary in summaries.values())
     lost += sum(count for summary in summaries.values() for count in summary.get("not_taken", {}).values())
     for name, summary in summaries.items():
+        if name == "accelerator":
+            continue  # whose answers nobody records; the observer counts them
         for topic, count in summary["published"].items():
             lost += max(count - recorded.get(topic, 0), 0)
             if name != "observer" and topic in received:

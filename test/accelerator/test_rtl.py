@@ -1,0 +1,43 @@
+"""The hardware's sources give the bits of the mocks, clock for clock as counted. `make hw` does it with 10,000 each."""
+
+import numpy as np
+import pytest
+
+from systems import SPECIAL, requests, tables
+from vsense_ros.accelerator.kernels import KERNELS, SOLVE_14
+from vsense_ros.accelerator.rtl import Rtl, missing
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}: make hw-tools"),
+]
+
+# The others are built and compared by `make hw`: a minute of compiling.
+CASES = [("solve14", {}, 600), ("body_mass", {}, 2000)]
+
+
+@pytest.mark.parametrize(("name", "parameters", "count"), CASES)
+def test_hardware_and_mock_give_the_same_bits_in_the_counted_clocks(name, parameters, count):
+    kernel = KERNELS[name]
+    given, table = requests(kernel, count, seed=11), tables() if kernel.table_words else None
+    rtl = Rtl(kernel, **parameters)
+    if table is not None:
+        rtl.set_table(table)
+    found, refused, cycles = rtl.run(given)
+    expected, expected_refused = kernel.run(given, table)
+    assert np.array_equal(refused, expected_refused)
+    assert np.array_equal(found, expected)
+    assert set(cycles.tolist()) == {kernel.cycles(**parameters)}
+
+
+def test_every_special_number_in_every_place_of_a_system_gives_the_same_bits():
+    rng = np.random.default_rng(12)
+    base = requests(SOLVE_14, len(SPECIAL) * 30, seed=13, specials=0.0)
+    places = rng.integers(0, 210, len(base))
+    places[::3] = (np.arange(len(places[::3])) % 14) * 16  # pivots
+    base[np.arange(len(base)), places] = np.tile(SPECIAL, 30)
+    rtl = Rtl(SOLVE_14)
+    found, refused, _ = rtl.run(base)
+    expected, expected_refused = SOLVE_14.run(base)
+    assert np.array_equal(found, expected)
+    assert np.array_equal(refused, expected_refused)

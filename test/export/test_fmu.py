@@ -1,0 +1,194 @@
+"""Functional mock-up units: valid, the same as the C export to the bit, and robust against what masters do wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fmpy")
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+
+from vsense_ros import codegen
+from vsense_ros.bag import read_bag
+from vsense_ros.errors import InputError
+from vsense_ros.export import fmu, fmu_check
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.car.car import car_of
+from vsense_ros.model.simulation.closed_loop import simulate
+from vsense_ros.model.vehicle import Vehicle
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")]
+ROOT = Path(__file__).parents[2]
+SECONDS = 1.0
+QUICK = "-O0"  # to compile
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle(ROOT / "config/vehicles/prototype_model.yaml")
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    """A second of a double lane change."""
+    whole = read_bag(ROOT / "bags/double_lane_change")
+    begin = whole.first_stamp + 3_000_000_000
+    end = begin + round(SECONDS * 1e9)
+    channels = {t: c.select((begin <= c.stamp) & (c.stamp < end)) for t, c in whole.channels.items()}
+    return dataclasses.replace(whole, channels=channels)
+
+
+@pytest.fixture(scope="module")
+def units(vehicle: Vehicle, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    folder = tmp_path_factory.mktemp("units")
+    paths = {version: folder / f"observer{version}.fmu" for version in fmu.VERSIONS}
+    for version, path in paths.items():
+        fmu.write(vehicle, path, version, optimised=QUICK)
+    return paths
+
+
+def running(units: dict[int, Path], vehicle: Vehicle, version: int) -> fmu_check.Running:
+    return fmu_check.Running(units[version], fmu.Unit(vehicle), version, 15.0)
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_python(
+    units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int
+) -> None:
+    found = fmu_check.compare(vehicle, units[version], version, drive, optimised=QUICK)
+    assert found.remarks == []
+    assert found.steps > 300
+    assert found.bitwise
+    assert found.python < 1e-9
+
+
+_REST_OF_THE_DRIVE = """
+import sys, numpy as np, pickle
+from pathlib import Path
+from vsense_ros.export import fmu, fmu_check
+path, kept, version = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+vehicle, drive, begin, state = pickle.load(open(kept, "rb"))
+unit = fmu_check.Running(path, fmu.Unit(vehicle), version)
+unit.restore(state)
+*_, last = fmu_check.drive_unit(unit, vehicle, drive, begin)
+sys.stdout.buffer.write(last.tobytes())
+"""
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+def test_a_saved_state_goes_on_to_the_same_bits_in_another_process(
+    units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int, tmp_path: Path
+) -> None:
+    import pickle
+
+    moments = list(fmu_check.moments(vehicle, drive))[:200]
+    unit = running(units, vehicle, version)
+    whole = list(fmu_check.drive_unit(unit, vehicle, moments))
+    unit.close()
+    unit = running(units, vehicle, version)
+    list(fmu_check.drive_unit(unit, vehicle, moments[:101]))
+    kept = tmp_path / "kept"
+    kept.write_bytes(pickle.dumps((vehicle, moments, 100, unit.save())))
+    unit.close()
+    command = [sys.executable, "-c", _REST_OF_THE_DRIVE, str(units[version]), str(kept), str(version)]
+    done = subprocess.run(command, capture_output=True, check=True)
+    assert np.array_equal(np.frombuffer(done.stdout), whole[-1])
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+def test_two_instances_do_not_know_each_other(
+    units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int
+) -> None:
+    moments = list(fmu_check.moments(vehicle, drive))[:60]
+    alone, one, other = (running(units, vehicle, version) for _ in range(3))
+    expected = list(fmu_check.drive_unit(alone, vehicle, moments))
+    both = zip(
+        fmu_check.drive_unit(one, vehicle, moments), fmu_check.drive_unit(other, vehicle, moments[::2]), strict=False
+    )
+    for (found, _), truth in zip(both, expected, strict=False):
+        assert np.array_equal(found, truth)
+    for unit in (alone, one, other):
+        unit.close()
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("h", [0.0, -0.01, np.nan, np.inf, 1e9])
+def test_an_impossible_step_is_refused_and_changes_nothing(
+    units: dict[int, Path], vehicle: Vehicle, version: int, h: float
+) -> None:
+    unit = running(units, vehicle, version)
+    before = unit.get("state")
+    with pytest.raises(FMICallException):
+        unit.step(0.0, h)
+    assert np.array_equal(unit.get("state"), before)
+    unit.step(0.0, 0.01)
+    with pytest.raises(FMICallException):
+        unit.step(5.0, 0.01)  # time does not go on from where it was
+    unit.close()
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+def test_steering_that_is_no_number_is_refused_and_a_measurement_that_is_none_is_absent(
+    units: dict[int, Path], vehicle: Vehicle, version: int
+) -> None:
+    unit = running(units, vehicle, version)
+    with pytest.raises(FMICallException):
+        unit.set("input", [np.nan, 0, 0, 0, 0])
+    index = [s.name for s in unit.unit.sensors].index("imu")
+    unit.measured(index, np.full(6, np.nan))
+    unit.step(0.0, 0.01)
+    assert np.all(np.isfinite(unit.get("state")))
+    unit.close()
+
+
+@pytest.mark.parametrize("version", fmu.VERSIONS)
+def test_the_state_of_another_vehicle_is_refused(units: dict[int, Path], vehicle: Vehicle, version: int) -> None:
+    unit = running(units, vehicle, version)
+    data = bytearray(unit.save())
+    data[3] ^= 1  # of the token
+    with pytest.raises(FMICallException):
+        unit.restore(bytes(data))
+    with pytest.raises(FMICallException):
+        unit.restore(bytes(data[:200]))
+    unit.close()
+
+
+def test_a_unit_of_another_vehicle_has_another_token(vehicle: Vehicle) -> None:
+    heavier = vehicle.with_parameters({"chassis.mass": vehicle.physics.chassis.mass + 1})
+    assert fmu.Unit(vehicle).token(2) != fmu.Unit(heavier).token(2)
+    assert fmu.Unit(vehicle).token(2) != fmu.Unit(vehicle, plant=True).token(2)
+
+
+def test_a_version_that_there_is_not_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="FMI 1"):
+        fmu.write(vehicle, tmp_path / "unit.fmu", 1)
+
+
+def test_the_plant_moves_as_the_simulation_does(vehicle: Vehicle, tmp_path: Path) -> None:
+    path = tmp_path / "plant.fmu"
+    fmu.write(vehicle, path, 3, plant=True, optimised=QUICK)
+    assert validate_fmu(str(path)) == []
+    unit = fmu_check.Running(path, fmu.Unit(vehicle, plant=True), 3, 15.0)
+    inputs = np.array([0.02, 0.0, 0.0, 40.0, 40.0])
+    truth = simulate(vehicle, lambda *_: inputs, 1.0, step=fmu.PLANT_STEP, **_start(vehicle, unit))
+    unit.set("steering", inputs[:1])
+    unit.set("torque", inputs[1:])
+    for k in range(100):
+        unit.step(0.01 * k, 0.01)
+    found = unit.get("state")
+    assert found[:14] == pytest.approx(truth.q[-1], rel=1e-6, abs=1e-6)
+    assert found[14:28] == pytest.approx(truth.u[-1], rel=1e-6, abs=1e-6)
+    unit.close()
+    assert car_of(vehicle)
+
+
+def _start(vehicle: Vehicle, unit: fmu_check.Running) -> dict[str, np.ndarray]:
+    state = unit.get("state")
+    return {"q": state[:14], "u": state[14:28]}

@@ -1,0 +1,104 @@
+"""The accelerator: what it reaches, and which kernels are worth a device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import load_car
+
+
+@click.command()
+@click.option("--systems", default=10_000, show_default=True, type=click.IntRange(1), help="Of each kernel, for bits.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/accelerator.json"), show_default=True, help="File."
+)
+@click.option("--vehicle", default="prototype_model", show_default=True, help="Vehicle file with suspension tables.")
+def accelerator(systems: int, out: Path, vehicle: str) -> None:
+    """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.
+
+    Simulates the hardware with Verilator, if it is there. Resources are those of the last `make hw`, clocks on ECP5
+    those of the last `make hw-timing`; ARM and FMU figures those of `make arm` and of the tests of the units.
+
+    \b
+    Examples:
+      vsense accelerator
+      vsense accelerator --systems 500
+    """
+    import json
+
+    from vsense_ros.accelerator.rtl import missing
+    from vsense_ros.evaluate.terminal import console, plain_table, progress, say
+    from vsense_ros.experiments import accelerator as job
+
+    if lacking := missing():
+        say(f"Left out for want of {', '.join(lacking)} (make hw-tools): bits of the hardware, the node with rtl.")
+    content, rows = job.results(load_car(vehicle), systems, progress)
+    table = plain_table("kernel", "cycles", "DSP", "LUT", "FF", "BRAM", "bit-exact", right=("cycles", "DSP", "LUT"))
+    for name, found in content["kernels"].items():
+        exact = "–" if found["systems_bit_exact"] is None else f"{found['systems_bit_exact']} of {found['systems']}"
+        table.add_row(name, *(str(found[key]) for key in ("cycles", "dsp", "lut", "ff", "bram")), exact)
+    console().print(table)
+    for backend, times in content["node"].items():
+        figures = f"p50 {times['p50_ms']:.2f}, p99 {times['p99_ms']:.2f} ms"
+        say(f"One 14 × 14 system at 250 Hz through topics, {backend}: {figures}.")
+    table = plain_table(
+        "observer", "iterations", "clocks a step", "accelerator", "difference", "thesis: 10 s, iterations"
+    )
+    for row in rows:
+        clocks = str(row.cycles or "–")
+        took = f"{row.accelerator_us:.1f} µs" if row.cycles else "–"
+        table.add_row(row.label, f"{row.iterations:.3f}", clocks, took, f"{row.largest_difference:.1e}", row.his)
+    console().print(table)
+    say(f"Iterations with the accelerator over those in double precision: at most {content['iterations_ratio']:.4f}.")
+    for name, mhz in content["timing_ecp5_mhz"].items():
+        say(f"{name}: {mhz:g} MHz on ECP5, speed grade 6, as last placed and routed.")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    say(f"Written to {out}.")
+
+
+@click.command()
+@click.argument("vehicle")
+@click.option("--device", required=True, metavar="FILE", help="File of a device, or the name of one in config/devices.")
+@click.option("--iterations", default=3.0, show_default=True, type=click.FloatRange(1, 100), help="In a step.")
+def partition(vehicle: str, device: str, iterations: float) -> None:
+    """Which kernels of the observer of VEHICLE are worth a device, and what the whole gains.
+
+    From the operations of the observer, clocks and resources of the kernels, and the cost of the link; nothing is
+    recommended where nothing is gained.
+
+    \b
+    Examples:
+      vsense partition prototype_model --device xc7z020
+      vsense partition prototype_model --device my_board.yaml --iterations 5
+    """
+    from vsense_ros.evaluate.terminal import console, plain_table, say
+    from vsense_ros.experiments import partition as job
+
+    car, board = load_car(vehicle), job.load_device(device)
+    step_us = board.processor_us(job.flop_of_observer(car))
+    found = job.partition(board, step_us, job.uses(car, iterations))
+    say(f"A step takes about {step_us:.0f} µs on the processor of {board.name}, by counted operations.")
+    table = plain_table("kernel", "calls", "processor", "accelerator", "variant", "gain a step", right=("calls",))
+    for name, choice in found.best.items():
+        use = choice.use
+        each = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))
+        table.add_row(
+            name, f"{use.calls:g}", f"{board.processor_us(use.flop):.2f} µs", f"{each:.2f} µs", choice.variant,
+            f"{choice.gain_us:+.1f} µs",
+        )  # fmt: skip
+    console().print(table)
+    if not found.chosen:
+        say("Nothing is recommended: no kernel that fits gains more than its link costs.")
+        return
+    names = ", ".join(f"{choice.use.kernel.name} ({choice.variant})" for choice in found.chosen)
+    needed = ", ".join(
+        f"{sum(c.resources[r] for c in found.chosen)} of {getattr(board, r)} {r.upper()}" for r in job.RESOURCES
+    )
+    say(f"Recommended: {names}. The whole gains {found.gain_us:.0f} µs a step: {found.speed_up:.3f} times as fast.")
+    say(f"Needed: {needed}.")
+
+
+COMMANDS = (accelerator, partition)

@@ -1,0 +1,197 @@
+"""The accelerator measured: bits, clocks, resources, latency through topics, and iterations beside the thesis's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.accelerator.client import Client, Direct
+from vsense_ros.accelerator.device import Device
+from vsense_ros.accelerator.kernels import KERNELS, Kernel
+from vsense_ros.accelerator.kernels.suspension_motion import table
+from vsense_ros.accelerator.link import Link
+from vsense_ros.accelerator.rtl import Rtl, missing
+from vsense_ros.experiments.thesis import Kind as Observed
+from vsense_ros.experiments.thesis import driven, observe, observing
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.implicit import ImplicitCar, Solve, in_double
+from vsense_ros.observer.state import Prior
+
+Words = NDArray[np.uint32]
+SYSTEMS = 10_000
+SPECIAL = np.array(
+    [0, 0x80000000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x00800000, 0x7F7FFFFF, 1, 0x807FFFFF, 0x3F7FFFFF, 0x00FFFFFF],
+    np.uint32,
+)
+
+
+def requests(kernel: Kernel, count: int, seed: int = 1) -> Words:
+    """Requests of a kernel: random, of every condition, a part of them with special numbers in it."""
+    random = np.random.default_rng(seed)
+    if kernel.size:
+        n = kernel.size
+        q = np.linalg.qr(random.standard_normal((count, n, n)))[0]
+        w = 10 ** -(random.uniform(0, 6, (count, 1)) * random.uniform(0, 1, (count, n)))
+        a = (q * w[:, None, :]) @ q.transpose(0, 2, 1) * 1500
+        b = random.standard_normal((count, n, 1)) * 10 ** random.uniform(-3, 4, (count, 1, 1))
+        values = np.concatenate([(a + a.transpose(0, 2, 1)) / 2, b], axis=2).reshape(count, -1)
+    else:
+        values = random.standard_normal((count, kernel.words_in)) * 10 ** random.uniform(-3, 3, (count, 1))
+    words = values.astype(np.float32).view(np.uint32)
+    for i in np.flatnonzero(random.random(count) < 0.1):
+        words[i, random.integers(words.shape[1])] = random.choice(SPECIAL)
+    return words
+
+
+def coefficients(vehicle: Vehicle) -> Words:
+    """Those of a vehicle's suspension tables for the kernel of suspension motion."""
+    assert vehicle.suspension is not None
+    return table(dict(vehicle.suspension.front), dict(vehicle.suspension.rear))
+
+
+def bit_exact(kernel: Kernel, vehicle: Vehicle, count: int, progress: Callable[[float], None]) -> tuple[int, int]:
+    """Of so many systems, how many the hardware and the mock give the same bits and clocks for; and the clocks."""
+    given = requests(kernel, count)
+    own = coefficients(vehicle) if kernel.table_words else None
+    rtl = Rtl(kernel)
+    if own is not None:
+        rtl.set_table(own)
+    same, size = 0, max(1, count // 100)
+    for begin in range(0, count, size):
+        part = given[begin : begin + size]
+        found, refused, cycles = rtl.run(part)
+        expected, expected_refused = kernel.run(part, own)
+        alike = (found == expected).all(axis=1) & (refused == expected_refused) & (cycles == kernel.cycles())
+        same += int(alike.sum())
+        progress((begin + len(part)) / count)
+    return same, kernel.cycles()
+
+
+@dataclass(frozen=True)
+class Implementation:
+    """A line of the thesis's table: an observer on the Zynq as modelled."""
+
+    label: str
+    iterations: float
+    cycles: int  # of the hardware in a step, link included
+    accelerator_us: float  # of a step, with the set-up of transfers
+    largest_difference: float  # of the velocities from those of the processor alone, relative to the largest
+    his: str
+
+
+# Computing time of 10 s [s] and iterations of his simplified errorEKF, and with the solver on the hardware (slides,
+# "Implementation").
+HIS = {(4, 1e-5): ("7.673 s, 1.554", "7.465 s, 1.511")}
+
+
+class _Placed:
+    """Makes the filter by the implicit rule, which knows where it starts, and keeps its car."""
+
+    def __init__(self, solve: Solve, at: Callable[[float], None] | None, tolerance: float) -> None:
+        self._solve, self._at, self._tolerance = solve, at, tolerance
+        self.car: ImplicitCar | None = None
+
+    def __call__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+        placed = Prior.of(vehicle, sensors).placed()
+        self.car = ImplicitCar(
+            vehicle, sensors, prior=placed, solve=self._solve, at=self._at, tolerance=self._tolerance
+        )  # fmt: skip
+        return ErrorEkf(self.car)
+
+
+def implementations(vehicle: Vehicle, progress: Callable[[float], None]) -> list[Implementation]:
+    """The simplified car by the implicit rule in the thesis's second manoeuvre, with steps of 4 and 8 ms and three
+    tolerances, without and with the solver on the accelerator."""
+    manoeuvre = MANOEUVRES[1]
+    car, trajectory = driven(vehicle, manoeuvre)
+    kind = Observed("errorEKF", "error_ekf")
+    cases = [(step, tolerance) for step in (4, 8) for tolerance in (1e-5, 2e-4, 1e-3)]
+    found = []
+    for i, (step, tolerance) in enumerate(cases):
+        recording = record(trajectory, car, 0, name=manoeuvre.name, biased=False, every=step)
+        model = observing(vehicle, kind, step)
+        kept = []
+        for accelerated in (False, True):
+            transport = Direct(Device("mock", ("solve14",)))
+            client = Client(transport)
+            solve, at = (client.solve, transport.at) if accelerated else (in_double, None)
+            made = _Placed(solve, at, tolerance)
+            _, output, _ = observe(recording, model, kind, step, made)
+            own = made.car
+            assert own is not None
+            iterations = own.iterations / max(own.steps, 1)
+            kept.append(output["vsense/odometry"].columns["linear"])
+            link, kernel = Link(), KERNELS["solve14"]
+            clocks = kernel.cycles() + link.cycles(kernel) if accelerated else 0
+            apart = float(np.abs(kept[-1] - kept[0]).max() / np.abs(kept[0]).max())
+            his = HIS.get((step, tolerance), ("–", "–"))[int(accelerated)]
+            found.append(
+                Implementation(
+                    f"errorEKF{' + solver' if accelerated else ''}, {step} ms, {tolerance:g}", iterations,
+                    round(clocks * iterations), 1e6 * link.seconds(clocks) * iterations if accelerated else 0.0, apart,
+                    his,
+                )
+            )  # fmt: skip
+        progress((i + 1) / len(cases))
+    return found
+
+
+def recorded(name: str) -> dict[str, Any]:
+    """A file of the last run of `make hw` or `make hw-timing`."""
+    path = resources.files("vsense_ros").joinpath(f"accelerator/{name}.json")
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+
+
+def results(
+    vehicle: Vehicle, systems: int, progress: Callable[[str], Any]
+) -> tuple[dict[str, Any], list[Implementation]]:
+    """Everything that `make accelerator` writes, and the implementation table."""
+    used, content = recorded("resources"), {}
+    for name, kernel in KERNELS.items():
+        variant = next(v for v, p in kernel.variants.items() if kernel.parameters | p == kernel.parameters)
+        figures = used.get(f"{name}/{variant}", {})
+        exact = None
+        if not missing():
+            with progress(f"{name}: {systems} systems") as done:
+                exact, _ = bit_exact(kernel, vehicle, systems, done)
+        content[name] = {
+            "cycles": kernel.cycles(), **{key: figures.get(key) for key in ("dsp", "lut", "ff", "bram")},
+            "systems_bit_exact": exact, "systems": systems,
+        }  # fmt: skip
+    nodes = {}
+    for backend in ("mock", "rtl"):
+        if backend == "rtl" and missing():
+            continue
+        try:
+            from vsense_ros.node.latency import through_topics
+
+            with progress(f"node, {backend}") as done:
+                times = through_topics(backend, done)
+        except ImportError:
+            continue
+        nodes[backend] = {f"p{q:g}_ms": float(np.percentile(times, q)) for q in (50, 99)}
+    with progress("implementation table") as done:
+        rows = implementations(vehicle, done)
+    pairs = zip(rows[::2], rows[1::2], strict=True)
+    arm = Path("out/arm.json")
+    units = Path("out/fmu.json")
+    return {
+        "kernels": content,
+        "node": nodes,
+        "iterations_ratio": max(fast.iterations / plain.iterations for plain, fast in pairs),
+        "largest_difference": max(row.largest_difference for row in rows),
+        "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
+        "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
+        "fmu": json.loads(units.read_text(encoding="utf-8")) if units.exists() else {},
+    }, rows

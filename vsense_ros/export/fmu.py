@@ -1,0 +1,425 @@
+"""An observer, or the car itself, as a functional mock-up unit (FMI 2.0 and 3.0, co-simulation), with sources.
+
+The unit is the C of `export.c` with the functions of the standard around it: no Python, no library but libm, no global
+state. Measurements are inputs, of which a count tells that they are new: what is set before a step was measured at its
+beginning. As a plant the same model moves without any measurement, driven by steering and wheel torques.
+
+Headers of the standard and the list of its functions come from FMPy (BSD-2, as the standard's headers themselves).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import re
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import jinja2
+
+from vsense_ros import codegen
+from vsense_ros.codegen.forms import number
+from vsense_ros.errors import InputError
+from vsense_ros.export import c
+from vsense_ros.export.c import Entry, Observer, _Contents, identifier, plain
+from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.vehicle import Vehicle
+
+VERSIONS = (2, 3)
+FIRST_INTEGER = 900000
+START_SPEED = 20.0  # [m/s] where nothing else is set
+PLANT_STEP = 0.002  # [s] longest step of a plant
+OPTIMISED = "-O3"
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-fPIC", "-shared")
+_WHEEL_ROWS = (
+    ("force_x", "N"), ("force_y", "N"), ("force_z", "N"), ("moment", "N m"), ("slip", "-"), ("angle", "rad"),
+    ("camber", "rad"),
+)  # fmt: skip
+_VELOCITIES = (*"xyz", "roll", "pitch", "yaw", *(f"travel_{w}" for w in WHEELS), *(f"spin_{w}" for w in WHEELS))
+# Base units of SI by unit, as the standard has them.
+_UNITS = {
+    "rad": {"rad": 1}, "m": {"m": 1}, "s": {"s": 1}, "m/s": {"m": 1, "s": -1}, "rad/s": {"rad": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2}, "rad/s2": {"rad": 1, "s": -2}, "N": {"kg": 1, "m": 1, "s": -2},
+    "N m": {"kg": 1, "m": 2, "s": -2},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array of the unit: where it is in C, and what its elements are."""
+
+    name: str
+    place: str
+    kind: str  # PARAMETER, INPUT, OUTPUT, TIME
+    elements: tuple[Entry, ...]
+    start: float | None = None
+    may_miss: bool = False  # NaN marks what was not measured
+
+    @property
+    def size(self) -> int:
+        return len(self.elements)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor that corrects: its name in C, where its values stand among those measured."""
+
+    name: str
+    size: int
+    first: int
+
+
+class Unit:
+    """What a unit of a vehicle consists of. Raises `InputError` as `export.c.Observer`."""
+
+    def __init__(self, vehicle: Vehicle, *, plant: bool = False) -> None:
+        self.vehicle, self.plant = vehicle, plant
+        self.contents = _Contents(Observer.of(vehicle))
+        self.observer = self.contents.observer
+        self.sensors: list[Sensor] = []
+        first = 0
+        if not plant:
+            for name, sensor in self.observer.correcting.items():
+                self.sensors.append(Sensor(identifier(name), len(sensor.deviations()), first))
+                first += self.sensors[-1].size
+        self.measured = first
+        self.variables = self._variables()
+
+    def _variables(self) -> list[Variable]:
+        states = self.contents._states()
+        given = [
+            Variable("time", "time", "TIME", (Entry("time", "s", "time"),)),
+            Variable("start_speed", "speed", "PARAMETER", (Entry("", "m/s", "speed at the start"),), START_SPEED),
+            Variable("start_x", "start_x", "PARAMETER", (Entry("", "m", "position at the start, east"),), 0.0),
+            Variable("start_y", "start_y", "PARAMETER", (Entry("", "m", "position at the start, north"),), 0.0),
+            Variable("start_yaw", "start_yaw", "PARAMETER", (Entry("", "rad", "heading at the start"),), 0.0),
+        ]
+        steering, *torques = [Entry(e.name.lower(), e.unit, e.meaning) for e in c._INPUT_ENTRIES]
+        if self.plant:
+            slopes = tuple(
+                Entry(n, "rad", f"slope of the road, {how}")
+                for n, how in (("grade", "positive uphill"), ("bank", "positive where the left side is higher"))
+            )
+            given += [
+                Variable("steering", "steering", "INPUT", (steering,), 0.0),
+                Variable("torque", "torques", "INPUT", tuple(torques), 0.0),
+                Variable("slope", "slopes", "INPUT", slopes, 0.0),
+            ]
+        else:
+            given.append(Variable("input", "v.inputs", "INPUT", (steering, *torques), 0.0))
+            for sensor in self.sensors:
+                elements = tuple(Entry(str(k + 1), "SI", "measured now") for k in range(sensor.size))
+                given.append(
+                    Variable(sensor.name, f"measured[{sensor.first}]", "INPUT", elements, 0.0, may_miss=True)
+                )  # fmt: skip
+        outputs = states[:28] if self.plant else states
+        given.append(
+            Variable("state", "v.state", "OUTPUT", tuple(Entry(s.name.lower(), s.unit, s.meaning) for s in outputs))
+        )
+        accelerations = tuple(
+            Entry(name, "m/s2" if i < 3 or 6 <= i < 10 else "rad/s2", f"derivative of the velocity {name}")
+            for i, name in enumerate(_VELOCITIES)
+        )
+        given.append(Variable("acceleration", "acceleration", "OUTPUT", accelerations))
+        for row, (name, unit) in enumerate(_WHEEL_ROWS):
+            elements = tuple(Entry(wheel, unit, f"{name} of the wheel {wheel}") for wheel in WHEELS)
+            given.append(Variable(f"wheel_{name}", f"wheels[{4 * row}]", "OUTPUT", elements))
+        if self.observer.estimated and not self.plant:
+            known = self.contents._estimates()
+            assert known is not None
+            given.append(Variable("estimate", "v.estimates", "OUTPUT", tuple(known["entries"])))
+        return given
+
+    @property
+    def identifier(self) -> str:
+        """Name of the model and its binary."""
+        kind = "plant" if self.plant else "observer"
+        return f"vsense_{kind}_{identifier(self.vehicle.name)}"
+
+    def sources(self, version: int, folder: Path) -> None:
+        """Write the C of the unit into `folder`."""
+        c.write(self.vehicle, folder)
+        for name in ("example.c", "Makefile", "README.md"):
+            (folder / name).unlink()
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("vsense_ros.export", "templates"),
+            undefined=jinja2.StrictUndefined,
+            keep_trailing_newline=True,
+            autoescape=False,
+        )
+        values = {
+            "title": f"{'The car' if self.plant else 'Observer of'} {self.vehicle.name}",
+            "token": self.token(version),
+            "longest_step": number(PLANT_STEP if self.plant else self.vehicle.observer.longest_step),
+            "start_speed": number(START_SPEED),
+            "plant": self.plant,
+            "sensors": self.sensors,
+            "measured": max(self.measured, 1),
+            "survey": self.observer.map_origin is not None,
+            "variables": [
+                {"name": v.name, "place": v.place, "size": v.size, "kind": v.kind, "may_miss": int(v.may_miss)}
+                for v in self.variables
+            ],
+            "rest": _rest_of_fmi3(environment) if version == 3 else "",
+        }
+        headers = _headers()
+        for name, source in (("fmu.c", "fmu.c.j2"), (f"fmi{version}.c", f"fmi{version}.c.j2")):
+            (folder / name).write_text(plain(environment.get_template(source).render(values)), encoding="utf-8")
+        for header in headers.glob(f"fmi{version}*.h"):
+            shutil.copy(header, folder)
+
+    def token(self, version: int) -> str:
+        """What only this vehicle, with these variables, has."""
+        text = [str(version), str(self.plant), repr(self.variables), self.contents.model()]
+        text += [repr(sorted(self.vehicle.values().items()))]
+        return "{" + hashlib.sha256("\n".join(text).encode()).hexdigest()[:32] + "}"
+
+    def description(self, version: int) -> str:
+        """modelDescription.xml."""
+        return _description_2(self) if version == 2 else _description_3(self)
+
+
+def write(
+    vehicle: Vehicle,
+    path: Path,
+    version: int,
+    *,
+    plant: bool = False,
+    binary: bool = True,
+    optimised: str = OPTIMISED,
+) -> None:
+    """Write a unit. Raises `InputError` without a compiler, unless it is to have sources alone."""
+    if version not in VERSIONS:
+        raise InputError(f"FMI {version} is not known; there are {', '.join(map(str, VERSIONS))}")
+    unit = Unit(vehicle, plant=plant)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        sources = folder / "sources"
+        unit.sources(version, sources)
+        (folder / "modelDescription.xml").write_text(unit.description(version), encoding="utf-8")
+        if version == 3:
+            (sources / "buildDescription.xml").write_text(_build_description(unit), encoding="utf-8")
+        if binary:
+            target = folder / "binaries" / _platform(version) / f"{unit.identifier}.so"
+            target.parent.mkdir(parents=True)
+            compile_sources(sources, version, target, optimised)
+        (folder / "documentation").mkdir()
+        (folder / "documentation" / "index.html").write_text(_documentation(unit), encoding="utf-8")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in sorted(folder.rglob("*")):
+                if file.is_file():
+                    archive.write(file, file.relative_to(folder))
+
+
+def compile_sources(sources: Path, version: int, target: Path, optimised: str = OPTIMISED) -> None:
+    """The library of a unit from its own sources. Raises `InputError` where that fails."""
+    compiler = codegen.compiler()
+    if compiler is None:
+        raise InputError("no C compiler here (cc, gcc or clang; CC names another); --no-binary writes sources alone")
+    command = [compiler, optimised, *FLAGS, f"-I{sources}", str(sources / f"fmi{version}.c"), str(sources / "vsense.c")]
+    done = subprocess.run([*command, "-o", str(target), "-lm"], capture_output=True, text=True)
+    if done.returncode or done.stderr:
+        raise InputError(f"{' '.join(command)}:\n{done.stderr}")
+
+
+def _headers() -> Path:
+    try:
+        import fmpy
+    except ImportError:
+        raise InputError("the headers of FMI come with FMPy, which is not installed; pip install fmpy") from None
+    return Path(fmpy.__file__).parent / "c-code"
+
+
+def _platform(version: int) -> str:
+    machine, system = platform.machine(), platform.system()
+    if system != "Linux" or machine not in ("x86_64", "aarch64"):
+        raise InputError(f"binaries are made on Linux x86_64 and aarch64, this is {system} {machine}: use --no-binary")
+    if version == 3:
+        return f"{machine}-linux"
+    if machine != "x86_64":
+        raise InputError("FMI 2 knows no folder for binaries of this machine: use --no-binary, or FMI 3")
+    return "linux64"
+
+
+def _rest_of_fmi3(environment: jinja2.Environment) -> str:
+    """The functions of the standard that the unit has no use for, each of which refuses."""
+    source = environment.loader.get_source(environment, "fmi3.c.j2")[0]  # type: ignore[union-attr]
+    there = set(re.findall(r"\b(fmi3[A-Z]\w+)\(", source))
+    types = (_headers() / "fmi3FunctionTypes.h").read_text(encoding="utf-8")
+    lines = []
+    for name, arguments in re.findall(r"typedef fmi3Status (fmi3\w+)TYPE\s*\((.*?)\);", types, re.DOTALL):
+        if name in there:
+            continue
+        text = " ".join(arguments.split())
+        names = [re.findall(r"(\w+)\s*(?:\[\])?$", part.strip())[0] for part in text.split(",")]
+        lines.append(f"fmi3Status {name}({text}) {{ {' '.join(f'UNUSED({n});' for n in names)} return fmi3Error; }}")
+    return "\n".join(lines) + "\n"
+
+
+def _xml(root: ElementTree.Element) -> str:
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _unit_definitions(root: ElementTree.Element) -> None:
+    definitions = ElementTree.SubElement(root, "UnitDefinitions")
+    for name, base in _UNITS.items():
+        unit = ElementTree.SubElement(definitions, "Unit", name=name)
+        ElementTree.SubElement(unit, "BaseUnit", {key: str(power) for key, power in base.items()})
+
+
+def _known_unit(entry: Entry) -> dict[str, str]:
+    return {"unit": entry.unit} if entry.unit in _UNITS else {}
+
+
+_CAUSALITY = {"PARAMETER": "parameter", "INPUT": "input", "OUTPUT": "output", "TIME": "independent"}
+
+
+def _description_2(unit: Unit) -> str:
+    """Scalars: `imu[1]`, `state.velocity_x`, `wheel_force_x.fl`."""
+    sub = ElementTree.SubElement
+    root = ElementTree.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=unit.identifier,
+        guid=unit.token(2),
+        description=_summary(unit),
+        generationTool="vsense export fmu",
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0",
+    )
+    simulation = sub(
+        root, "CoSimulation", modelIdentifier=unit.identifier, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate="true", canSerializeFMUstate="true", canNotUseMemoryManagementFunctions="true",
+    )  # fmt: skip
+    files = sub(simulation, "SourceFiles")
+    for name in ("fmi2.c", "vsense.c"):
+        sub(files, "File", name=name)
+    _unit_definitions(root)
+    sub(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.004")
+    variables = sub(root, "ModelVariables")
+    outputs = []
+
+    def add(name: str, reference: int, kind: str, entry: Entry, start: float | None, type_name: str = "Real") -> None:
+        attributes = {"name": name, "valueReference": str(reference), "description": entry.meaning}
+        attributes |= {"causality": _CAUSALITY[kind]}
+        attributes["variability"] = "fixed" if kind == "PARAMETER" else "continuous"
+        if type_name == "Integer":
+            attributes["variability"] = "discrete"
+        if kind == "PARAMETER":
+            attributes["initial"] = "exact"
+        if kind == "OUTPUT":
+            attributes["initial"] = "calculated"
+        element = sub(variables, "ScalarVariable", attributes)
+        typed = {} if start is None else {"start": f"{start:g}"}
+        sub(element, type_name, typed | (_known_unit(entry) if type_name == "Real" else {}))
+        if kind == "OUTPUT":
+            outputs.append(len(variables))
+
+    for place, variable in enumerate(unit.variables):
+        if variable.kind == "TIME":
+            continue
+        for k, entry in enumerate(variable.elements):
+            inner = f"[{entry.name}]" if entry.name.isdigit() else f".{entry.name.lower()}" if entry.name else ""
+            add(variable.name + inner, 1000 * place + k, variable.kind, entry, variable.start)
+    for k, sensor in enumerate(unit.sensors):
+        entry = Entry("", "-", "changes with each new measurement")
+        add(f"{sensor.name}_count", FIRST_INTEGER + k, "INPUT", entry, 0.0, "Integer")
+    structure = sub(root, "ModelStructure")
+    for part in ("Outputs", "InitialUnknowns"):
+        element = sub(structure, part)
+        for index in outputs:
+            sub(element, "Unknown", index=str(index))
+    return _xml(root)
+
+
+def _description_3(unit: Unit) -> str:
+    """Arrays, whose elements the description tells."""
+    sub = ElementTree.SubElement
+    root = ElementTree.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=unit.identifier,
+        instantiationToken=unit.token(3),
+        description=_summary(unit),
+        generationTool="vsense export fmu",
+        variableNamingConvention="structured",
+    )
+    sub(
+        root, "CoSimulation", modelIdentifier=unit.identifier, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true", canSerializeFMUState="true",
+    )  # fmt: skip
+    _unit_definitions(root)
+    sub(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize="0.004")
+    variables = sub(root, "ModelVariables")
+    outputs = []
+    for place, variable in enumerate(unit.variables):
+        first = variable.elements[0]
+        same = len({entry.unit for entry in variable.elements}) == 1
+        names = ", ".join(entry.name.lower() for entry in variable.elements if entry.name)
+        meaning = first.meaning if variable.size == 1 else f"{names}" + ("" if same else "; SI units")
+        attributes = {"name": variable.name, "valueReference": str(place), "causality": _CAUSALITY[variable.kind]}
+        attributes |= {"variability": "fixed" if variable.kind == "PARAMETER" else "continuous"}
+        attributes |= {"description": meaning} | (_known_unit(first) if same else {})
+        if variable.kind == "OUTPUT":
+            attributes["initial"] = "calculated"
+            outputs.append(place)
+        if variable.start is not None:
+            attributes["start"] = " ".join([f"{variable.start:g}"] * variable.size)
+        element = sub(variables, "Float64", attributes)
+        if variable.size > 1:
+            sub(element, "Dimension", start=str(variable.size))
+    for k, sensor in enumerate(unit.sensors):
+        sub(
+            variables, "Int32", name=f"{sensor.name}_count", valueReference=str(FIRST_INTEGER + k), causality="input",
+            variability="discrete", start="0", description="changes with each new measurement",
+        )  # fmt: skip
+    structure = sub(root, "ModelStructure")
+    for part in ("Output", "InitialUnknown"):
+        for place in outputs:
+            sub(structure, part, valueReference=str(place))
+    return _xml(root)
+
+
+def _build_description(unit: Unit) -> str:
+    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=unit.identifier)
+    files = ElementTree.SubElement(build, "SourceFileSet", language="C99")
+    for name in ("fmi3.c", "vsense.c"):
+        ElementTree.SubElement(files, "SourceFile", name=name)
+    ElementTree.SubElement(build, "Library", name="m", external="true")
+    return _xml(root)
+
+
+def _summary(unit: Unit) -> str:
+    if unit.plant:
+        return f"Multibody model of the car {unit.vehicle.name}: motion and tyre forces from steering and wheel torques"
+    return f"Observer of the car {unit.vehicle.name}: motion and tyre forces from its sensors"
+
+
+def _documentation(unit: Unit) -> str:
+    rows = []
+    for variable in unit.variables:
+        for entry in variable.elements:
+            name = f"{variable.name} {entry.name.lower()}".strip()
+            rows.append(
+                f"<tr><td>{name}</td><td>{_CAUSALITY[variable.kind]}</td><td>{entry.unit}</td><td>{entry.meaning}</td></tr>"
+            )
+    order = (
+        "Steering is the mean angle of the front wheels. What is set before a step holds during it."
+        if unit.plant
+        else "Steering is the mean angle of the front wheels. Before each step set what was measured at its beginning, "
+        "and change the count of each sensor that measured; NaN marks what is absent."
+    )
+    return (
+        f"<!DOCTYPE html><html><head><meta charset='utf-8'><title>{unit.identifier}</title></head><body>"
+        f"<h1>{unit.identifier}</h1><p>{_summary(unit)}. SI units; axes ISO 8855 (x forward, y left, z up). {order}</p>"
+        f"<table><tr><th>variable</th><th>causality</th><th>unit</th><th>meaning</th></tr>{''.join(rows)}</table>"
+        "</body></html>\n"
+    )
