@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
+from rich.text import Text
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag import datasets
@@ -223,7 +224,7 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
     rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
     for drive, figures in {**rows, **results["plants"]}.items():
         for i, (name, value) in enumerate(figures.items()):
-            found.add_row(drive if i == 0 else "", FIGURES[name], f"{value:.3g}")
+            found.add_row(drive if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
     return found
 
 
