@@ -92,6 +92,12 @@ class FullCarPlant:
         chassis, tracks = vehicle.physics.chassis, (vehicle.physics.front.track, vehicle.physics.rear.track)
         arms = (chassis.cog_to_front_axle, -chassis.cog_to_rear_axle)
         self._stands = np.array([[arms[i // 2], (0.5 - i % 2) * tracks[i // 2]] for i in range(len(WHEELS))])
+        x, y = self._stands.T
+        nothing = np.zeros(len(WHEELS))
+        rows = [[x**2 / 2, x * y], [x, y], [nothing, x]]  # of rise and slopes, by what the slopes change by
+        self._by_changes = np.moveaxis(np.array(rows), -1, 0)
+        names = ("rise", "slope_x", "slope_y")
+        self._of_road = np.array([[self.car.input_index(wheel, name) for name in names] for wheel in WHEELS])
         self._rates = base_functions(self.car.mechanism)[1]
         self._angle = self._rate = 0.0
         self._motion.call()
@@ -135,6 +141,11 @@ class FullCarPlant:
 
     def step(self, inputs: Array) -> None:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
+        self._integrate(inputs)
+        self._move_road(self.step_length)
+
+    def _integrate(self, inputs: Array) -> None:
+        """A step while the road's axes stand still."""
         angle = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET])
         rate = (angle - self._angle) / self.step_length
         self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
@@ -142,18 +153,18 @@ class FullCarPlant:
         self._act(inputs)
         self.integrator.step()
         self._motion.call()
-        self._move_road()
 
-    def _move_road(self) -> None:
-        """Puts the road's axes to where the car has come to; where it is in space does not change, nor how it moves."""
+    def _move_road(self, duration: float) -> None:
+        """Puts the road's axes to where the car has come to within a while [s]; where it is in space does not change,
+        nor how it moves."""
         state, around = self.integrator.state, self.disturbances
         if self.surface is not None:
             state.z[POSE] = self._over_surface(self.surface)
         elif around[[GRADE_CHANGE, BANK_CHANGE]].any():
             roll, pitch = state.z[ROLL], state.z[PITCH]
             velocity = _rotation(roll, pitch, 0.0) @ self.u[VELOCITY]
-            about_x = self.step_length * around[BANK_CHANGE] * velocity[X]
-            about_y = -self.step_length * (around[[GRADE_CHANGE, BANK_CHANGE]] @ velocity[:2])
+            about_x = duration * around[BANK_CHANGE] * velocity[X]
+            about_y = -duration * (around[[GRADE_CHANGE, BANK_CHANGE]] @ velocity[:2])
             state.z[[ROLL, PITCH, YAW]] -= about_x / np.cos(pitch), about_y, about_x * np.tan(pitch)
         else:
             return
@@ -203,7 +214,11 @@ class FullCarPlant:
         self.integrator.h[0] = self.step_length
         try:
             for _ in range(count):
-                self.step(inputs)
+                self._integrate(inputs)
+                if self.surface is not None:
+                    self._move_road(self.step_length)
+            if self.surface is None:
+                self._move_road(duration)
         finally:
             self.step_length = self.integrator.h[0] = usual
 
@@ -243,18 +258,15 @@ class FullCarPlant:
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
-        for i, (wheel, road) in enumerate(zip(WHEELS, self._under_wheels(), strict=True)):
-            for name, value in zip(("rise", "slope_x", "slope_y"), road.tolist(), strict=True):
-                integrator.inputs[self.car.input_index(wheel, name)] = value
+        integrator.inputs[self._of_road] = self._under_wheels()
+        for i, wheel in enumerate(WHEELS):
             integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[TORQUES][i] + force[SPIN][i]
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
 
     def _under_wheels(self) -> Array:
         """Of each wheel the road below it (4, 3), as `CORNER_INPUTS` has it."""
         if self.surface is None:
-            bend, twist = self.disturbances[[GRADE_CHANGE, BANK_CHANGE]]
-            x, y = self._stands.T
-            return np.column_stack([bend * x**2 / 2 + twist * x * y, bend * x + twist * y, twist * x])
+            return self._by_changes @ self.disturbances[[GRADE_CHANGE, BANK_CHANGE]]
         axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])
         found = np.empty((len(WHEELS), 3))
         for row, stand in zip(found, self._stands, strict=True):
