@@ -123,7 +123,7 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
     made = estimate(recording, vehicle, progress)
     settled = made.t > SETTLED
-    sums = balance(recording, made.t, made.stamp, made.over_road, made.loads, vehicle)
+    sums = balance(recording, made.stamp, made.over_road, made.loads, vehicle).select(settled)
     reference = recording["reference/odometry"]
     compared = reference.stamp > made.stamp[0] + SETTLED * 1e9
     own = Rotation.from_quat(made.found.orientation).as_euler("ZYX")
@@ -137,12 +137,9 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     force_x, force_y, load = (made.found.wheels[:, i] for i in (FORCE_X, FORCE_Y, FORCE_Z))
     used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
     within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
-    parts = type(sums)(
-        *(getattr(sums, name)[settled] for name in ("t", "felt", "loads", "expected_sum", "expected_front"))
-    )
     return {
-        "sum_fz_percent": parts.sum_percent,
-        "front_load_percent": parts.front_percent,
+        "sum_fz_percent": sums.sum_percent,
+        "front_load_percent": sums.front_percent,
         "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
         "roll_rmse_deg": float(np.degrees(error[:, 1].std())),
         "friction_20_30": float(used[within].max()),

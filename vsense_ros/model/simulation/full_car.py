@@ -12,6 +12,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, steering_rack
+from vsense_ros.model.car.pose import leaning
+from vsense_ros.model.car.road import bent, turning
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
@@ -92,10 +94,6 @@ class FullCarPlant:
         chassis, tracks = vehicle.physics.chassis, (vehicle.physics.front.track, vehicle.physics.rear.track)
         arms = (chassis.cog_to_front_axle, -chassis.cog_to_rear_axle)
         self._stands = np.array([[arms[i // 2], (0.5 - i % 2) * tracks[i // 2]] for i in range(len(WHEELS))])
-        x, y = self._stands.T
-        nothing = np.zeros(len(WHEELS))
-        rows = [[x**2 / 2, x * y], [x, y], [nothing, x]]  # of rise and slopes, by what the slopes change by
-        self._by_changes = np.moveaxis(np.array(rows), -1, 0)
         names = ("rise", "slope_x", "slope_y")
         self._of_road = np.array([[self.car.input_index(wheel, name) for name in names] for wheel in WHEELS])
         self._rates = base_functions(self.car.mechanism)[1]
@@ -163,8 +161,7 @@ class FullCarPlant:
         elif around[[GRADE_CHANGE, BANK_CHANGE]].any():
             roll, pitch = state.z[ROLL], state.z[PITCH]
             velocity = _rotation(roll, pitch, 0.0) @ self.u[VELOCITY]
-            about_x = duration * around[BANK_CHANGE] * velocity[X]
-            about_y = -duration * (around[[GRADE_CHANGE, BANK_CHANGE]] @ velocity[:2])
+            about_x, about_y = (duration * rate for rate in turning(around, velocity[X], velocity[Y]))
             state.z[[ROLL, PITCH, YAW]] -= about_x / np.cos(pitch), about_y, about_x * np.tan(pitch)
         else:
             return
@@ -193,11 +190,11 @@ class FullCarPlant:
             heading += float(np.arctan2(ahead[1], ahead[0]))
         around[ROAD] = surface.under(foot[0], foot[1], heading)
         found = _rotation(0.0, 0.0, heading) @ _axes(around[GRADE], around[BANK])
-        leaning = found.T @ body
+        over_road = found.T @ body
         self._foot = np.array([*foot, around[ROAD_HEIGHT]])
         self._origin, self._heading = np.array([*place[:2], 0.0]), heading
         over = float((place - self._foot) @ found[:, 2])
-        roll, pitch = np.arctan2(leaning[2, 1], leaning[2, 2]), -np.arcsin(leaning[2, 0])
+        roll, pitch = np.arctan2(over_road[2, 1], over_road[2, 2]), -np.arcsin(over_road[2, 0])
         return np.array([*place[:2], over, roll, pitch, heading])
 
     def _stand(self, surface: Surface) -> None:
@@ -266,7 +263,7 @@ class FullCarPlant:
     def _under_wheels(self) -> Array:
         """Of each wheel the road below it (4, 3), as `CORNER_INPUTS` has it."""
         if self.surface is None:
-            return self._by_changes @ self.disturbances[[GRADE_CHANGE, BANK_CHANGE]]
+            return np.column_stack(bent(self.disturbances, *self._stands.T))
         axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])
         found = np.empty((len(WHEELS), 3))
         for row, stand in zip(found, self._stands, strict=True):
@@ -335,7 +332,7 @@ def simulate_full_car(
 
 def _axes(grade: float, bank: float) -> Array:
     """Road axes to level ones with the same heading, 3×3."""
-    return _rotation(float(np.arcsin(np.sin(bank) / np.cos(grade))), -grade, 0.0)
+    return _rotation(float(leaning(grade, bank)), -grade, 0.0)
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Array:
