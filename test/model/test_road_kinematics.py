@@ -51,15 +51,25 @@ def coordinates_over(surface: Surface, place: Array, body: Array, guess: Array) 
     return np.array([*place[:2], z, np.arctan2(over[2, 1], over[2, 2]), -np.arcsin(over[2, 0]), heading])
 
 
-@relaxed
-@given(seed=seeds)
-def test_a_body_that_moves_in_space_goes_over_the_surface_as_the_kinematics_say(seed: int) -> None:
-    random = np.random.default_rng(seed)
+def standing(random: np.random.Generator) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """A body somewhere over the hills: foot (2), road's axes, place and attitude in space, coordinates, road."""
     foot, heading, z = random.uniform(-100, 100, 2), random.uniform(-3, 3), 0.5
     roll, pitch = random.uniform(-0.05, 0.05, 2)
     point, axes = axes_of_road(HILLS, *foot, heading)
     place = point + z * axes[:, 2]
     body = axes @ Rotation.from_euler("ZYX", [0.0, pitch, roll]).as_matrix()
+    q, road = np.zeros(14), np.zeros(7)
+    q[:6] = *place[:2], z, roll, pitch, heading
+    road[:5] = HILLS.under(*foot, heading)
+    return foot, axes, place, body, q, road
+
+
+@relaxed
+@given(seed=seeds)
+def test_a_body_that_moves_in_space_goes_over_the_surface_as_the_kinematics_say(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    foot, axes, place, body, q, road = standing(random)
+    z, heading = q[2], q[5]
     u = np.zeros(14)
     u[:3] = random.uniform(-1, 1, 3) * [30, 3, 0.5]
     u[3:6] = random.uniform(-0.5, 0.5, 3)
@@ -73,10 +83,6 @@ def test_a_body_that_moves_in_space_goes_over_the_surface_as_the_kinematics_say(
             lambda xy, at=moved, t=there: at[:2] - xy - t[2] * axes_of_road(HILLS, *xy, t[5])[1][:2, 2], foot
         )
         roads.append(HILLS.under(*below, there[5]))
-    q = np.zeros(14)
-    q[:6] = *place[:2], z, roll, pitch, heading
-    road = np.zeros(7)
-    road[:5] = HILLS.under(*foot, heading)
 
     rate = np.asarray(ca.evalf(kinematics(ca.SX(q), ca.SX(u), ca.SX(road))))[:6, 0]
     change = np.asarray(ca.evalf(road_kinematics(ca.SX(q), ca.SX(u), ca.SX(road))))[:, 0]
@@ -98,15 +104,7 @@ def test_a_body_that_moves_in_space_goes_over_the_surface_as_the_kinematics_say(
 @relaxed
 @given(seed=seeds)
 def test_place_and_attitude_on_the_map_are_those_in_space(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    foot, heading, z = random.uniform(-100, 100, 2), random.uniform(-3, 3), 0.5
-    roll, pitch = random.uniform(-0.05, 0.05, 2)
-    point, axes = axes_of_road(HILLS, *foot, heading)
-    place = point + z * axes[:, 2]
-    body = axes @ Rotation.from_euler("ZYX", [0.0, pitch, roll]).as_matrix()
-    q, road = np.zeros(14), np.zeros(7)
-    q[:6] = *place[:2], z, roll, pitch, heading
-    road[:5] = HILLS.under(*foot, heading)
+    _, _, place, body, q, road = standing(np.random.default_rng(seed))
 
     orientation = orientation_on_map(q, road)
     symbolic = motion_of(*(ca.SX(x) for x in (q, np.zeros(14), np.zeros(14), road)), ca.SX.zeros(5))

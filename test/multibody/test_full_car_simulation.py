@@ -7,8 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vsense_ros.errors import InputError
+from vsense_ros.model.coordinates import FORCE_Z, GRADE, GRADE_CHANGE, ROAD_HEIGHT, SPEED_X, X, Y
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.simulation.full_car import FullCarPlant, simulate_full_car
+from vsense_ros.model.simulation.surface import Waves
 from vsense_ros.model.vehicle import Vehicle
 
 Array = np.ndarray
@@ -118,3 +120,23 @@ def test_an_unsteered_car_is_refused(vehicle: Vehicle):
     fixed = vehicle.model_copy(update={"linkage": vehicle.linkage.model_copy(update={"front": front})})
     with pytest.raises(InputError, match="cannot be steered: set `steered: true`"):
         FullCarPlant(fixed, 0.004)
+
+
+@pytest.mark.slow
+def test_over_hills_its_wheels_carry_what_gravity_and_the_bend_of_the_road_ask_of_them(vehicle: Vehicle):
+    """On long waves the body follows the road: the loads add up to m (g cos slope + v² curvature)."""
+    hills = Waves(((1.5, 0.0, 200.0),))
+    q, u = rolling_straight(vehicle, 15.0)
+    found = simulate_full_car(
+        vehicle, lambda t, q, u: np.zeros(5), 8.0, step=0.002, keep_every=10, q=q, u=u, surface=hills
+    )
+    rows = slice(50, None)
+    assert found.disturbances is not None
+    grade, bend = found.disturbances[rows, GRADE], found.disturbances[rows, GRADE_CHANGE]
+    speed = found.u[rows, SPEED_X]
+    expected = vehicle.physics.chassis.mass * (9.80665 * np.cos(grade) + speed**2 * bend)
+    error = found.wheels[rows, FORCE_Z].sum(axis=1) - expected
+    assert np.sqrt(np.mean(error**2)) < 0.03 * np.std(expected) + 1.0
+    # The road below it is the surface where it is.
+    heights = [hills.under(x, y, 0.0)[4] for x, y in found.q[rows][:, [X, Y]]]
+    np.testing.assert_allclose(found.disturbances[rows, ROAD_HEIGHT], heights, atol=0.02)

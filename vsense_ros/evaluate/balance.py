@@ -23,11 +23,13 @@ CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own wa
 class Balance:
     """n instants; loads and the specific force are low-passed at `CUTOFF`."""
 
-    t: Array  # (n,) [s] from the first estimate on
-    felt: Array  # (n, 3) specific force at cog along the car on the road, across it and along the normal [m/s²]
     loads: Array  # (n, 4) vertical forces [N]
     expected_sum: Array  # (n,) of the loads: mass times specific force along the normal [N]
     expected_front: Array  # (n,) of both front wheels: balance of moments about the rear axle's contact points [N]
+
+    def select(self, rows: NDArray[np.bool_]) -> Balance:
+        """Some of the instants, (n,)."""
+        return Balance(self.loads[rows], self.expected_sum[rows], self.expected_front[rows])
 
     @property
     def sum_percent(self) -> float:
@@ -44,8 +46,8 @@ def _percent(error: Array, expected: Array) -> float:
     return float(100 * np.sqrt(np.mean(error**2)) / np.median(expected))
 
 
-def balance(recording: Recording, t: Array, stamp: Array, attitude: Array, loads: Array, vehicle: Vehicle) -> Balance:
-    """Of estimates at the times `stamp` (n,) [ns], `t` (n,) [s]: `attitude` (n, 2) are roll and pitch over the road
+def balance(recording: Recording, stamp: Array, attitude: Array, loads: Array, vehicle: Vehicle) -> Balance:
+    """Of estimates at the times `stamp` (n,) [ns]: `attitude` (n, 2) are roll and pitch over the road
     [rad], `loads` (n, 4) the vertical forces [N]. The sensor is the vehicle's first IMU, moved to cog by the rates that
     it measures."""
     imu = next(sensor for sensor in vehicle.sensors.values() if isinstance(sensor, Imu))
@@ -66,4 +68,4 @@ def balance(recording: Recording, t: Array, stamp: Array, attitude: Array, loads
     chassis = vehicle.physics.chassis
     to_front, to_rear = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
     front = chassis.mass * (felt[:, 2] * to_rear - felt[:, 0] * chassis.cog_height) / (to_front + to_rear)
-    return Balance(t, felt, smooth, chassis.mass * felt[:, 2], front)
+    return Balance(smooth, chassis.mass * felt[:, 2], front)

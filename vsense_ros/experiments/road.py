@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
+from rich.text import Text
 from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag import datasets
@@ -122,7 +123,7 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
     made = estimate(recording, vehicle, progress)
     settled = made.t > SETTLED
-    sums = balance(recording, made.t, made.stamp, made.over_road, made.loads, vehicle)
+    sums = balance(recording, made.stamp, made.over_road, made.loads, vehicle).select(settled)
     reference = recording["reference/odometry"]
     compared = reference.stamp > made.stamp[0] + SETTLED * 1e9
     own = Rotation.from_quat(made.found.orientation).as_euler("ZYX")
@@ -136,12 +137,9 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     force_x, force_y, load = (made.found.wheels[:, i] for i in (FORCE_X, FORCE_Y, FORCE_Z))
     used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
     within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
-    parts = type(sums)(
-        *(getattr(sums, name)[settled] for name in ("t", "felt", "loads", "expected_sum", "expected_front"))
-    )
     return {
-        "sum_fz_percent": parts.sum_percent,
-        "front_load_percent": parts.front_percent,
+        "sum_fz_percent": sums.sum_percent,
+        "front_load_percent": sums.front_percent,
         "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
         "roll_rmse_deg": float(np.degrees(error[:, 1].std())),
         "friction_20_30": float(used[within].max()),
@@ -223,7 +221,7 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
     rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
     for drive, figures in {**rows, **results["plants"]}.items():
         for i, (name, value) in enumerate(figures.items()):
-            found.add_row(drive if i == 0 else "", FIGURES[name], f"{value:.3g}")
+            found.add_row(drive if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
     return found
 
 

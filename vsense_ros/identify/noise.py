@@ -74,7 +74,7 @@ def noise_numbers(vehicle: Vehicle) -> list[str]:
             paths.append(f"observer.force_errors.{field}")
     for slope in ("grade", "bank"):
         if getattr(around, slope) > 0:
-            paths.append(f"observer.surroundings.{slope}")
+            paths += [f"observer.surroundings.{slope}", f"observer.surroundings.{slope}_change"]
     return paths
 
 

@@ -125,9 +125,7 @@ def _reference(trajectory: Trajectory) -> list[Channel]:
     rows = np.arange(0, len(trajectory.t), REFERENCE_PERIOD)
     stamp = EPOCH + rows.astype(np.int64) * 1_000_000
     q, u = trajectory.q[rows], trajectory.u[rows]
-    road = (
-        np.zeros((len(rows), len(DISTURBANCES))) if trajectory.disturbances is None else trajectory.disturbances[rows]
-    )
+    road = _around(trajectory)[rows]
     channels = [
         Channel(
             "reference/odometry",

@@ -33,7 +33,6 @@ from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
 Array = NDArray[np.float64]
 
 _SPINS = range(SPIN.start, SPIN.stop)
-_SETTLING = 5_000_000_000  # [ns]
 _MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
 
 
@@ -119,12 +118,8 @@ class Observer:
                 f"the limits of the monitor are those of the vehicle {limits.vehicle!r}, this is {self.vehicle.name!r}"
             )
         gates = [channel.limit for channel in self._timeline.channels]
-        self.monitor = Monitor(self.car, self.sensors, gates, self._settled, limits, on_statistics)
+        self.monitor = Monitor(self.car, self.sensors, gates, lambda: self.converged, limits, on_statistics)
         return self.monitor
-
-    def _settled(self) -> bool:
-        """Whether biases and slopes, which are told apart by and by, have had the time to be."""
-        return self.converged and self.stamp - self._started_at > _SETTLING
 
     def add(self, sample: Sample) -> None:
         """Use a message of any topic; messages of unknown topics are ignored. Never raises for bad content."""

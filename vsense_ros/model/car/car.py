@@ -23,7 +23,7 @@ import numpy as np
 
 from vsense_ros.model import spatial
 from vsense_ros.model.car.contact import Contact, contact
-from vsense_ros.model.car.road import Road, over_road
+from vsense_ros.model.car.road import Road, over_road, turning
 from vsense_ros.model.car.suspension import (
     Coefficients,
     HubMotion,
@@ -570,23 +570,22 @@ def _within(value: ca.SX, none: ca.SX | float, full: ca.SX | float) -> ca.SX:
 def kinematics(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> ca.SX:
     """Derivatives of the coordinates (14): x, y and yaw on the map, z, roll and pitch over the road, which turns as the
     car moves on; z-y-x angles, singular at a pitch of 90°."""
-    road, (velocity, _, rates) = Road(disturbances), _over_road(q, u, disturbances)
+    road, (velocity, turn, rates) = Road(disturbances), _over_road(q, u, disturbances)
     heading = ca.vertcat(ca.cos(q[YAW]), ca.sin(q[YAW]))
     ahead, aside, _ = ca.vertsplit(road.to_level @ velocity)
     east, north = heading[0] * ahead - heading[1] * aside, heading[1] * ahead + heading[0] * aside
-    turning = road.turning(velocity)
     along, across, normal = ca.vertsplit(road.upward)
-    yaw = (across * turning[1] + normal * rates[2]) / (1 - along**2)
+    yaw = (across * turn[1] + normal * rates[2]) / (1 - along**2)
     return ca.vertcat(east, north, velocity[Z], rates[0], rates[1], yaw, u[TRAVEL], u[SPIN])
 
 
 def road_kinematics(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> ca.SX:
     """Derivatives of grade, bank and height of the road under the car (3): the surface turns below it, and a car that
     turns on a slope changes one for the other."""
-    velocity, turning, rates = _over_road(q, u, disturbances)
+    velocity, turn, rates = _over_road(q, u, disturbances)
     along, across, normal = ca.vertsplit(Road(disturbances).upward)
-    grade = (across * rates[2] - normal * turning[1]) / ca.cos(disturbances[GRADE])
-    bank = (normal * turning[0] - along * rates[2]) / ca.cos(disturbances[BANK])
+    grade = (across * rates[2] - normal * turn[1]) / ca.cos(disturbances[GRADE])
+    bank = (normal * turn[0] - along * rates[2]) / ca.cos(disturbances[BANK])
     return ca.vertcat(grade, bank, along * velocity[X] + across * velocity[Y])
 
 
@@ -595,15 +594,15 @@ def _over_road(q: ca.SX, u: ca.SX, disturbances: ca.SX) -> tuple[ca.SX, ca.SX, c
     which the car turns about the normal (3)."""
     roll, pitch = q[ROLL], q[PITCH]
     velocity = over_road(q) @ u[VELOCITY]
-    turning = Road(disturbances).turning(velocity)
+    turn = ca.vertcat(*turning(disturbances, velocity[X], velocity[Y]))
     s, c, t = ca.sin(roll), ca.cos(roll), ca.tan(pitch)
     level = s * u[PITCH_RATE] + c * u[YAW_RATE]
     rates = ca.vertcat(
-        u[ROLL_RATE] + t * level - turning[0] / ca.cos(pitch),
-        c * u[PITCH_RATE] - s * u[YAW_RATE] - turning[1],
-        level / ca.cos(pitch) - turning[0] * t,
+        u[ROLL_RATE] + t * level - turn[0] / ca.cos(pitch),
+        c * u[PITCH_RATE] - s * u[YAW_RATE] - turn[1],
+        level / ca.cos(pitch) - turn[0] * t,
     )
-    return velocity, turning, rates
+    return velocity, turn, rates
 
 
 _CARS: dict[tuple[object, ...], Car] = {}

@@ -20,8 +20,13 @@ def position_on_map(q: Array, disturbances: Array) -> Array:
 def orientation_on_map(q: Array, disturbances: Array) -> Array:
     """Of the body as a quaternion x, y, z, w (…, 4), from coordinates (…, 14) and disturbances (…, 7)."""
     grade = disturbances[..., GRADE]
-    leaning = np.arcsin(np.clip(np.sin(disturbances[..., BANK]) / np.cos(grade), -1.0, 1.0))
-    return product(quaternion(leaning, -grade, q[..., YAW]), quaternion(q[..., ROLL], q[..., PITCH], 0.0 * grade))
+    road = quaternion(leaning(grade, disturbances[..., BANK]), -grade, q[..., YAW])
+    return product(road, quaternion(q[..., ROLL], q[..., PITCH], 0.0 * grade))
+
+
+def leaning(grade: Array | float, bank: Array | float) -> Array:
+    """Roll (…) [rad] of the road's axes after they have been turned about y by minus the grade."""
+    return np.asarray(np.arcsin(np.clip(np.sin(bank) / np.cos(grade), -1.0, 1.0)))
 
 
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:

@@ -11,13 +11,27 @@ else that a car feels, as its two wheels of an axle stand at the same height of 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from vsense_ros.model import spatial
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import BANK, BANK_CHANGE, GRADE, GRADE_CHANGE, PITCH, ROLL, X, Y, Z
+from vsense_ros.model.coordinates import BANK, BANK_CHANGE, GRADE, GRADE_CHANGE, PITCH, ROLL, Z
+
+
+def bent(disturbances: Any, along: Any, across: Any) -> tuple[Any, Any, Any]:
+    """Of the surface at a place (`along`, `across`) [m] in road axes: by how much its tangent plane passes below the
+    axes' origin [m], and its slopes along and across [-]; for numbers and symbols alike."""
+    bend, twist = disturbances[GRADE_CHANGE], disturbances[BANK_CHANGE]
+    return (bend * along / 2 + twist * across) * along, bend * along + twist * across, twist * along
+
+
+def turning(disturbances: Any, speed_x: Any, speed_y: Any) -> tuple[Any, Any]:
+    """Rates of the road's axes about x and y [rad/s] under a car with a velocity in these axes [m/s]; for numbers and
+    symbols alike."""
+    bend, twist = disturbances[GRADE_CHANGE], disturbances[BANK_CHANGE]
+    return twist * speed_x, -bend * speed_x - twist * speed_y
 
 
 class Under(NamedTuple):
@@ -54,18 +68,11 @@ class Road:
         z = ca.vertcat(-along * normal / level, -across / level, normal)
         return ca.horzcat(x, y, z)
 
-    def turning(self, velocity: ca.SX) -> ca.SX:
-        """Rates of the road's axes about x and y (2) [rad/s] under a car with a `velocity` in these axes (3)."""
-        bend, twist = self.disturbances[GRADE_CHANGE], self.disturbances[BANK_CHANGE]
-        return ca.vertcat(twist * velocity[X], -bend * velocity[X] - twist * velocity[Y])
-
     def under(self, along: ca.SX, across: ca.SX, height: ca.SX) -> Under:
         """At a place (`along`, `across`) [m] in road axes, for a car whose `cog` is `height` above the origin."""
-        bend, twist = self.disturbances[GRADE_CHANGE], self.disturbances[BANK_CHANGE]
-        slope_x, slope_y = bend * along + twist * across, twist * along
+        rise, slope_x, slope_y = bent(self.disturbances, along, across)
         normal = ca.vertcat(-slope_x, -slope_y, 1) / ca.sqrt(1 + slope_x**2 + slope_y**2)
-        rise = (bend * along / 2 + twist * across) * along
-        return Under(normal, normal[Z] * (height + rise))  # the tangent plane passes below the origin by the rise
+        return Under(normal, normal[Z] * (height + rise))
 
 
 def over_road(q: ca.SX) -> ca.SX:

@@ -12,6 +12,8 @@ from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import SteeringRack, WheelPosition, steering_rack
+from vsense_ros.model.car.pose import leaning
+from vsense_ros.model.car.road import bent, turning
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,
@@ -92,6 +94,8 @@ class FullCarPlant:
         chassis, tracks = vehicle.physics.chassis, (vehicle.physics.front.track, vehicle.physics.rear.track)
         arms = (chassis.cog_to_front_axle, -chassis.cog_to_rear_axle)
         self._stands = np.array([[arms[i // 2], (0.5 - i % 2) * tracks[i // 2]] for i in range(len(WHEELS))])
+        names = ("rise", "slope_x", "slope_y")
+        self._of_road = np.array([[self.car.input_index(wheel, name) for name in names] for wheel in WHEELS])
         self._rates = base_functions(self.car.mechanism)[1]
         self._angle = self._rate = 0.0
         self._motion.call()
@@ -135,6 +139,11 @@ class FullCarPlant:
 
     def step(self, inputs: Array) -> None:
         """One step with the mean road-wheel angle [rad] and the wheel torques [N m] (5,) of its end."""
+        self._integrate(inputs)
+        self._move_road(self.step_length)
+
+    def _integrate(self, inputs: Array) -> None:
+        """A step while the road's axes stand still."""
         angle = float(inputs[STEERING] - self.disturbances[STEERING_OFFSET])
         rate = (angle - self._angle) / self.step_length
         self._guides[:] = self.rack.motion(angle, rate, (rate - self._rate) / self.step_length)
@@ -142,18 +151,17 @@ class FullCarPlant:
         self._act(inputs)
         self.integrator.step()
         self._motion.call()
-        self._move_road()
 
-    def _move_road(self) -> None:
-        """Puts the road's axes to where the car has come to; where it is in space does not change, nor how it moves."""
+    def _move_road(self, duration: float) -> None:
+        """Puts the road's axes to where the car has come to within a while [s]; where it is in space does not change,
+        nor how it moves."""
         state, around = self.integrator.state, self.disturbances
         if self.surface is not None:
             state.z[POSE] = self._over_surface(self.surface)
         elif around[[GRADE_CHANGE, BANK_CHANGE]].any():
             roll, pitch = state.z[ROLL], state.z[PITCH]
             velocity = _rotation(roll, pitch, 0.0) @ self.u[VELOCITY]
-            about_x = self.step_length * around[BANK_CHANGE] * velocity[X]
-            about_y = -self.step_length * (around[[GRADE_CHANGE, BANK_CHANGE]] @ velocity[:2])
+            about_x, about_y = (duration * rate for rate in turning(around, velocity[X], velocity[Y]))
             state.z[[ROLL, PITCH, YAW]] -= about_x / np.cos(pitch), about_y, about_x * np.tan(pitch)
         else:
             return
@@ -182,11 +190,11 @@ class FullCarPlant:
             heading += float(np.arctan2(ahead[1], ahead[0]))
         around[ROAD] = surface.under(foot[0], foot[1], heading)
         found = _rotation(0.0, 0.0, heading) @ _axes(around[GRADE], around[BANK])
-        leaning = found.T @ body
+        over_road = found.T @ body
         self._foot = np.array([*foot, around[ROAD_HEIGHT]])
         self._origin, self._heading = np.array([*place[:2], 0.0]), heading
         over = float((place - self._foot) @ found[:, 2])
-        roll, pitch = np.arctan2(leaning[2, 1], leaning[2, 2]), -np.arcsin(leaning[2, 0])
+        roll, pitch = np.arctan2(over_road[2, 1], over_road[2, 2]), -np.arcsin(over_road[2, 0])
         return np.array([*place[:2], over, roll, pitch, heading])
 
     def _stand(self, surface: Surface) -> None:
@@ -203,7 +211,11 @@ class FullCarPlant:
         self.integrator.h[0] = self.step_length
         try:
             for _ in range(count):
-                self.step(inputs)
+                self._integrate(inputs)
+                if self.surface is not None:
+                    self._move_road(self.step_length)
+            if self.surface is None:
+                self._move_road(duration)
         finally:
             self.step_length = self.integrator.h[0] = usual
 
@@ -243,18 +255,15 @@ class FullCarPlant:
         yaw = integrator.state.z[YAW]
         down = -GRAVITY * np.array([along, across, np.sqrt(1 - along**2 - across**2)])
         integrator.gravity[:] = _rotation(0.0, 0.0, yaw) @ down
-        for i, (wheel, road) in enumerate(zip(WHEELS, self._under_wheels(), strict=True)):
-            for name, value in zip(("rise", "slope_x", "slope_y"), road.tolist(), strict=True):
-                integrator.inputs[self.car.input_index(wheel, name)] = value
+        integrator.inputs[self._of_road] = self._under_wheels()
+        for i, wheel in enumerate(WHEELS):
             integrator.inputs[self.car.input_index(wheel, "torque")] = inputs[TORQUES][i] + force[SPIN][i]
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
 
     def _under_wheels(self) -> Array:
         """Of each wheel the road below it (4, 3), as `CORNER_INPUTS` has it."""
         if self.surface is None:
-            bend, twist = self.disturbances[[GRADE_CHANGE, BANK_CHANGE]]
-            x, y = self._stands.T
-            return np.column_stack([bend * x**2 / 2 + twist * x * y, bend * x + twist * y, twist * x])
+            return np.column_stack(bent(self.disturbances, *self._stands.T))
         axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])
         found = np.empty((len(WHEELS), 3))
         for row, stand in zip(found, self._stands, strict=True):
@@ -323,7 +332,7 @@ def simulate_full_car(
 
 def _axes(grade: float, bank: float) -> Array:
     """Road axes to level ones with the same heading, 3×3."""
-    return _rotation(float(np.arcsin(np.sin(bank) / np.cos(grade))), -grade, 0.0)
+    return _rotation(float(leaning(grade, bank)), -grade, 0.0)
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Array:
