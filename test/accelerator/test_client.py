@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from systems import mass_matrices, tables
+from linear_systems import mass_matrices, tables
 from vsense_ros.accelerator.client import FIRST_PAUSE, MISSES, Client, Direct
 from vsense_ros.accelerator.device import Device
 from vsense_ros.accelerator.faults import Faults

@@ -6,7 +6,7 @@ import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 
-from systems import SPECIAL, mass_matrices, positive_definite, prototype, requests, tables
+from linear_systems import SPECIAL, mass_matrices, positive_definite, prototype, requests, tables
 from vsense_ros.accelerator import float32
 from vsense_ros.accelerator.kernels import BODY_MASS, KERNELS, SOLVE_14, SOLVE_42, SUSPENSION_MOTION
 from vsense_ros.accelerator.kernels.suspension_motion import QUANTITIES

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems import SPECIAL, requests, tables
+from linear_systems import SPECIAL, requests, tables
 from vsense_ros.accelerator.kernels import KERNELS, SOLVE_14
 from vsense_ros.accelerator.rtl import Rtl, missing
 

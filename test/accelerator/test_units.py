@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from systems import SPECIAL
+from linear_systems import SPECIAL
 from vsense_ros.accelerator import float32
 from vsense_ros.accelerator.rtl import missing, sources
 

@@ -9,7 +9,7 @@ import pytest
 
 from vsense_ros.errors import InputError
 from vsense_ros.experiments import leung
-from vsense_ros.experiments.leung_study import Case, Errors, Truth, estimate, readings, receiver, study
+from vsense_ros.experiments.leung_study import Case, Error, Errors, Truth, estimate, readings, receiver, study
 
 
 def circle(seconds: float = 60.0, rate: float = 0.2, speed: float = 10.0) -> Truth:
@@ -45,7 +45,7 @@ def test_an_outage_is_silent_and_a_receiver_is_as_good_as_its_table_says() -> No
 
 
 def test_a_yaw_kkf_without_noise_finds_the_bias_and_the_heading() -> None:
-    still = Errors(gyro=(1e-7, np.radians(1.0)), fix=1e-6)
+    still = Errors(gyro=Error(1e-7, np.radians(1.0)), fix=1e-6)
     found = estimate("yaw_kkf", circle(), Case("double_oval_15", 0, still))
     assert np.degrees(found["yaw"]["rmse"]) < 0.02
     assert np.degrees(found["gyro_bias"]["rmse"]) < 0.001

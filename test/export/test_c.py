@@ -11,6 +11,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 import pymap3d
 import pytest
 from click.testing import CliRunner
@@ -232,6 +233,17 @@ def test_a_measurement_beyond_its_limit_or_of_nothing_changes_nothing(vehicle: V
     assert observer.correct("imu", np.full(6, 1e3), np.full(6, 0.01), 36.0) > 36.0
     assert observer.correct("imu", np.full(6, np.nan), np.full(6, 0.01), 36.0) < 0
     assert np.array_equal(observer.memory, before)
+
+
+def test_of_an_inertial_sensor_the_larger_variance_counts(vehicle: Vehicle, library: ctypes.CDLL) -> None:
+    def after(variance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        observer = under_way(vehicle, library)
+        observer.correct("imu", np.array([0.0, 0.0, 0.1, 0.2, 0.3, 9.8]), variance, 1e9)
+        return observer.memory
+
+    of_file = vehicle.sensors["imu"].deviations() ** 2
+    assert np.array_equal(after(of_file), after(0.1 * of_file))
+    assert not np.array_equal(after(of_file), after(2 * of_file))
 
 
 def test_a_state_that_no_car_can_have_is_told(vehicle: Vehicle, library: ctypes.CDLL) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drives import SineDrive, with_velocity, without_velocity
+from sine_drive import SineDrive, with_velocity, without_velocity
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
 from vsense_ros.evaluate.signals import read_signals, wrap

@@ -48,6 +48,7 @@ def run(
 
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
+    from vsense_ros.estimation.reading import noise_at_start
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
@@ -68,6 +69,8 @@ def run(
     heading = [sensor.topic for sensor in car.sensors.values() if sensor.on_map]
     if heading and not any(topic in recording for topic in heading):
         warn(f"none of {', '.join(heading)} is in the recording: the car's heading on the map stays unknown")
+    for sensor, noise in noise_at_start(recording, car.sensing()).items():
+        say(f"{sensor}: standard deviation {noise}")
     with progress(f"estimating {name}") as done:
         result = estimate(recording, car, done)
     compared = replace(result, output=at_reference(result.output, car))

@@ -29,6 +29,7 @@ class Health:
     innovation_ratio: float = 1.0  # smoothed NIS over its expectation
     same_in_a_row: int = 0  # messages with equal content
     last_content: bytes = b""
+    noise: str | None = None  # standard deviations that count, and whose they are
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
     def complain(self, why: str) -> None:
@@ -45,6 +46,8 @@ class Health:
             "invalid": str(self.invalid),
             "innovation_ratio": f"{self.innovation_ratio:.2f}",
         }
+        if self.noise:
+            values["standard deviation"] = self.noise
         if not self.last_received:
             return Diagnostic(name, Level.STALE, f"no message on {sensor.topic}", values)
         silent = (now - self.last_received) * 1e-9

@@ -57,6 +57,8 @@ class Intake(Generic[Sensor]):
         elif self._frozen(index, event):
             self.refuse(index, "value frozen")
         else:
+            if health.noise is None:
+                health.noise = self._readers[index].noise(event.variance)
             return event
         return None
 

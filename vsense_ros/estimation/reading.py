@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
-from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.recording import Recording, Sample
 
 Array = NDArray[np.float64]
 
 _LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
-_SMALLEST_VARIANCE = 1e-6  # of the sensor's own: no message makes a sensor a thousand times better than it is
 
 
 class Map:
@@ -57,7 +56,16 @@ class Reader:
         self._variance = self._usual.copy()  # of the message that is read
         self._latency = int(sensor.latency * 1e9)
         # Most messages state the same variance as others before them.
-        self._believed = lru_cache(maxsize=64)(partial(_believed, least=self._usual * _SMALLEST_VARIANCE))
+        least = self._usual * sensor.least_stated**2
+        self._believed = lru_cache(maxsize=64)(partial(_believed, least=least, usual=self._usual))
+
+    def noise(self, variance: Array) -> str:
+        """In words, the standard deviations that count with a measurement that has these variances (m,), and whose
+        they are."""
+        stated, of_file = (self._sensor.noise_in_words(np.sqrt(v)) for v in (variance, self._usual))
+        if not of_file:
+            return ""
+        return f"{of_file}, of the vehicle file" if stated == of_file else f"{stated}, of its messages; file {of_file}"
 
     def read(self, sample: Sample) -> Event | str:
         """The measurement in a message, or why there is none."""
@@ -88,9 +96,24 @@ class Reader:
         return Event(self._index, sample.stamp - self._latency, value, variance)
 
 
-def _believed(stated: bytes, least: Array) -> tuple[Array, NDArray[np.bool_] | None]:
+def noise_at_start(recording: Recording, sensors: Mapping[str, Source]) -> dict[str, str]:
+    """In words, by sensor, which standard deviations count with its first message that can be read."""
+    found = {}
+    for index, (name, sensor) in enumerate(sensors.items()):
+        if sensor.topic not in recording:
+            continue
+        reader = Reader(index, sensor, Map(recording.map_origin))
+        events = (reader.read(sample) for sample in recording[sensor.topic].in_order())
+        first = next((event for event in events if isinstance(event, Event)), None)
+        if first is not None and (words := reader.noise(first.variance)):
+            found[name] = words
+    return found
+
+
+def _believed(stated: bytes, least: Array, usual: Array) -> tuple[Array, NDArray[np.bool_] | None]:
     """Variances as they are used, not to be changed, and of which components a number was stated, None for all."""
-    variance = np.maximum(np.frombuffer(stated), least)
+    variance = np.frombuffer(stated)
+    variance = np.where(variance < least, usual, variance)
     with np.errstate(invalid="ignore"):
         is_number = variance < _LARGEST_VALUE**2
     if is_number.all():

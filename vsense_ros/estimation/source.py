@@ -17,6 +17,7 @@ class Source(Protocol):
     message: ClassVar[str]  # message type
     geodetic: ClassVar[bool]  # True: `read` finds `east` and `north` [m] beside latitude and longitude
     noisy: ClassVar[bool]  # True: noise makes equal messages in a row impossible
+    least_stated: ClassVar[float]  # share of `deviations` below which the one that a message states does not count
 
     @property
     def topic(self) -> str: ...
@@ -35,6 +36,9 @@ class Source(Protocol):
 
     def deviations(self) -> Array:
         """Standard deviations (m,), where a message states none."""
+
+    def noise_in_words(self, deviations: Array) -> str:
+        """Standard deviations (m,) with their units; empty for none."""
 
     def read(self, names: tuple[str, ...], values: Mapping[str, Array], value: Array, variance: Array) -> None:
         """Write the measurement (m,) of a message, and the variances (m,) if it states some."""

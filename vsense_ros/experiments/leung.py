@@ -23,7 +23,7 @@ from vsense_ros.evaluate.metrics import compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.experiments import leung_models
-from vsense_ros.experiments.leung_study import Case, Errors, Results, study
+from vsense_ros.experiments.leung_study import Case, Error, Errors, Results, study
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -39,7 +39,7 @@ ROWS = {
 QUICK_ROWS = ("DO35", "DO55", "LC35", "LC55")
 SHORT = {"ST": "plain_straight", "RT": "right_turn", "LC": "lane_change_20", "8C": "eight", "SD": "slalom"}
 # Section 4.4: heading by a perfect gyro, accelerometers that feel no gravity, at 5 m/s.
-SECTION_4_4 = Errors(gyro=(1e-6, 0.0), fix=5e-4**0.5, feels_gravity=False)
+SECTION_4_4 = Errors(gyro=Error(1e-6, 0.0), fix=5e-4**0.5, feels_gravity=False)
 
 
 @dataclass(frozen=True)

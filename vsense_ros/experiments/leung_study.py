@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.receivers import RECEIVERS
 from vsense_ros.mismatch.fleet import workers
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import PITCH, ROLL, SPEED_X, SPEED_Y, SPIN, YAW, YAW_RATE
+from vsense_ros.model.coordinates import PITCH, ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, YAW, YAW_RATE
 from vsense_ros.model.sensors import GnssAttitude, GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
@@ -47,13 +47,24 @@ SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not tell
 _DEGREE = np.pi / 180
 
 
+class Error(NamedTuple):
+    """Standard deviation of the noise, and bias."""
+
+    noise: float
+    bias: float
+
+
+_GYRO, _FORCE = Error(0.1 * _DEGREE, 1.0 * _DEGREE), Error(0.5, 1.0)
+_STEERING = Error(1.0 * _DEGREE / 17.58, 5.0 * _DEGREE / 17.58)
+
+
 @dataclass(frozen=True)
 class Errors:
     """Of the sensors (tables B.1 and B.2), at cog: standard deviations of the noise, and biases."""
 
-    gyro: tuple[float, float] = (0.1 * _DEGREE, 1.0 * _DEGREE)  # [rad/s]
-    force: tuple[float, float] = (0.5, 1.0)  # [m/s²]
-    steering: tuple[float, float] = (1.0 * _DEGREE / 17.58, 5.0 * _DEGREE / 17.58)  # of the road wheels [rad]
+    gyro: Error = _GYRO  # [rad/s]
+    force: Error = _FORCE  # [m/s²]
+    steering: Error = _STEERING  # of the road wheels [rad]
     spin: float = 0.04  # [rad/s]
     fix: float = 0.025  # [m/s] to the east and to the north
     fix_period: float = 1.0  # [s]
@@ -111,8 +122,8 @@ def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
         level = s.acceleration[:, :2]
         kept = {
             "t": s.t, "yaw": s.q[:, YAW], "forward_velocity": s.u[:, SPEED_X], "lateral_velocity": s.u[:, SPEED_Y],
-            "yaw_rate": s.u[:, YAW_RATE], "forces": level + gravity, "level_forces": level, "steer": s.inputs[:, 0],
-            "spins": s.u[:, SPIN],
+            "yaw_rate": s.u[:, YAW_RATE], "forces": level + gravity, "level_forces": level,
+            "steer": s.inputs[:, STEERING], "spins": s.u[:, SPIN],
         }  # fmt: skip
         file.parent.mkdir(parents=True, exist_ok=True)
         with in_place_of(file) as temporary, temporary.open("wb") as out:
@@ -128,7 +139,7 @@ def _study_car(plant: str) -> Vehicle:
 
 def sensors_of(errors: Errors) -> dict[str, SensorBase]:
     """Sensors at cog with these errors, without gates of their own: a study has no receivers that lie."""
-    gyro, force = errors.gyro[0], errors.force[0]
+    gyro, force = errors.gyro.noise, errors.force.noise
     found: dict[str, SensorBase] = {
         "imu": Imu(rate_noise=(gyro,) * 3, force_noise=(force,) * 3, gate=1e6),
         "wheels": WheelSpeeds(noise=errors.spin, gate=1e6),
@@ -157,12 +168,12 @@ def readings(truth: Truth, case: Case) -> Readings:
     random = np.random.default_rng([case.seed, 2010])
     noise = random.standard_normal((n, 11))
     imu = np.zeros((n, 6))
-    imu[:, 2] = truth.yaw_rate + errors.gyro[1] + errors.gyro[0] * noise[:, 0]
+    imu[:, 2] = truth.yaw_rate + errors.gyro.bias + errors.gyro.noise * noise[:, 0]
     forces = truth.forces if errors.feels_gravity else truth.level_forces
-    imu[:, 3:5] = forces + errors.force[1] + errors.force[0] * noise[:, 1:3]
+    imu[:, 3:5] = forces + errors.force.bias + errors.force.noise * noise[:, 1:3]
     imu[:, 5] = GRAVITY
     wheels = truth.spins + errors.spin * noise[:, 3:7]
-    steering = (truth.steer + errors.steering[1] + errors.steering[0] * noise[:, 7])[:, None]
+    steering = (truth.steer + errors.steering.bias + errors.steering.noise * noise[:, 7])[:, None]
     c, s = np.cos(truth.yaw), np.sin(truth.yaw)
     east = c * truth.forward_velocity - s * truth.lateral_velocity
     north = s * truth.forward_velocity + c * truth.lateral_velocity
@@ -233,8 +244,8 @@ def _scores(
             continue
         found[name] = _errors(wrap(error) if name in ("yaw", "side_slip") else error, true[name], settled)
     biases = {
-        "gyro_bias": errors.gyro[1], "acceleration_bias_x": errors.force[1], "acceleration_bias_y": errors.force[1],
-        "steering_bias": errors.steering[1], "rolling_radius": radius,
+        "gyro_bias": errors.gyro.bias, "acceleration_bias_x": errors.force.bias,
+        "acceleration_bias_y": errors.force.bias, "steering_bias": errors.steering.bias, "rolling_radius": radius,
     }  # fmt: skip
     for j, full in enumerate(motions.parameter_names):
         name = full.rpartition(".")[2]

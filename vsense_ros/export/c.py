@@ -442,6 +442,7 @@ class _Contents:
             "mounting": _table(mounting) if mounting.size else "",
             "offset": _table(sensor.offsets()),
             "variance": _table(deviations**2),
+            "least_stated": number(sensor.least_stated**2),
             "uses_acceleration": int(sensor.uses_acceleration),
             "first_bias": where.start,
             "biases": where.stop - where.start,

@@ -18,7 +18,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 
-_PARTS = ("estimation/algebra.c", "codegen/kernel.c", "estimation/ekf.c")
+_PARTS = ("estimation/algebra.c", "codegen/kernel.c", "estimation/found.c", "estimation/ekf.c")
 
 
 def write(vehicle: Vehicle, name: str, folder: Path) -> list[Path]:

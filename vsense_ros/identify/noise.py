@@ -45,7 +45,6 @@ LEAST_GAIN = 0.05  # in log-likelihood, of each number, that an iteration must p
 DETERMINED = 0.5  # a number is determined whose standard deviation is at most this share of the prior's
 DIGITS = 3  # that are kept of a number
 
-_NOISE = ("noise", "rate_noise", "force_noise")
 _FROM_MESSAGE = "noise_from_message"
 ALL = "all"  # sensors together, in tables
 
@@ -61,7 +60,7 @@ def noise_numbers(vehicle: Vehicle) -> list[str]:
     torques_unknown = "wheel_speeds" in kinds and "wheel_torques" not in kinds
     paths = []
     for name, sensor in vehicle.sensors.items():
-        for field in _NOISE:
+        for field in sensor.noise_fields:
             value = getattr(sensor, field, None)
             if isinstance(value, tuple):
                 paths += [f"sensors.{name}.{field}.{i}" for i in range(len(value))]

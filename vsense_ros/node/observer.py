@@ -112,6 +112,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._next_due = 0
         self.received: Counter[str] = Counter()
         self.unreadable = 0
+        self._noise_untold = set(self._observer.names)
         self._delays: dict[str, int] = {}  # of the newest message of each topic [ns]
         self.step_times: list[float] = []
         self.latencies: list[float] = []
@@ -169,6 +170,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
         before = time.perf_counter()
         observer.add(sample)
         self._keep(self.step_times, time.perf_counter() - before)
+        if self._noise_untold:
+            self._tell_noise(observer)
         if self._identification is not None:
             self._identify(self._identification, sample)
         if not observer.started or not self._due(observer.stamp):
@@ -179,6 +182,14 @@ class ObserverNode(SensingNode[ObserverParameters]):
             # A task queues up behind the messages that have arrived by now.
             self._newest_due = True
             self.executor.create_task(self._publish_newest)
+
+    def _tell_noise(self, observer: Observer | Navigator) -> None:
+        """Log, of each sensor once, which standard deviations count."""
+        for name, health in zip(observer.names, observer.health, strict=True):
+            if name in self._noise_untold and health.noise is not None:
+                self._noise_untold.discard(name)
+                if health.noise:
+                    self.get_logger().info(f"{name}: standard deviation {health.noise}")
 
     def _identify(self, identification: OnlineIdentification, sample: Sample) -> None:
         """Hand a message on, and publish once a second what is identified."""

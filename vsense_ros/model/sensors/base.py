@@ -32,7 +32,8 @@ Position = tuple[Length, Length, Length]
 Attitude = tuple[Angle, Angle, Angle]
 Deviations = tuple[Deviation, Deviation, Deviation]
 NoiseFromMessage = Annotated[
-    bool, Field(description="covariances that messages state count instead of the standard deviations here")
+    bool,
+    Field(description="noise that messages state counts, of an inertial sensor only what is more than here"),
 ]
 
 # What a kind of sensor tells of the car, for whoever needs that from whichever kind:
@@ -163,6 +164,10 @@ class SensorBase(Part):
     inputs: ClassVar[slice | None] = None  # of the model, which its values drive instead of correcting it
     awaited: ClassVar[float] = 0.0  # [s] for which a filter that could start waits for the first message
     # How its errors look.
+    noise_fields: ClassVar[Names] = ("noise",)  # that state its standard deviations; without them it has none
+    # A message's standard deviation below this share of the vehicle file's does not count: a thousandth of it is a
+    # number that somebody put there, no measurement.
+    least_stated: ClassVar[float] = 1e-3
     sampling: ClassVar[Sampling | None] = None  # in a simulation; None: it gives nothing there
     noisy: ClassVar[bool] = False  # True: noise makes equal messages in a row impossible
     longest_still: ClassVar[float] = inf  # [s] for which a component may keep its value in a moving car …
@@ -231,6 +236,21 @@ class SensorBase(Part):
     def deviations(self) -> Vector:
         """Standard deviation of each component where a message does not give one, (m,)."""
         raise NotImplementedError
+
+    def noise_in_words(self, deviations: Vector) -> str:
+        """Standard deviations (m,) with their units: one number for those that are equal. Empty for a sensor without
+        noise."""
+        parts, at = [], 0
+        for field in self.noise_fields:
+            extra = type(self).model_fields[field].json_schema_extra if field in type(self).model_fields else None
+            if not isinstance(extra, dict):
+                continue
+            value = getattr(self, field)
+            count = len(value) if isinstance(value, tuple) else len(deviations) - at
+            numbers = [f"{number:.3g}" for number in deviations[at : at + count]]
+            parts.append(f"{' '.join(numbers if len(set(numbers)) > 1 else numbers[:1])} {extra['unit']}")
+            at += count
+        return ", ".join(parts)
 
     def offsets(self) -> Vector:
         """Known errors of the components, which whoever calls `read` takes off, (m,)."""

@@ -60,6 +60,9 @@ class Imu(SensorBase):
     noisy: ClassVar[bool] = True
     longest_still: ClassVar[float] = 1.0
     saturates: ClassVar[bool] = True
+    noise_fields: ClassVar[Names] = ("rate_noise", "force_noise")
+    # What a driver states is the sensor's own noise; on a car it is shaken besides.
+    least_stated: ClassVar[float] = 1.0
 
     kind: Literal["imu"] = "imu"
     topic: str = "imu/data"
