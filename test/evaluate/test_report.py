@@ -203,7 +203,7 @@ def test_a_car_that_comes_to_rest_has_a_picture_and_a_page(whole, tmp_path):
 
 def test_the_summary_is_plain_json_with_null_where_there_is_no_value(whole):
     found = json.loads(json.dumps(replace(whole, step_us_median=float("nan")).summary(), allow_nan=False))
-    assert set(found) == {"signals", "step_us_median", "realtime_factor", "messages_lost"}
+    assert set(found) == {"signals", "balance_percent", "step_us_median", "realtime_factor", "messages_lost"}
     assert set(found["signals"]["side_slip"]) == {"rmse", "nrmsd_percent", "bias", "lag_s", "unit"}
     assert found["signals"]["side_slip"]["unit"] == "rad"
     assert found["step_us_median"] is None

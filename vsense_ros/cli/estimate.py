@@ -75,7 +75,7 @@ def run(
         result = estimate(recording, car, done)
     compared = replace(result, output=at_reference(result.output, car))
     notes = tuple(filter(None, [mounting_in_words(car)]))
-    drive = Drive.of(name, f"{name}, {car.name}", recording, compared, way="without ROS", notes=notes)
+    drive = Drive.of(name, f"{name}, {car.name}", recording, compared, vehicle=car, way="without ROS", notes=notes)
     folder = out if out is not None else Path("out") / "run" / name
     folder.mkdir(parents=True, exist_ok=True)
     write_bag(folder / "output", result.output, overwrite=True)

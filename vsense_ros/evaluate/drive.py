@@ -8,12 +8,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsense_ros.evaluate.balance import Balance, balance
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.inspect import TopicInfo, inspect
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import known_topics
+from vsense_ros.model.vehicle import Vehicle
 
 
 class RunFigures(Protocol):
@@ -52,6 +54,7 @@ class Drive:
     baselines: Mapping[str, Mapping[str, SignalScore]] = field(default_factory=dict)
     way: str = ""
     notes: tuple[str, ...] = ()
+    balance: Balance | None = None  # of the tyre forces with the inertial sensor
 
     @classmethod
     def of(
@@ -61,11 +64,12 @@ class Drive:
         input: Recording,
         run: RunFigures,
         *,
+        vehicle: Vehicle | None = None,
         baselines: Mapping[str, Mapping[str, SignalScore]] | None = None,
         way: str = "",
         notes: tuple[str, ...] = (),
     ) -> Drive:
-        """Compare the output of a run with the reference of its input."""
+        """Compare the output of a run with the reference of its input; forces are added up for a `vehicle`."""
         return cls(
             name=name,
             title=title,
@@ -80,6 +84,7 @@ class Drive:
             baselines=baselines or {},
             way=way,
             notes=notes + tuple(note for note in input.notes if note not in notes),
+            balance=None if vehicle is None else balance(run.output, vehicle),
         )
 
     def summary(self) -> dict[str, Any]:
@@ -95,6 +100,7 @@ class Drive:
                 }
                 for name, one in self.scores.items()
             },
+            "balance_percent": None if self.balance is None else self.balance.percent,
             "step_us_median": _finite(self.step_us_median),
             "realtime_factor": _finite(self.realtime_factor),
             "messages_lost": self.messages_lost,

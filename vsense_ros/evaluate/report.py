@@ -16,12 +16,15 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
+from vsense_ros.evaluate.balance import Balance
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
 from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
 from vsense_ros.messages.topics import WHEELS
+from vsense_ros.model.car.balance import SHARES
 
+_OF_SHARES = (TRUTH, WHEEL_COLOURS["fl"], WHEEL_COLOURS["rr"])
 ROW_HEIGHT = 190  # of one interactive plot [px]
 INTERACTIVE = (
     "side_slip",
@@ -78,6 +81,12 @@ def score_cells(name: str, found: SignalScore) -> tuple[str, str, str, str]:
     return f"{rmse:.{decimals}f}{unit}", nrmsd, f"{bias:+.{decimals}f}{unit}", lag
 
 
+def balance_in_words(found: Balance) -> str:
+    """How far the tyre forces are from what the inertial sensor feels."""
+    shares = ", ".join(f"{name} {share:.1f} %" for name, share in found.percent.items())
+    return f"Tyre forces against the inertial sensor below 2 Hz, RMS of what the car has at rest: {shares}"
+
+
 def named(signals: Sequence[str]) -> str:
     """A list of signals in words, with the twelve tyre forces in one."""
     forces = [name for name in signals if name.startswith("wheel_force_")]
@@ -116,6 +125,7 @@ def _section(drive: Drive, picture: Path | None) -> dict[str, Any]:
             }
             for name, found in drive.scores.items()
         ],
+        "balance": None if drive.balance is None else drive.balance.percent,
         "unreferenced": named(drive.unreferenced),
         "sensors": drive.sensors(),
         "picture": base64.b64encode(image).decode("ascii"),
@@ -135,13 +145,14 @@ def _interactive(drive: Drive) -> str:
             rows.append((f"{direction} tyre force", "kN", names))
     if not rows:
         return ""
+    sums = drive.balance is not None
     start = min(int(series.stamp[0]) for series in (*estimates.values(), *truths.values()))
     figure = make_subplots(
-        rows=len(rows),
+        rows=len(rows) + sums,
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.18 / len(rows),
-        subplot_titles=[label.capitalize() for label, _, _ in rows],
+        subplot_titles=[*(label.capitalize() for label, _, _ in rows), *(["Tyre forces beyond what is felt"] * sums)],
     )
     explained: set[str] = set()
     for row, (_, unit, names) in enumerate(rows, start=1):
@@ -155,12 +166,16 @@ def _interactive(drive: Drive) -> str:
         figure.update_yaxes(title_text=f"[{unit}]", row=row, col=1)
         if len(names) == 1:
             figure.update_yaxes(range=value_limits(estimates[names[0]], truths.get(names[0])), row=row, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(rows), col=1)
+    if drive.balance is not None:
+        for trace in _unbalanced(drive.balance, start):
+            figure.add_trace(trace, row=len(rows) + 1, col=1)
+        figure.update_yaxes(title_text="[%]", row=len(rows) + 1, col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(rows) + sums, col=1)
     figure.update_xaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
     figure.update_yaxes(showgrid=True, gridcolor="#ececec", zeroline=False, linecolor="#b8b8b8")
     figure.update_annotations(font={"size": 13, "color": TRUTH}, x=0.0, xanchor="left")
     figure.update_layout(
-        height=ROW_HEIGHT * len(rows) + 90,
+        height=ROW_HEIGHT * (len(rows) + sums) + 90,
         margin={"l": 62, "r": 12, "t": 60, "b": 44},
         plot_bgcolor="white",
         paper_bgcolor="white",
@@ -176,6 +191,17 @@ def _interactive(drive: Drive) -> str:
     }
     named = re.sub(r"\W+", "-", f"plot-{drive.name}")
     return str(figure.to_html(full_html=False, include_plotlyjs=False, config=config, div_id=named))
+
+
+def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
+    """Shares of the weight and of the axles' loads that are left over [%]."""
+    traces = []
+    for name, colour in zip(("vertical force", "front load", "rear load"), _OF_SHARES, strict=True):
+        share = 100 * found.shares[:, SHARES.index(name)]
+        rows = thin(share)
+        seconds, line = _short((found.stamp[rows] - start) * 1e-9, 3), {"color": colour, "width": 1.2}
+        traces.append(go.Scatter(x=seconds, y=_short(share[rows], 2), mode="lines", line=line, name=name))
+    return traces
 
 
 def _traces(estimate: Series, truth: Series | None, start: int, label: str, colour: str) -> list[go.Scatter]:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.drive import Drive
-from vsense_ros.evaluate.report import named, score_cells
+from vsense_ros.evaluate.report import balance_in_words, named, score_cells
 from vsense_ros.evaluate.signals import SIGNALS
 from vsense_ros.messages.inspect import Inspection
 
@@ -89,6 +89,8 @@ def show_drive(drive: Drive, out: Console) -> None:
         out.print("This recording has no reference for anything that was estimated.")
     if drive.unreferenced:
         out.print(f"Without a reference: {named(drive.unreferenced)}.")
+    if drive.balance is not None:
+        out.print(f"{balance_in_words(drive.balance)}.")
     out.print(
         f"Compute time {drive.step_us_median:.0f} µs per step (median), real-time factor {drive.realtime_factor:.3g}, "
         f"messages lost {drive.messages_lost}."

@@ -214,12 +214,16 @@ def _run(job: Job, out: Path, through_ros: bool, failures: list[str]) -> Drive:
             way = f"through ROS processes: {job.road}{latency}"
             seen = _as_seen(recording, result.recording)
             compared = replace(result, output=at_reference(result.output, vehicle))
-            return Drive.of(job.name, job.title, seen, compared, baselines=simpler, way=way, notes=notes)
+            return Drive.of(
+                job.name, job.title, seen, compared, vehicle=vehicle, baselines=simpler, way=way, notes=notes
+            )
     with progress(f"{job.name}: estimating without ROS") as done:
         alone = observer.run(recording, vehicle, progress=done)
     write_bag(out / job.name, alone.output, overwrite=True)
     moved = replace(alone, output=at_reference(alone.output, vehicle))
-    return Drive.of(job.name, job.title, recording, moved, baselines=simpler, way="without ROS", notes=notes)
+    return Drive.of(
+        job.name, job.title, recording, moved, vehicle=vehicle, baselines=simpler, way="without ROS", notes=notes
+    )
 
 
 def _through_ros(job: Job, source: Path, recording: Recording, vehicle_file: Path, out: Path) -> RosRun:

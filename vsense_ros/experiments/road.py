@@ -1,7 +1,7 @@
 """Roads that are not flat: do the estimated forces and attitudes hold on them?
 
 The RAV4's drive has no measured tyre forces, so these are held against Newton's law and the inertial sensor
-(`evaluate.balance`), attitudes against the pose of the recording. On the hills and banks of the generated drives the
+(`model.car.balance`), attitudes against the pose of the recording. On the hills and banks of the generated drives the
 car with all its bodies and linkages is the plant; its forces and attitude are the truth.
 """
 
@@ -22,21 +22,19 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
-from vsense_ros.evaluate.balance import balance
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.manoeuvre.driver import SpeedKeeper
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.car.balance import SHARES, CarBalance
 from vsense_ros.model.coordinates import (
     BANK,
     FORCE_X,
     FORCE_Y,
     FORCE_Z,
     GRADE,
-    PITCH,
-    ROLL,
     SPEED_X,
     YAW_RATE,
 )
@@ -91,11 +89,6 @@ class Estimates:
     found: Estimate  # stacked
 
     @property
-    def over_road(self) -> Array:
-        """Roll and pitch of the body over the road, (n, 2) [rad]."""
-        return self.found.state[:, [ROLL, PITCH]]
-
-    @property
     def loads(self) -> Array:
         """Vertical forces of the tyres, (n, 4) [N]."""
         return self.found.wheels[:, FORCE_Z]
@@ -123,7 +116,10 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
     made = estimate(recording, vehicle, progress)
     settled = made.t > SETTLED
-    sums = balance(recording, made.stamp, made.over_road, made.loads, vehicle).select(settled)
+    shares = CarBalance(vehicle.physics).shares(made.found.unbalanced[settled])
+    vertical, front = (
+        float(100 * np.sqrt(np.mean(shares[:, SHARES.index(name)] ** 2))) for name in ("vertical force", "front load")
+    )
     reference = recording["reference/odometry"]
     compared = reference.stamp > made.stamp[0] + SETTLED * 1e9
     own = Rotation.from_quat(made.found.orientation).as_euler("ZYX")
@@ -138,8 +134,8 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
     within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
     return {
-        "sum_fz_percent": sums.sum_percent,
-        "front_load_percent": sums.front_percent,
+        "sum_fz_percent": vertical,
+        "front_load_percent": front,
         "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
         "roll_rmse_deg": float(np.degrees(error[:, 1].std())),
         "friction_20_30": float(used[within].max()),

@@ -24,6 +24,8 @@ def of_observer(observer: Observer, now: int) -> list[Diagnostic]:
         lines.append(_parameters(observer.filter))
     if observer.monitor is not None and observer.monitor.limits is not None:
         lines.append(observer.monitor.diagnostic())
+    if observer.balance.sensor is not None:
+        lines.append(observer.balance.diagnostic())
     for (name, sensor), health in zip(observer.sensors.items(), observer.health, strict=True):
         lines.append(health.diagnostic(name, sensor, now))
     return lines

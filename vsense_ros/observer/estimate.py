@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from vsense_ros.observer.state import DISTURB, FORCE, TWIST
 
 Array = NDArray[np.float64]
 
+BALANCE = "vsense/balance"
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT, BANK, GRADE))]] * 2)
 _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
@@ -54,6 +55,9 @@ class Estimate:
     variance: Array  # (n,) of the errors of the state
     names: tuple[str, ...]  # of the state
     axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
+    # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
+    # low-passed; NaN while it is not heard.
+    unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
 
     @classmethod
     def of(cls, stamp: int, filter: CarFilter) -> Estimate:
@@ -215,6 +219,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
     """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each."""
     rows = e.velocity.shape[:-1]
     wheels, absent = e.wheels, np.zeros((*rows, 0))
+    unbalanced = {"force": e.unbalanced[..., :3], "torque": e.unbalanced[..., 3:]}
     samples = [
         messages.odometry(
             e.stamp,
@@ -227,6 +232,7 @@ def estimate_samples(e: Estimate) -> list[Sample]:
         ),
         messages.acceleration(e.stamp, e.acceleration, e.angular_acceleration, np.zeros((*rows, 36))),
         Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog"),
+        Sample(BALANCE, "geometry_msgs/msg/WrenchStamped", e.stamp, unbalanced, "cog"),
         messages.side_slip(e.stamp, e.side_slip),
         messages.parameters(e.stamp, e.parameter_names, e.parameters, e.parameter_deviations),
         Sample(

@@ -7,6 +7,7 @@ A measurement that arrives late is used at the time it was made (`estimation.tim
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,10 @@ from vsense_ros.model.sensors import KINDS, SensorBase
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer import diagnostics
 from vsense_ros.observer.alignment import Alignment
+from vsense_ros.observer.balance import Balance
 from vsense_ros.observer.beginning import Beginning, Start
 from vsense_ros.observer.catalogue import MakeFilter, default_filter
-from vsense_ros.observer.estimate import Estimate, estimate_samples
+from vsense_ros.observer.estimate import BALANCE, Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
@@ -85,6 +87,7 @@ class Observer:
             fault=self._recover,
         )
         self._alignment = Alignment(self.filter, self._timeline, self.intake)
+        self.balance = Balance(vehicle, self.sensors)
         self._beginning = Beginning(vehicle, self.intake, self.car.largest[FORWARD])
 
     @property
@@ -138,6 +141,7 @@ class Observer:
                 self._gather(event)
             elif timing is Timing.USED:
                 self.intake.believe(index, sample.stamp)
+                self.balance.measured(event)
                 if self._timeline.add(event):
                     self.health[index].late += 1
 
@@ -226,8 +230,9 @@ class Observer:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
-        newest = self.output()
-        return newest if self.started else []
+        if not self.started:
+            return []
+        return [sample for sample in self.output() if sample.topic != BALANCE or np.isfinite(sample.values["force"][0])]
 
     def output(self) -> list[Sample]:
         """The same, also before the start, when it means nothing: the topics are those of any estimate."""
@@ -238,7 +243,8 @@ class Observer:
         self._timeline.catch_up()
         if self.started and not self.filter.is_valid():
             self._recover()
-        return Estimate.of(self.stamp, self.filter)
+        made = Estimate.of(self.stamp, self.filter)
+        return replace(made, unbalanced=self.balance.residual(made)) if self.started else made
 
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""

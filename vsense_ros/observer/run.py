@@ -13,7 +13,7 @@ from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import MakeFilter
-from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
+from vsense_ros.observer.estimate import BALANCE, Estimate, estimate_samples, stacked
 from vsense_ros.observer.observer import Observer
 
 
@@ -94,4 +94,10 @@ def as_recording(estimates: Sequence[Estimate], name: str, metadata: Mapping[str
         s.topic: Channel(s.topic, s.kind, stamps, stamps, s.values, s.frame_id, s.names, s.child_frame_id)
         for s in estimate_samples(stacked(estimates))
     }
+    balance = channels[BALANCE]
+    heard = np.isfinite(balance.columns["force"][:, 0])
+    if not heard.any():
+        del channels[BALANCE]
+    elif not heard.all():
+        channels[BALANCE] = balance.select(heard)
     return Recording(channels, name=name, metadata=dict(metadata))

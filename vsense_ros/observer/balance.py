@@ -1,0 +1,100 @@
+"""Do the estimated tyre forces add up to what the inertial sensor feels? Asked at every estimate, told in words."""
+
+from __future__ import annotations
+
+from math import exp, pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vsense_ros.estimation.timeline import Event
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.model.car.balance import SHARES, CarBalance
+from vsense_ros.model.coordinates import PITCH, ROLL, STEERING_OFFSET
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.estimate import Estimate
+from vsense_ros.observer.state import DISTURB
+
+Array = NDArray[np.float64]
+
+CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
+MEMORY = 5.0  # [s] over which the root mean square of what is over is told
+LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
+_POLE = 1 / (2 * pi * CUTOFF / np.sqrt(np.sqrt(2) - 1))  # [s] of each of two, which together have this cutoff
+# Root mean squares that are told, as SHARES: beyond the errors that the inertial sensor of a car leaves.
+LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])  # as SHARES
+
+
+class Balance:
+    """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
+
+    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, or while it is silent,
+    the answer is NaN.
+    """
+
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+        able = [name for name, sensor in sensors.items() if "rates and forces" in sensor.tells]
+        self.sensor = able[0] if able else None
+        self._index = -1
+        self._car = CarBalance(vehicle.physics)
+        if self.sensor is not None:
+            self._index = list(sensors).index(self.sensor)
+            mounting = sensors[self.sensor].mounting()
+            self._arm = mounting[:3]
+            self._to_car = Rotation.from_euler("xyz", mounting[3:6]).as_matrix()
+        self._event: Event | None = None
+        self._stamp = 0  # of the newest estimate [ns]
+        self._once, self._twice = np.zeros(14), np.zeros(14)
+        self._square, self._since = np.zeros(6), 0.0
+
+    def measured(self, event: Event) -> None:
+        """A reading of any sensor, of which those of the inertial one count."""
+        if event.sensor == self._index and np.isfinite(event.value).all():
+            self._event = event
+
+    def residual(self, e: Estimate) -> Array:
+        """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
+        if self._event is None or abs(e.stamp - self._event.stamp) > LONGEST_GAP * 1e9:
+            self._stamp = 0
+            return np.full(6, np.nan)
+        now = np.empty(14)
+        now[:3], now[3:6] = self._to_car @ self._event.value[:3], self._to_car @ self._event.value[3:6]
+        now[6:12] = self._car.of_tyres(e.wheels, e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
+        now[12], now[13] = e.state[ROLL], e.state[PITCH]
+        passed = (e.stamp - self._stamp) * 1e-9
+        if not 0 <= passed < LONGEST_GAP:
+            self._once[:] = self._twice[:] = now
+            self._square[:], self._since, passed = 0.0, 0.0, 0.0
+        self._stamp = e.stamp
+        share = 1 - exp(-passed / _POLE)
+        self._once += share * (now - self._once)
+        self._twice += share * (self._once - self._twice)
+        low = self._twice
+        rates, turning = low[:3], (self._once[:3] - low[:3]) / _POLE
+        force = low[3:6] - _cross(turning, self._arm) - _cross(rates, _cross(rates, self._arm))
+        speed = e.velocity[0]
+        found = low[6:12] - self._car.of_motion(force, turning, low[12], low[13], speed)
+        self._since += passed
+        self._square += (1 - exp(-passed / MEMORY)) * (self._car.shares(found) ** 2 - self._square)
+        return found
+
+    def diagnostic(self) -> Diagnostic:
+        """Whether the forces have added up in the last `MEMORY`."""
+        if not self._stamp or not self._since:
+            return Diagnostic("balance of forces", Level.OK, "nothing to compare yet")
+        # Until as much time has passed, the mean is of that time alone.
+        mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
+        values = {f"{name} [%]": f"{100 * share:.1f}" for name, share in zip(SHARES, mean.tolist(), strict=True)}
+        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if mean[i] > LARGEST[i]]
+        if over and self._since > MEMORY:
+            text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
+            return Diagnostic("balance of forces", Level.WARN, text, values)
+        return Diagnostic("balance of forces", Level.OK, f"tyre forces add up to what {self.sensor} feels", values)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Of two vectors (3,), in a fraction of the time that `numpy.cross` takes."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
