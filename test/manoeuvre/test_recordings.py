@@ -12,12 +12,14 @@ from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
 from vsense_ros.experiments.bags import LARGEST, SEED
-from vsense_ros.manoeuvre import STANDARD, generate
+from vsense_ros.manoeuvre import ON_ROADS, STANDARD, generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.observer import run
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 NAMES = [m.name for m in STANDARD]
+# The car with all its bodies takes half a minute to drive one of these.
+ROADS = [pytest.param(m.name, marks=pytest.mark.slow) for m in ON_ROADS]
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,7 @@ def assert_same(a: Recording, b: Recording) -> None:
             assert np.array_equal(column, b[topic].columns[name]), f"{topic} {name}"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *ROADS])
 def test_the_bags_of_the_repository_are_what_their_seed_gives(name, plant):
     """Decoded, so that another version of zstd does not matter."""
     assert_same(generate(name, plant, SEED), read_bag(BAGS / name))
@@ -66,7 +68,7 @@ def test_a_known_error_of_a_sensor_is_in_what_it_sends(lane_change, plant):
     np.testing.assert_allclose(shifted - rates, np.broadcast_to([0.0, 0.0, 0.1], rates.shape), atol=2**-12)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *(m.name for m in ON_ROADS)])
 def test_a_bag_is_small_enough_for_a_repository(name):
     assert sum(f.stat().st_size for f in (BAGS / name).iterdir()) < LARGEST
 

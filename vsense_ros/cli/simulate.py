@@ -61,13 +61,13 @@ def bags(out: Path) -> None:
     """
     from vsense_ros.evaluate.terminal import progress
     from vsense_ros.experiments.bags import plant, write_bags
-    from vsense_ros.manoeuvre import STANDARD
+    from vsense_ros.manoeuvre import IN_BAGS
 
     written: list[Path] = []
     with progress("generating") as done:
         for path in write_bags(out, plant()):
             written.append(path)
-            done(len(written) / len(STANDARD))
+            done(len(written) / len(IN_BAGS))
     for path in written:
         size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
         click.echo(f"{path} {size:.2f} MB")

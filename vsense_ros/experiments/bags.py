@@ -8,7 +8,7 @@ from pathlib import Path
 from vsense_ros.bag import write_bag
 from vsense_ros.files.installed import shared_folder
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.manoeuvre import STANDARD, generate
+from vsense_ros.manoeuvre import IN_BAGS, generate
 from vsense_ros.model.vehicle import Vehicle
 
 SEED = 2020
@@ -21,8 +21,8 @@ def plant() -> Vehicle:
 
 
 def write_bags(out: Path, vehicle: Vehicle, seed: int = SEED) -> Iterator[Path]:
-    """Generate all standard manoeuvres into `out/<name>`, replacing what stands there; yields each bag when written."""
-    for manoeuvre in STANDARD:
+    """Generate what stands in bags/ into `out/<name>`, replacing what stands there; yields each bag when written."""
+    for manoeuvre in IN_BAGS:
         path = out / manoeuvre.name
         write_bag(path, generate(manoeuvre.name, vehicle, seed), overwrite=True)
         yield path

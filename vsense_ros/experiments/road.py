@@ -25,7 +25,7 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.progress import Progress, part
-from vsense_ros.manoeuvre.driver import SpeedKeeper
+from vsense_ros.manoeuvre.hills import weaving
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.balance import SHARES, CarBalance
@@ -40,7 +40,7 @@ from vsense_ros.model.coordinates import (
 )
 from vsense_ros.model.sensors import GnssPosition
 from vsense_ros.model.sensors.gnss_height import GnssHeight
-from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.simulation.surface import Surface, Waves
 from vsense_ros.model.vehicle import Vehicle
@@ -144,21 +144,11 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     }
 
 
-def weaving(vehicle: Vehicle, speed: float) -> Driver:
-    """Keeps a speed [m/s] and steers gently from side to side."""
-    feet, angle = SpeedKeeper(vehicle, lambda t: speed), 4.0 / speed**2  # lateral acceleration of some 1 m/s²
-
-    def driver(t: float, q: Array, u: Array) -> Array:
-        return np.concatenate([[angle * np.sin(2 * np.pi * t / 8.0) * min(t, 1.0)], feet(t, u)])
-
-    return driver
-
-
 def plant(name: str, vehicle: Vehicle) -> Trajectory:
     """The car with all its bodies on one of the `PLANTS`."""
     speed, surface = PLANTS[name]
     q, u = rolling_straight(vehicle, speed)
-    return simulate_full_car(vehicle, weaving(vehicle, speed), DURATION, step=STEP, q=q, u=u, surface=surface)
+    return simulate_full_car(vehicle, weaving(speed, vehicle), DURATION, step=STEP, q=q, u=u, surface=surface)
 
 
 def with_height(vehicle: Vehicle) -> Vehicle:

@@ -8,9 +8,11 @@ from __future__ import annotations
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import (
     accelerate_and_brake,
+    banked_oval,
     brake_in_turn,
     coast_down,
     double_lane_change,
+    hills,
     leung_tracks,
     sine_with_dwell,
     slow_ramp_steer,
@@ -23,21 +25,23 @@ from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
+from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
 
-# Those that stand in bags/.
 STANDARD = tuple(
     module.MANOEUVRE for module in (double_lane_change, step_steer, sine_with_dwell, steady_state_circle, brake_in_turn)
 )
+ON_ROADS = (hills.MANOEUVRE, banked_oval.MANOEUVRE)
+IN_BAGS = (*STANDARD, *ON_ROADS)  # those that stand in bags/
 # Those that a test of a car may be made of.
 TESTS = (
     *STANDARD,
     *(m.MANOEUVRE for m in (accelerate_and_brake, coast_down, slow_ramp_steer, steering_sweep)),
 )
-MANOEUVRES = {m.name: m for m in (*TESTS, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)}
+MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)}
 STEP = 1e-3  # [s] of the simulation
 
-__all__ = ["MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
+__all__ = ["IN_BAGS", "MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
 
 
 def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
@@ -47,8 +51,11 @@ def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
     if manoeuvre.friction is not None:
         vehicle = vehicle.with_parameters({"road.friction": manoeuvre.friction})
     q, u = rolling_straight(vehicle, manoeuvre.speed)
-    return simulate(
-        vehicle, manoeuvre.driver(vehicle), manoeuvre.duration, step=step, keep_every=round(STEP / step), q=q, u=u
+    surface = manoeuvre.surface() if manoeuvre.surface is not None else None
+    simulated = simulate_full_car if surface is not None and vehicle.linkage is not None else simulate
+    every, duration = round(STEP / step), manoeuvre.duration
+    return simulated(
+        vehicle, manoeuvre.driver(vehicle), duration, step=step, keep_every=every, q=q, u=u, surface=surface
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.double_lane_change import SECTIONS, path
 from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper, TrackFollower
+from vsense_ros.manoeuvre.road_surface import RoadSurface
 from vsense_ros.manoeuvre.track import Track, left_turn, right_turn, straight, with_clothoids
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
@@ -25,7 +26,7 @@ HILL_SPEED = 80 / 3.6
 LANE_CHANGE_ENTRY, LANE_CHANGE_END = 400.0, 625.0  # [m]
 PLAIN_STRAIGHT = 300.0  # [m]
 HILL_RADIUS, HILL_ANGLE = 100.0, 90.0  # [m], [°]
-HILL_BLEND = 20.0  # [m] over which the slope of the hill changes: a car cannot follow a kink
+HILL_BLEND = 40.0  # [m] over which the slope of the hill changes: a car cannot follow a kink
 # [m] of the clothoids across the ends of arcs: the thesis has none, but at 55 km/h no hands turn the wheel at once.
 OVAL_TRANSITION, TRANSITION = 10.0, 6.0
 
@@ -84,7 +85,10 @@ def through_lanes(speed: float, vehicle: Vehicle) -> Driver:
 
 
 def _manoeuvre(name: str, track: Track, speed: float, title: str, source: str) -> Manoeuvre:
-    return Manoeuvre(name, title, f"Leung 2010, {source}", track.length / speed, speed, partial(on_track, track, speed))
+    """On the surface of the track, where it is not level."""
+    surface = partial(RoadSurface, track) if track.grade.any() or track.bank.any() else None
+    driver = partial(on_track, track, speed)
+    return Manoeuvre(name, title, f"Leung 2010, {source}", track.length / speed, speed, driver, surface=surface)
 
 
 def _lane_change(kph: int) -> Manoeuvre:
@@ -99,8 +103,6 @@ def _lane_change(kph: int) -> Manoeuvre:
     )
 
 
-HILL_SOURCE = "table 4.12, in plan: slopes are those of the track, the simulated car drives on level ground"
-
 MANOEUVRES = (
     *(
         _manoeuvre(f"double_oval_{kph}", TRACKS["double_oval"], kph / 3.6, f"Double oval at {kph} km/h", "C.1")
@@ -111,5 +113,5 @@ MANOEUVRES = (
     _manoeuvre("eight", TRACKS["eight"], SLOW, "Figure of eight", "C.4"),
     _manoeuvre("slalom", TRACKS["slalom"], SLOW, "Slalom of tight turns", "C.5"),
     _manoeuvre("plain_straight", TRACKS["plain_straight"], SLOW, "Straight", "section 4.4"),
-    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", HILL_SOURCE),
+    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", "table 4.12"),
 )

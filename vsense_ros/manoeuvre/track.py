@@ -83,7 +83,7 @@ class Track:
     """The middle of a road by its arc length; columns are (n,) each, in SI units."""
 
     def __init__(self, pieces: Sequence[Piece], *, blend: float = 0.0) -> None:
-        """Grade and bank change linearly over `blend` [m] around the ends of pieces; 0: at once."""
+        """Grade and bank change over `blend` [m] around the ends of pieces, as a cubic with level ends; 0: at once."""
         self.pieces = tuple(pieces)
         self.blend = blend
         ends = np.concatenate([[0.0], np.cumsum([piece.length for piece in pieces])])
@@ -128,10 +128,10 @@ class Track:
         at = np.clip(np.searchsorted(self._levels, distance, side="right") - 1, 0, len(self._levels) - 1)
         if not self.blend:
             return self._slopes[at, 0], self._slopes[at, 1]
-        ends = self._levels[1:]
-        knots = np.ravel(np.column_stack([ends - self.blend / 2, ends + self.blend / 2]))
-        levels = np.repeat(self._slopes, 2, axis=0)[1:-1]
-        grade, bank = (np.interp(distance, knots, levels[:, i]) for i in range(2))
+        share = (np.asarray(distance)[..., None] - self._levels[1:]) / self.blend + 0.5
+        share = np.clip(share, 0.0, 1.0)
+        share = share**2 * (3 - 2 * share)
+        grade, bank = (self._slopes[0, i] + share @ np.diff(self._slopes[:, i]) for i in range(2))
         return grade, bank
 
     def is_closed(self, within: float) -> bool:
