@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ from vsense_ros.bag.importers import import_recording
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.progress import Progress, part
+from vsense_ros.manoeuvre import MANOEUVRES, drive
+from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.hills import weaving
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
@@ -40,9 +43,7 @@ from vsense_ros.model.coordinates import (
 )
 from vsense_ros.model.sensors import GnssPosition
 from vsense_ros.model.sensors.gnss_height import GnssHeight
-from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
-from vsense_ros.model.simulation.full_car import simulate_full_car
-from vsense_ros.model.simulation.surface import Surface, Waves
+from vsense_ros.model.simulation.surface import Waves
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.estimate import Estimate, stacked
@@ -54,14 +55,24 @@ RATE = 100.0  # [Hz] of the estimates that are compared
 SETTLED = 2.0  # [s] from the start of a recording on
 LOOKED_AT = (20.0, 30.0)  # [s] of the RAV4's drive, where the road bends upwards
 OUTAGE = (20.0, 40.0)  # [s] of the generated drives, without GNSS
-DURATION, STEP = 50.0, 1e-3  # [s]
+DURATION = 50.0  # [s]
 
-# Amplitude [m], direction [rad] and length [m] of waves; the car sets out along x.
-PLANTS: Mapping[str, tuple[float, Surface]] = {
-    "hills at 10 m/s": (10.0, Waves(((0.8, 0.0, 80.0),))),
-    "hills at 20 m/s": (20.0, Waves(((2.5, 0.0, 250.0),))),
-    "crests at 30 m/s": (30.0, Waves(((4.0, 0.0, 500.0), (0.4, 0.0, 160.0)))),
-    "banks at 20 m/s": (20.0, Waves(((0.6, 1.25, 60.0),))),
+
+def _over(speed: float, *waves: tuple[float, float, float]) -> Manoeuvre:
+    """Weaving at a speed [m/s] over waves of an amplitude [m], a direction [rad] and a length [m]; the car sets out
+    along x."""
+    source = "waves of the surface"
+    driver, surface = partial(weaving, speed), partial(Waves, waves)
+    return Manoeuvre("waves", "Weaving over waves", source, DURATION, speed, driver, surface=surface)
+
+
+PLANTS: Mapping[str, Manoeuvre] = {
+    "hills at 10 m/s": _over(10.0, (0.8, 0.0, 80.0)),
+    "hills at 20 m/s": _over(20.0, (2.5, 0.0, 250.0)),
+    "crests at 30 m/s": _over(30.0, (4.0, 0.0, 500.0), (0.4, 0.0, 160.0)),
+    "banks at 20 m/s": _over(20.0, (0.6, 1.25, 60.0)),
+    "banked oval, crowned": MANOEUVRES["banked_oval"],
+    "hill of Leung 2010": MANOEUVRES["hill"],
 }
 
 
@@ -144,13 +155,6 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     }
 
 
-def plant(name: str, vehicle: Vehicle) -> Trajectory:
-    """The car with all its bodies on one of the `PLANTS`."""
-    speed, surface = PLANTS[name]
-    q, u = rolling_straight(vehicle, speed)
-    return simulate_full_car(vehicle, weaving(speed, vehicle), DURATION, step=STEP, q=q, u=u, surface=surface)
-
-
 def with_height(vehicle: Vehicle) -> Vehicle:
     """The vehicle with the height of its GNSS receiver; in a simulation all of its error is new each time."""
     position = next(sensor for sensor in vehicle.sensors.values() if isinstance(sensor, GnssPosition))
@@ -160,7 +164,7 @@ def with_height(vehicle: Vehicle) -> Vehicle:
 
 def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | None = None) -> dict[str, float]:
     """Figures of the observer with the vehicle `known` on a drive of the full car `driven`, with an outage of GNSS."""
-    truth = plant(name, driven)
+    truth = drive(PLANTS[name], driven)
     recording = record(truth, driven, seed=1, name=name)
     silent = {}
     for topic, channel in recording.channels.items():
@@ -205,9 +209,9 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
     found.add_column("figure")
     found.add_column("value", justify="right")
     rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
-    for drive, figures in {**rows, **results["plants"]}.items():
+    for title, figures in {**rows, **results["plants"]}.items():
         for i, (name, value) in enumerate(figures.items()):
-            found.add_row(drive if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
+            found.add_row(title if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
     return found
 
 

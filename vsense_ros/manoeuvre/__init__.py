@@ -44,10 +44,10 @@ STEP = 1e-3  # [s] of the simulation
 __all__ = ["IN_BAGS", "MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
 
 
-def drive(name: str, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
+def drive(name: str | Manoeuvre, vehicle: Vehicle, *, step: float = STEP) -> Trajectory:
     """What `vehicle` does in a manoeuvre, every millisecond, in steps of `step` [s], of which a millisecond has a whole
     number. Raises `InputError` for an unknown name."""
-    manoeuvre = _find(name)
+    manoeuvre = _find(name) if isinstance(name, str) else name
     if manoeuvre.friction is not None:
         vehicle = vehicle.with_parameters({"road.friction": manoeuvre.friction})
     q, u = rolling_straight(vehicle, manoeuvre.speed)
