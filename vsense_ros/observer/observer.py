@@ -157,6 +157,7 @@ class Observer:
         filter.start_rolling(start.speed)
         for event in events.values():
             sensor = self.intake.sensors[event.sensor]
+            self.balance.measured(event)
             if sensor.inputs is not None:
                 filter.inputs[sensor.inputs] = np.nan_to_num(event.value)
             for place, velocity in sensor.first_velocities(event.value).items():
