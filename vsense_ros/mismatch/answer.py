@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import Fit, cost
+from vsense_ros.identify.least_squares import DivergedError, Fit, cost
+from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.ages import DELAY
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     Answer,
@@ -19,6 +22,7 @@ from vsense_ros.mismatch.answer_schema import (
     Located,
     ProfilePoint,
     Region,
+    Remainder,
     Segment,
     SignalErrors,
     SignalMisfit,
@@ -29,7 +33,7 @@ from vsense_ros.mismatch.answer_schema import (
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.residuals import OUTLIER, Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import grid
@@ -51,6 +55,8 @@ OWN_ROAD = (
     "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
     "follows from its neighbours, with the car as it was fitted"
 )
+LAG_KNOWN = 0.1  # [s] by which a lag that correlation tells may be wrong
+SURE = 0.99  # confidence in a lag that all other sensors tell
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
     "driven as in the others; add another recording, or hold one out"
@@ -123,9 +129,68 @@ def _lever_arm(hypothesis: Hypothesis) -> float | None:
     return None
 
 
-def answer_set(judged: Judged) -> list[str]:
+def rivals(judged: Judged, late: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
+    """Ids of the effects of each explanation that remains; sensors that are `late` are part of each."""
+    delays = (DELAY.id,) if late else ()
+    found = [
+        (*hypothesis.effects, *(id for id in delays if id not in hypothesis.effects)) for hypothesis in judged.rivals
+    ]
+    if not found and judged.verdict == "no_mismatch" and delays:
+        found = [delays]
+    return tuple(dict.fromkeys(found))
+
+
+def answer_set(judged: Judged, late: Mapping[str, float] = MappingProxyType({})) -> list[str]:
     """Ids of the effects in the answer."""
-    return list(dict.fromkeys(id for hypothesis in judged.rivals for id in hypothesis.effects))
+    return list(dict.fromkeys(id for ids in rivals(judged, late) for id in ids))
+
+
+def with_ages(
+    effects: Sequence[EffectEntry], late: Mapping[str, float], shown: Fit, residuals: Residuals, validation: Validation
+) -> tuple[EffectEntry, ...]:
+    """The effects with the sensors that were found to be `late` before any fit, by size of that effect [s]: by so
+    much more where the fit has found more. What they gain is what is lost without."""
+    found = list(effects)
+    for field, age in late.items():
+        at = next(
+            (
+                i
+                for i, one in enumerate(found)
+                if one.id == DELAY.id and one.parameters[0].name == field and one.accepted
+            ),
+            None,
+        )
+        if at is not None:
+            size = found[at].parameters[0]
+            low, high = size.interval_90
+            whole = size.with_(value=size.value + age, interval_90=(low + age, high + age))
+            found[at] = found[at].with_(parameters=(whole, *found[at].parameters[1:]))
+            continue
+        name = f"effects.{DELAY.id}.{field}"
+        without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - age})
+        trained = _lost(residuals, shown.residuals, without)
+        unseen = None
+        if validation.residuals is not None:
+            unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
+        found.insert(
+            0,
+            EffectEntry(
+                id=DELAY.id, sentence=DELAY.sentence, sensor=field,
+                parameters=(Size(name=field, unit="s", value=age, interval_90=(age - LAG_KNOWN, age + LAG_KNOWN)),),
+                gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
+                confidence=SURE, objection="", accepted=True, answer_set=(DELAY.id,), would_separate=None,
+            ),
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -> float:
+    """By how much the squared error falls, relative, from that of other parameters."""
+    try:
+        before = cost(residuals(without, [np.full(len(r), OUTLIER / 2) for r in after]))
+    except DivergedError:
+        return 1.0
+    return float(1 - cost(after) / max(before, 1e-12))
 
 
 def effect_entries(judged: Judged, dataset: Dataset, validation: Validation) -> list[EffectEntry]:
@@ -262,16 +327,48 @@ def _force(judged: Judged, validation: Validation) -> Force | None:
     """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
-    (term,) = judged.leader.candidates
+    return _term_in_words(judged.leader, validation)
+
+
+def _term_in_words(hypothesis: Hypothesis, validation: Validation) -> Force:
+    """The term without known physics that is the last part of an explanation."""
+    term = hypothesis.candidates[-1]
     sizes = tuple(
-        TermSize(name=parameter.name.rsplit(".", 1)[-1], unit=parameter.unit, value=judged.leader.sizes[parameter.name])
+        TermSize(name=parameter.name.rsplit(".", 1)[-1], unit=parameter.unit, value=hypothesis.sizes[parameter.name])
         for parameter in term.free_parameters
     )
     return Force(
-        description=_in_words(judged.leader, term), sizes=sizes, lever_arm=_lever_arm(judged.leader),
-        gain_training=judged.leader.gain, gain_left_out=judged.leader.cv_share,
-        gain_held_out=validation.gain(judged.leader),
+        description=_in_words(hypothesis, term), sizes=sizes, lever_arm=_lever_arm(hypothesis),
+        gain_training=hypothesis.gain, gain_left_out=hypothesis.cv_share, gain_held_out=validation.gain(hypothesis),
     )  # fmt: skip
+
+
+def remainder(
+    residuals: Residuals, shown: Fit, judged: Judged, term: Hypothesis | None, validation: Validation
+) -> Remainder | None:
+    """What is left over besides what is named, which a `term` beside it may describe; None where that is all."""
+    if not judged.partial or judged.verdict != "named":
+        return None
+    off = shown.residuals
+    good, errors = residuals.good(off), residuals.deviations(off)
+    units = {name: signal.unit for name, signal in compared_signals().items()}
+    far = sorted(
+        (name for name in errors if errors[name] > validation.thresholds.signal_off * good[name]),
+        key=lambda name: errors[name] / good[name],
+        reverse=True,
+    )
+    by_signal = residuals.by_signal(off)
+    return Remainder(
+        level=residuals.level(off),
+        signals=tuple(
+            SignalMisfit(
+                name=name, unit=units[name], before=by_signal[name], null=good[name] * residuals.deviation[name]
+            )
+            for name in far
+        ),
+        region=_region(residuals, off, ""),
+        force=None if term is None else _term_in_words(term, validation),
+    )
 
 
 def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
@@ -354,7 +451,15 @@ def sentence(answer: Answer) -> str:
     named = " and ".join(map(in_words, accepted))
     if answer.assumed:
         return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
-    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}."
+    rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
+    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}."
+
+
+def _rest_in_words(rest: Remainder) -> str:
+    """What else is left over, as the end of a sentence."""
+    if rest.force is not None:
+        return f", which {rest.force.description} describes"
+    return "" if rest.region is None else f": {rest.region.description}"
 
 
 def _left_over(answer: Answer) -> str:

@@ -24,13 +24,16 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, fit
+from vsense_ros.messages.mending import mended
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.data_quality import hindrance, misfit
+from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit, without_spoilt
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
+from vsense_ros.mismatch.observed import comparison
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
@@ -40,7 +43,7 @@ from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
-from vsense_ros.mismatch.windows import Dataset, build_dataset
+from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
@@ -107,38 +110,69 @@ def explain_recordings(
     assume: Sequence[str] = (),
     ablation: str = "",
     progress: Callable[[], None] = lambda: None,
+    *,
+    mend: bool = False,
+    observe: bool = False,
 ) -> Explanation:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    switched off, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
-    `InputError` for an unknown id or ablation.
+    switched off, to see what it is worth. With `mend` signs, axes and units that cannot be right are mended; without it
+    what would mend them is told. With `observe` the observer is run with what was found, which tells whether
+    it is better with it, and gives the extended vehicle noise levels that fit it. Which test would tell an ambiguous
+    answer apart, `design` finds. Raises `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
-    dataset = build_dataset(recordings, vehicle)
-    unseen = build_dataset(held_out, vehicle, dataset)
+    faults = [faults_of(one, vehicle) for one in (*recordings, *held_out)]
+    if mend:
+        every = [mended(one, todo) for one, todo in zip((*recordings, *held_out), faults, strict=True)]
+        recordings, held_out = every[: len(recordings)], every[len(recordings) :]
+    told = faults_in_words([*recordings, *held_out], faults)
+    dataset = without_spoilt(recordings, vehicle)
+    late = ages(dataset, vehicle)
+    car = with_ages(vehicle, late)
+    if late:
+        dataset = without_spoilt(recordings, car)
+    unseen = without_spoilt(held_out, car, dataset)
     explainer = _Explainer(
         Answer(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
             recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
-            remarks=dataset.remarks, located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
+            remarks=(*told, *dataset.remarks), located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
             would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
             driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
         ),
-        vehicle,
+        car,
         progress,
+        late,
     )  # fmt: skip
     try:
-        if reason := hindrance([*recordings, *held_out], dataset, unseen, vehicle):
-            raise NotAssessableError(reason)
+        if reason := hindrance([*recordings, *held_out], dataset, unseen, car):
+            raise NotAssessableError(reason if mend or not told else f"{reason}; {'; '.join(told)} (--mend does it)")
         found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
+    if observe and found.extended is not None:
+        found = _observed(found, recordings, held_out, dataset, vehicle, progress)
     return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
+
+
+def _observed(
+    found: Explanation, recordings: Sequence[Recording], held_out: Sequence[Recording], fitted: Dataset,
+    vehicle: Vehicle, progress: Callable[[], None],
+) -> Explanation:  # fmt: skip
+    """What was found, with how the observer fares with it, and the noise levels that fit it."""
+    assert found.extended is not None
+    try:
+        compared, tuned = comparison(recordings, held_out, fitted, vehicle, found.extended, progress)
+    except (InputError, FloatingPointError) as error:
+        remark = f"whether the observer is better with what was found is not known: {error}"
+        return replace(found, answer=found.answer.with_(remarks=(*found.answer.remarks, remark)))
+    return replace(found, answer=found.answer.with_(observer=compared), extended=tuned)
 
 
 def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -150,8 +184,11 @@ class _Explainer:
     """The way to an answer. `answer` holds what is known so far, and stands if it turns out on the way that nothing
     can be said."""
 
-    def __init__(self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None]) -> None:
-        self.answer, self.vehicle, self.progress = unanswered, vehicle, progress
+    def __init__(
+        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], late: Mapping[str, float]
+    ) -> None:
+        """`late` is by how much more sensors of `vehicle` are late than its file says, by size of that effect [s]."""
+        self.answer, self.vehicle, self.progress, self.late = unanswered, vehicle, progress, late
 
     def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
         """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
@@ -225,22 +262,24 @@ class _Explainer:
     def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
+        effects = entries.with_ages(effects, self.late, shown, residuals, validation)
         answer = self.answer.with_(
-            verdict=judged.verdict,
+            verdict="named" if self.late and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
             located=entries.located(residuals, base, judged, validation, effects),
             effects=effects,
-            answer_set=entries.answer_set(judged),
-            rivals=tuple(dict.fromkeys(hypothesis.effects for hypothesis in judged.rivals)),
+            answer_set=entries.answer_set(judged, self.late),
+            rivals=entries.rivals(judged, self.late),
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
+            remainder=entries.remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=entries.sentence(answer))
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""
-        if judged.leader is None or judged.verdict == "ambiguous":
+        if (judged.leader is None and not self.late) or judged.verdict == "ambiguous":
             return None
         return extended(self.vehicle, search.residuals.predictor.dataset, shown.parameter_set)
 
@@ -275,6 +314,17 @@ class _Explainer:
             search = Search(residuals, start, better, offered, self.progress)
             hypotheses = fitted(search)
         return search, hypotheses
+
+
+def _describing(search: Search, judged: Judged, validation: Validation) -> Hypothesis | None:
+    """What describes best what is left over besides a partial answer, if that explains enough of it."""
+    if not judged.partial or judged.leader is None or judged.verdict != "named":
+        return None
+    known, least = validation.proven(judged.leader), THRESHOLDS.least_term_gain
+    found = max(search.described(judged.leader), key=validation.proven, default=None)
+    if found is None or validation.proven(found) - known < least * max(1 - known, search.least_whole):
+        return None
+    return found
 
 
 def _without_parameters(base: Fit) -> Fit:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import inf
+from math import degrees, inf
 
-from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, Errors
+from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, Errors, ObserverComparison
 from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES
 from vsense_ros.mismatch.words import (
     SIGNAL_UNITS,
@@ -26,7 +26,7 @@ from vsense_ros.mismatch.words import (
 from vsense_ros.model.effects import BY_ID
 
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
-TOGETHER = {2: "both", 3: "all three"}
+TOGETHER = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
 # Of base parameters that no vehicle file has: the offset at which they are zero. They are told as they are, not as a
 # change.
 ZERO_AT = {parameter.name: parameter.low for parameter in UNKNOWN_TORQUES}
@@ -256,6 +256,84 @@ def proven(answer: Answer) -> bool:
 def changed(answer: Answer) -> bool:
     """Whether something was added to the model, so that there is an error after beside the one before."""
     return any(row.training.changed for row in signal_rows(answer))
+
+
+def remainder_in_words(answer: Answer) -> str:
+    """What is left over besides what is named: which signals stay how far off, and what describes it; empty where that
+    is all."""
+    rest = answer.remainder
+    if rest is None:
+        return ""
+    parts = [
+        f"{label(signal.name)}, {signal.before / signal.null:.1f} times what a good model leaves"
+        for signal in rest.signals
+        if signal.null > 0
+    ]
+    said = "; ".join(parts) or f"all signals together, {rest.level:.1f} times what a good model leaves"
+    if rest.force is not None:
+        sizes = ", ".join(shown_value(size.value, size.unit) for size in rest.force.sizes)
+        said += f". It is described by {rest.force.description} ({sizes})"
+    elif rest.region is not None:
+        said += f". {rest.region.description[:1].upper()}{rest.region.description[1:]}"
+    return said
+
+
+OBSERVER_COLUMNS = ("file as it was", "noise levels alone fitted", "extended file")
+
+
+@dataclass(frozen=True)
+class ObserverRow:
+    """A figure of the observer with each of the `OBSERVER_COLUMNS`."""
+
+    what: str
+    cells: tuple[str, ...]
+
+
+def observer_rows(found: ObserverComparison) -> list[ObserverRow]:
+    """How the observer fares, in words."""
+    columns = (found.as_it_was, found.retuned, found.extended)
+    rows = [ObserverRow("log-likelihood per message", tuple(_three_digits(one.log_likelihood) for one in columns))]
+    for name in found.as_it_was.sensors:
+        sensors = [one.sensors[name] for one in columns]
+        rows.append(
+            ObserverRow(
+                f"{label(name)}: size of the innovations", ("1", *(f"{one.innovation:.2f} ×" for one in sensors[1:]))
+            )
+        )
+        rows.append(
+            ObserverRow(f"{label(name)}: log-likelihood", tuple(_three_digits(one.log_likelihood) for one in sensors))
+        )
+    for name, first in found.as_it_was.errors.items():
+        errors = [one.errors[name] for one in columns]
+        unit, factor = SIGNAL_UNITS.get(first.unit, (first.unit, 1.0))
+        for words, values in (
+            ("error", [error.rmse for error in errors]),
+            ("error, constant fitted", [error.without_constant for error in errors]),
+        ):
+            cells = tuple(f"{shown_number(value * factor)}{behind(unit)}" for value in values)
+            rows.append(ObserverRow(f"{label(name)}: {words}", cells))
+    return rows
+
+
+def _three_digits(value: float) -> str:
+    return f"{value:.3f}".replace("-", "−")
+
+
+def reference_in_words(found: ObserverComparison) -> str:
+    """Where the recordings say that their reference is mounted; empty without one."""
+    places = [one.reference for one in (found.as_it_was, found.extended)]
+    if places[0] is None or places[1] is None:
+        return ""
+    said = [
+        f"{place.x:+.2f} m ahead and {place.y:+.2f} m to the left of the centre of gravity, turned by "
+        f"{degrees(place.yaw):+.2f}°".replace("-", "−")
+        for place in places
+        if place is not None
+    ]
+    return (
+        f"Where the reference is mounted is fitted for errors without a constant: {said[0]}; with the extended file "
+        f"{said[1]}."
+    )
 
 
 def next_test_in_words(answer: Answer) -> str:

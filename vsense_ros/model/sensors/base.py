@@ -178,7 +178,7 @@ class SensorBase(Part):
     kind: str = Field(description="what it is")
     topic: str = Field(description="topic of its messages")
     frame_id: str = Field(default="", description="expected frame of the messages; empty: any")
-    latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=2, default=0.0)
+    latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=5, default=0.0)
     gate: float = parameter(
         "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
     )
@@ -296,6 +296,10 @@ class SensorBase(Part):
         radii of its wheels [m]. Of kinds that tell a speed."""
         raise NotImplementedError
 
+    def ages(self) -> Vector:
+        """Age of each component at its stamp [s], (m,)."""
+        return np.full(len(self.deviations()), self.latency)
+
     def mean_speed(self, value: Vector, radius: float) -> Vector:
         """The same with one rolling radius [m], and absent where any component is."""
         raise NotImplementedError
@@ -307,11 +311,6 @@ class SensorBase(Part):
     def message_in_axes_of_car(self, columns: Values) -> dict[str, Any]:
         """The same for the columns of a recorded channel: those that change."""
         return {}
-
-    def on_bent_road(self, along: Vector, across: Vector, speed: Vector) -> Vector | None:
-        """What it reads besides, (n, m), where the road tilts the car along and across itself (n,) [rad/s] at a speed
-        (n,) [m/s]; None for nothing."""
-        return None
 
 
 class JointSensor(SensorBase):
