@@ -14,6 +14,7 @@ import re
 import shutil
 import struct
 import zlib
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,11 +27,9 @@ import numpy as np
 import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr, definitions
+from vsense_ros.messages import cdr, definitions, yaml_text
 from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -47,6 +46,12 @@ _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _ENCODED_AT_ONCE = 8192  # messages
 _LARGEST_METADATA = 1 << 22  # [byte]
+_MOST_FILES = 100_000
+_LARGEST_CHUNK = 1 << 28  # [byte] uncompressed
+_ORDINARY_CHUNK = 1 << 26  # [byte] that a chunk may have however small it is in the file
+_MOST_INFLATED = 100  # times its size in the file, beyond that
+_ORDINARY_BAG = 1 << 30  # [byte] uncompressed, likewise for a whole file
+_LARGEST_WINDOW = 1 << 27  # [byte] that a decompressor may look back
 _LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
 
@@ -572,8 +577,8 @@ def _yaml(text: str) -> object:
         return None
     text = _TOPICS_BLOCK.sub("", text, count=1)
     try:
-        return YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, RecursionError, ValueError):
+        return yaml_text.load(text, "metadata")
+    except InputError:
         return None
 
 
@@ -675,15 +680,16 @@ class _Chunk:
 
     def records(self) -> bytes:
         """Uncompressed records; of a chunk that is cut off, those before the cut."""
+        bound = min(_LARGEST_CHUNK, max(_ORDINARY_CHUNK, _MOST_INFLATED * len(self.packed)))
+        if self.size > bound:
+            raise _Damaged(f"it is said to have {self.size} bytes, of {len(self.packed)} in the file")
         try:
             if self.compression == "":
                 data = self.packed
-            elif self.compression == "zstd" and self.whole:
-                data = zstandard.ZstdDecompressor().decompress(self.packed, max_output_size=self.size)
             elif self.compression == "zstd":
-                data = zstandard.ZstdDecompressor().decompressobj().decompress(self.packed)
+                data = _zstd(self.packed, self.size)
             elif self.compression == "lz4":
-                data = lz4.frame.LZ4FrameDecompressor().decompress(self.packed)
+                data = lz4.frame.LZ4FrameDecompressor().decompress(self.packed, max_length=self.size + 1)
             else:
                 raise _Damaged(f"its compression {self.compression!r} is unknown (known: zstd, lz4)")
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
@@ -693,6 +699,19 @@ class _Chunk:
         if self.whole and self.crc and zlib.crc32(data) != self.crc:
             raise _Damaged("its checksum is wrong")
         return data
+
+
+def _zstd(packed: bytes, size: int) -> bytes:
+    """What is packed, at most `size` + 1 bytes of it; of what is cut off, that before the cut."""
+    unpack = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    if len(packed) >= 18 and zstandard.get_frame_parameters(packed).content_size == size:
+        with suppress(zstandard.ZstdError):
+            return unpack.decompress(packed)
+    found = bytearray()
+    with unpack.stream_reader(packed) as reader, suppress(zstandard.ZstdError):
+        while len(found) <= size and (block := reader.read(min(size + 1 - len(found), 1 << 20))):
+            found += block
+    return bytes(found)
 
 
 def _summary(contents: _Contents, data: bytes) -> list[int]:
@@ -738,6 +757,8 @@ class _Scan:
     start: int | None = None  # time of the first chunk [ns]
     broken: tuple[int, _Chunk, str] | None = None  # chunk that was left out: position, chunk, reason
     waiting: tuple[int, _Chunk] | None = None  # chunk whose message index is still to come, and its position
+    chunks: tuple[int, ...] = ()  # positions of chunks that are known from the end of the file
+    inflated: int = 0  # [byte]
     index: dict[int, list[bytes]] = field(default_factory=dict)  # of it: entries by channel
     indexed: int = 0  # messages in it, as its message index says
 
@@ -746,6 +767,10 @@ class _Scan:
         try:
             for opcode, body, position, whole in _records(self.data, self.at, end):
                 self.at = position
+                following = bisect_right(self.chunks, position)
+                if following < len(self.chunks) and self.chunks[following] < position + _RECORD.size + len(body):
+                    self.settle()
+                    raise _Damaged(f"its length reaches into the chunk at byte {self.chunks[following]}")
                 if opcode == _MESSAGE_INDEX:
                     self.indexed += max(len(body) - 6, 0) // 16
                     if self.waiting is not None and len(body) > 6:
@@ -768,6 +793,9 @@ class _Scan:
     def chunk(self, position: int, chunk: _Chunk) -> None:
         self.start = chunk.first if self.start is None else self.start
         try:
+            self.inflated += min(chunk.size, _LARGEST_CHUNK)
+            if self.inflated > max(_ORDINARY_BAG, _MOST_INFLATED * len(self.data)):
+                raise _Damaged(f"the file unpacks to more than {_MOST_INFLATED} times its size, which no bag does")
             records = chunk.records()
             if chunk.whole and _take_indexed(self.contents, records, self.index):
                 return
@@ -808,7 +836,7 @@ def _scan(path: Path, contents: _Contents) -> None:
     before, contents.expected = contents.count(), None
     chunk_positions = _summary(contents, data)
     finished = data.endswith(_MAGIC) and len(data) > _FOOTER_LENGTH
-    scan = _Scan(path, data, contents)
+    scan = _Scan(path, data, contents, chunks=tuple(chunk_positions))
     while True:
         try:
             scan.run(len(data) - (len(_MAGIC) if finished else 0))
@@ -857,6 +885,8 @@ class WholeBag:
 def read_whole_bag(path: str | Path) -> WholeBag:
     """A bag with the messages of types that have no numeric form, too. Raises as `read_bag`."""
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: neither a folder nor a regular file; expected a bag folder or a .mcap file")
     contents, merged = _gathered(path)
     others = {topic: entry for topic, entry in merged.items() if not contents.is_numeric(topic, entry[0])}
     notes = [
@@ -936,11 +966,10 @@ def _together(one: Payloads, other: Payloads) -> Payloads:
 
 def _unpacked(payloads: Payloads) -> list[bytes]:
     """Messages that rosbag2 has compressed one by one; empty, which is no message, where they are damaged."""
-    unpack = zstandard.ZstdDecompressor().decompress
     found = []
     for payload in payloads:
         try:
-            found.append(unpack(bytes(payload), max_output_size=_LARGEST_MESSAGE))
+            found.append(_zstd(bytes(payload), _LARGEST_MESSAGE))
         except zstandard.ZstdError:
             found.append(b"")
     return found
@@ -994,20 +1023,28 @@ def _possible_times(channel: Channel, notes: list[str]) -> Channel:
     return replace(channel, stamp=stamp, received=received).in_order()
 
 
+def _read(path: Path, largest: int) -> bytes:
+    """The beginning of a regular file; nothing of what is none."""
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(largest)
+
+
 def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
     """The MCAP files of a bag in their order, and the number of messages that `metadata.yaml` promises."""
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected a bag folder or a .mcap file")
     if path.is_file():
         return [path], None
-    found = sorted(path.glob("*.mcap"))
+    found = [file for file in sorted(path.glob("*.mcap")) if file.is_file()]
     metadata = path / "metadata.yaml"
     if not metadata.exists():
         if not found:
             raise InputError(f"{path}: no bag: the folder holds neither metadata.yaml nor a .mcap file")
         contents.notes.append("metadata.yaml is missing: the recording was not finished properly")
         return found, None
-    document = _yaml(metadata.read_text(encoding="utf-8", errors="replace"))
+    document = _yaml(_read(metadata, _LARGEST_METADATA).decode("utf-8", errors="replace"))
     information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
     if not isinstance(information, dict):
         if not found:
@@ -1022,11 +1059,22 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
         )
     _take_information(contents, information)
     contents.informed = True
-    files = [path / str(name) for name in information.get("relative_file_paths") or []]
-    missing = [file.name for file in files if not file.exists()]
+    named = information.get("relative_file_paths")
+    names = [str(name) for name in named] if isinstance(named, list) else []
+    files, missing = [], []
+    for name in names[:_MOST_FILES]:
+        file = path / name
+        if not file.resolve().is_relative_to(path.resolve()):
+            contents.notes.append(f"metadata.yaml names {name!r}, which is outside of the bag: left out")
+        elif not file.exists():
+            missing.append(file.name)
+        elif file.is_file():
+            files.append(file)
+        else:
+            contents.notes.append(f"metadata.yaml names {name!r}, which is no regular file: left out")
     if missing:
         contents.notes.append(f"files that metadata.yaml names are missing: {', '.join(missing)}")
-    present = [file for file in files if file.exists()] or found
+    present = files or found
     if not present:
         raise InputError(f"{path}: none of its files is there ({', '.join(missing) or 'metadata.yaml names none'})")
     promised = information.get("message_count")

@@ -93,7 +93,7 @@ def node(given: Given, name: str, *, respawn: bool = False, simulated: bool = Fa
         remappings=remapped,
         ros_arguments=["--log-level", given.text("log_level")],
         prefix=" ".join(prefix),
-        additional_env={"VSENSE_ENDS_WITH_PARENT": "1"},
+        additional_env={"VSENSE_ENDS_WITH": str(os.getpid())},
         **options,
     )
 

@@ -336,7 +336,7 @@ def _lost(summaries: Mapping[str, Mapping[str, Any]]) -> int:
         if name == "accelerator":
             continue  # whose answers nobody records; the observer counts them
         for topic, count in summary["published"].items():
-            lost += max(count - recorded.get(topic, 0), 0)
+            lost += max(count - recorded.get(topic.removeprefix("/"), 0), 0)
             if name != "observer" and topic in received:
                 lost += max(count - received[topic], 0)
     return lost

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter, deque
+from collections.abc import Callable
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from vsense_ros.node.reader import Reader
 
 _STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
 _WRITE_EVERY = 0.5  # [s]
+_MOST_HELD = 1000
 _OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
 _NOT_BY_ITSELF = ("/clock", "/rosout", "/parameter_events")
 
@@ -57,6 +59,7 @@ class Recorder(SensingNode[RecorderParameters]):
         self.recorded: Counter[str] = Counter()
         self.before_clock = 0
         self.while_paused = 0
+        self._held: list[tuple[Callable[[bytes], None], bytes]] = []  # latched messages from before the clock's first
         self._kinds: dict[str, str] = {}
         self._descriptions: dict[str, TopicDescription] = {}
         self._refused: set[str] = set()
@@ -68,10 +71,9 @@ class Recorder(SensingNode[RecorderParameters]):
         self._paused = False
         self._failure = ""
         self._folder = self._free_folder()
+        self._make(self._folder)
         if not self.parameters.overwrite:
             self._open()
-        elif self._folder.exists():
-            self._must_be_a_bag(self._folder)
         services = [
             ("pause", "Pause", lambda: self._pause(True)),
             ("resume", "Resume", lambda: self._pause(False)),
@@ -97,10 +99,16 @@ class Recorder(SensingNode[RecorderParameters]):
         return self._writer
 
     @staticmethod
-    def _must_be_a_bag(folder: Path) -> None:
-        """Refuse early what will be refused when it is to be replaced."""
-        if not folder.is_dir():
-            raise InputError(f"{folder}: a bag is a folder, but a file of this name exists; choose another name")
+    def _make(folder: Path) -> None:
+        """Refuse early what could not be written later; what is to be overwritten stays until the first message."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise InputError(
+                f"{folder}: a bag is a folder, but a file of this name exists; choose another name"
+            ) from None
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
         if any(not (f.name == "metadata.yaml" or f.suffix == ".mcap") for f in folder.iterdir()):
             raise InputError(f"{folder}: holds files that are no bag, so it is not overwritten")
 
@@ -162,7 +170,7 @@ class Recorder(SensingNode[RecorderParameters]):
         if self.parameters.topics:
             return topic in {self.resolve_topic_name(name) for name in self.parameters.topics}
         namespace = self.get_namespace().rstrip("/")
-        if topic in _NOT_BY_ITSELF or topic.endswith(f"/{PROGRESS_TOPIC}"):
+        if topic in _NOT_BY_ITSELF or topic.endswith((f"/{PROGRESS_TOPIC}", "/transition_event")):
             return False
         return topic.startswith(f"{namespace}/") or topic in _OF_ALL
 
@@ -195,7 +203,10 @@ class Recorder(SensingNode[RecorderParameters]):
                 return
             now = self.now()
             if now <= 0:  # no /clock yet: the bag would begin in 1970
-                self.before_clock += 1
+                if latched and len(self._held) < _MOST_HELD:
+                    self._held.append((receive, data))
+                else:
+                    self.before_clock += 1
                 return
             if self._paused:
                 self.while_paused += 1
@@ -261,6 +272,10 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
+            if self._held and self.now() > 0:
+                held, self._held = self._held, []
+                for receive, data in held:
+                    receive(data)
             self.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:

@@ -23,7 +23,7 @@ except ImportError:  # rclpy before 7.1.3
     EventsExecutor = None
 
 _FOREVER = 1e8  # [s]
-_GRACE = 2.0  # [s] for a job that is interrupted to come to an end
+_GRACE = 1.5  # [s] for a job that is interrupted to come to an end
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
