@@ -6,11 +6,9 @@ equality, in a path a slash mean something of their own.
 
 from __future__ import annotations
 
-import re
 import unicodedata
 
 _LONGEST = 80
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def harmless(text: str) -> str:
@@ -19,14 +17,3 @@ def harmless(text: str) -> str:
     it, and it has at most 80 characters."""
     kept = "".join(c if c.isalnum() or c in " .,_-()" else "_" for c in unicodedata.normalize("NFC", text))
     return kept.strip(" .").lstrip("-+=@")[:_LONGEST].strip(" .") or "unnamed"
-
-
-def for_file(text: str) -> str:
-    """A name as one part of a path, for the file systems of today: ASCII letters, digits, underscores and hyphens."""
-    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")[:_LONGEST].strip("_-") or "unnamed"
-
-
-def for_table(text: str) -> str:
-    """A cell of a CSV that no spreadsheet takes for a formula, in the way that OWASP recommends (a leading quote)."""
-    return f"'{text}" if text.startswith(_FORMULA) else text

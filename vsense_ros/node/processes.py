@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import tempfile
@@ -73,8 +74,20 @@ def ros_environment(domain: int) -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
     }
     if not environment.get("HOME"):  # rclpy.init fails without
-        environment["HOME"] = tempfile.gettempdir()
+        environment["HOME"] = _own_folder()
     return environment
+
+
+def _own_folder() -> str:
+    """A folder in which nobody else can put anything, in the place of a home: rclpy logs there, and compiled code is
+    kept there."""
+    folder = Path(tempfile.gettempdir()) / f"vsense_ros-{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        return tempfile.mkdtemp(prefix="vsense_ros-")
+    return str(folder)
 
 
 class NodeProcess:
