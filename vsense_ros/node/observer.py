@@ -335,9 +335,29 @@ class ObserverNode(SensingNode[ObserverParameters]):
         sensors = [line for line in others if line.name in self._observer.names]
         if self._observer.started and all(line.level == Level.STALE for line in sensors):
             own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
+        elif self._observer.started and (dead := self._dead(sensors)):
+            message = f"{own.message}, without {', '.join(dead)}: {'; '.join(dead.values())}"
+            own = replace(own, level=Level.ERROR, message=message)
         if self._delays and any(line.level != Level.OK for line in sensors):
             others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
         return [own, *others, *self._use_of_accelerator()]
+
+    def _dead(self, lines: list[Diagnostic]) -> dict[str, str]:
+        """Sensors that the estimate needs and of which nothing comes: what is wrong, by name. It needs what drives its
+        model, rates and forces, and something that tells the speed."""
+        observer = self._observer
+        if observer is None:
+            return {}
+        silent = {line.name: line.message for line in lines if line.level == Level.STALE}
+        speed = [name for name, sensor in observer.sensors.items() if sensor.tells_speed]
+        without_speed = all(name in silent for name in speed)
+        return {
+            name: message
+            for name, message in silent.items()
+            if (sensor := observer.sensors[name]).is_input
+            or "rates and forces" in sensor.tells
+            or (without_speed and name in speed)
+        }
 
     def _use_of_accelerator(self) -> list[Diagnostic]:
         client = self._client

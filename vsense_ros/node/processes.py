@@ -94,13 +94,21 @@ class NodeProcess:
     """A node of this package as a child process. As a context manager it is stopped at the end."""
 
     def __init__(
-        self, node: str, parameters: Mapping[str, Any], environment: Mapping[str, str], *, name: str | None = None
+        self,
+        node: str,
+        parameters: Mapping[str, Any],
+        environment: Mapping[str, str],
+        *,
+        name: str | None = None,
+        remappings: Mapping[str, str] | None = None,
     ) -> None:
-        """`node` is a module of `vsense_ros.node`; `name` renames the node."""
+        """`node` is a module of `vsense_ros.node`; `name` renames the node, `remappings` its topics and the like."""
         self.name = name or node
         command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", "--log-level", "rcl:=error"]
         if name is not None:
             command += ["-r", f"__node:={name}"]
+        for key, value in (remappings or {}).items():
+            command += ["-r", f"{key}:={value}"]
         for key, value in parameters.items():
             command += ["-p", f"{key}:={_parameter_text(value)}"]
         self._process = subprocess.Popen(
@@ -125,6 +133,15 @@ class NodeProcess:
         """What it has written to stderr so far."""
         with self._heard:
             return "\n".join(self._lines)
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
 
     @property
     def exit_code(self) -> int | None:
