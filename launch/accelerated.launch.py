@@ -3,12 +3,11 @@
 With `bag` a replay drives both. The drivers of a car are those of vehicle.launch.py.
 """
 
+from typing import Any
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PythonExpression
-from launch_ros.actions import LifecycleNode
-from launch_ros.parameter_descriptions import ParameterValue
+
+from vsense_ros.node.launching import Given, description, node
 
 ARGUMENTS = {
     "vehicle": (None, "vehicle file, or the name of one in config/vehicles"),
@@ -17,48 +16,36 @@ ARGUMENTS = {
     "bag": ("", "bag to replay; empty: live sensors"),
     "rate": ("1.0", "of the replay, times real time; 0: as fast as possible"),
     "record": ("", "folder to record everything into; empty: nothing is recorded"),
-    "namespace": ("", "namespace of nodes and topics"),
 }
 
 
-def argument(name: str) -> LaunchConfiguration:
-    """The value of a launch argument."""
-    return LaunchConfiguration(name)
-
-
-def value(name: str, kind: type) -> ParameterValue:
-    """A launch argument as a parameter of a type."""
-    return ParameterValue(argument(name), value_type=kind)
-
-
-def node(name: str, needs: str | None = None, **parameters: object) -> LifecycleNode:
-    """A node of the package that activates itself; with `needs`, only if that argument is not empty."""
-    condition = {} if needs is None else {"condition": IfCondition(PythonExpression(["'", argument(needs), "' != ''"]))}
-    replayed = ParameterValue(PythonExpression(["'", argument("bag"), "' != ''"]), value_type=bool)
-    return LifecycleNode(
-        package="vsense_ros",
-        executable=name,
-        name=name,
-        namespace=argument("namespace"),
-        parameters=[{**({} if name == "replay" else {"use_sim_time": replayed}), **parameters}],
-        remappings=[("diagnostics", "/diagnostics")],
-        output="screen",
-        **condition,
-    )
+def actions(given: Given) -> list[Any]:
+    """Accelerator and observer, and a replay and a recorder if wanted."""
+    simulated = bool(given.text("bag"))
+    made = [
+        *node(
+            given,
+            "accelerator",
+            simulated=simulated,
+            backend=given.text("backend"),
+            faults=given.text("faults"),
+        ),
+        *node(
+            given,
+            "observer",
+            simulated=simulated,
+            vehicle=given.text("vehicle"),
+            accelerator="topics",
+            frame_prefix=given.text("frame_prefix"),
+        ),
+    ]
+    if given.text("record"):
+        made += node(given, "recorder", simulated=simulated, bag=given.text("record"))
+    if simulated:
+        made += node(given, "replay", simulated=True, bag=given.text("bag"), rate=given.number("rate"))
+    return made
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Accelerator and observer, and a replay and a recorder if wanted."""
-    declared = [
-        DeclareLaunchArgument(name, description=text, **({} if default is None else {"default_value": default}))
-        for name, (default, text) in ARGUMENTS.items()
-    ]
-    return LaunchDescription(
-        [
-            *declared,
-            node("accelerator", backend=value("backend", str), faults=value("faults", str)),
-            node("observer", vehicle=value("vehicle", str), accelerator="topics"),
-            node("recorder", needs="record", bag=value("record", str)),
-            node("replay", needs="bag", bag=value("bag", str), rate=value("rate", float)),
-        ]
-    )
+    """For `ros2 launch`."""
+    return description(ARGUMENTS, actions)

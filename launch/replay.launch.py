@@ -1,63 +1,63 @@
-"""A bag through the observer, recorded: ros2 launch vsense_ros replay.launch.py bag:=… vehicle:=genesis."""
+"""A bag through the observer, recorded: ros2 launch vsense_ros replay.launch.py bag:=… vehicle:=genesis.
+
+It ends with the replay: with 0 when everything was sent, taken and recorded, else with the sentence that says why not.
+"""
+
+from typing import Any
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.actions import EmitEvent, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import LifecycleNode
-from launch_ros.parameter_descriptions import ParameterValue
+
+from vsense_ros.node.launching import Given, description, node
 
 ARGUMENTS = {
     "bag": (None, "bag to replay"),
     "vehicle": (None, "vehicle file, or the name of one in config/vehicles"),
     "monitor": ("", "limits that vsense monitor --calibrate wrote; empty: the fit of the model is not judged"),
-    "out": ("vsense_output", "folder for the recorded bag"),
+    "map_origin": ("", "latitude,longitude,height [deg, deg, m] of the map; empty: the first fix"),
+    "out": ("vsense_output", "folder for the recorded bag; where it holds something already, OUT_1, OUT_2 …"),
+    "overwrite": ("false", "replace the bag in that folder"),
     "rate": ("0.0", "times real time; 0: as fast as observer and recorder can"),
     "loop": ("false", "begin again at the end"),
     "start_offset": ("0.0", "[s] where to begin"),
-    "namespace": ("", "namespace of nodes and topics"),
+    "wait": ("600.0", "[s] for observer and recorder, of which the first may have to compile its models"),
 }
 
 
-def node(name: str, **parameters: object) -> LifecycleNode:
-    """A node of the package in the time of the replay; it activates itself."""
-    return LifecycleNode(
-        package="vsense_ros",
-        executable=name,
-        name=name,
-        namespace=LaunchConfiguration("namespace"),
-        output="screen",
-        parameters=[{"use_sim_time": name != "replay", **parameters}],
+def actions(given: Given) -> list[Any]:
+    """Observer and recorder, then the replay, whose end is the end of all."""
+    replay = node(
+        given,
+        "replay",
+        simulated=True,
+        bag=given.text("bag"),
+        rate=given.number("rate"),
+        loop=given.flag("loop"),
+        start_offset=given.number("start_offset"),
+        wait=given.number("wait"),
+        consumers=2,
     )
-
-
-def value(name: str, kind: type) -> ParameterValue:
-    """A launch argument as a parameter of a type."""
-    return ParameterValue(LaunchConfiguration(name), value_type=kind)
+    return [
+        *node(
+            given,
+            "observer",
+            simulated=True,
+            vehicle=given.text("vehicle"),
+            monitor=given.text("monitor"),
+            map_origin=given.numbers("map_origin"),
+            frame_prefix=given.text("frame_prefix"),
+            publish_all=True,
+        ),
+        *node(given, "recorder", simulated=True, bag=given.text("out"), overwrite=given.flag("overwrite")),
+        *replay,
+        RegisterEventHandler(
+            OnProcessExit(target_action=replay[0], on_exit=[EmitEvent(event=Shutdown(reason="the replay has ended"))])
+        ),
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Observer and recorder, then the replay, whose end is the end of all."""
-    declared = [
-        DeclareLaunchArgument(name, description=text, **({} if default is None else {"default_value": default}))
-        for name, (default, text) in ARGUMENTS.items()
-    ]
-    replay = node(
-        "replay",
-        bag=value("bag", str),
-        rate=value("rate", float),
-        loop=value("loop", bool),
-        start_offset=value("start_offset", float),
-        consumers=2,
-        wait=60.0,
-    )
-    return LaunchDescription(
-        [
-            *declared,
-            node("observer", vehicle=value("vehicle", str), monitor=value("monitor", str), publish_all=True),
-            node("recorder", bag=value("out", str), overwrite=True),
-            replay,
-            RegisterEventHandler(OnProcessExit(target_action=replay, on_exit=[EmitEvent(event=Shutdown())])),
-        ]
-    )
+    """For `ros2 launch`."""
+    return description(ARGUMENTS, actions)

@@ -86,7 +86,7 @@ def test_a_yaw_angle_becomes_an_orientation(table: Path) -> None:
         ("unit: ms", "unit: fortnight", "'fortnight' is no unit of time"),
         ('delimiter: ";"', 'delimiter: ","', r"no column .*\(delimiter ','\)"),
         ("topics:", "themes:", "Field required"),
-        ("time: {", "time: {{", "not a YAML file"),
+        ("time: {", "time: {{", "not valid YAML"),
     ],
 )
 def test_a_wrong_mapping_says_where_and_what_is_allowed(table: Path, old: str, new: str, message: str) -> None:

@@ -158,14 +158,14 @@ def test_a_position_has_its_ellipsoidal_height_and_the_utc_time_of_measurement()
 def test_speed_and_course_become_an_east_and_north_velocity(course, east, north):
     (sample,) = NmeaDecoder().feed(rmc(NOON, 10.0, course), 0)
     assert (sample.topic, sample.frame_id) == ("gps/velocity", "map")
-    np.testing.assert_allclose(sample.values["linear"], [east, north, math.nan], atol=1e-3)
+    np.testing.assert_allclose(sample.values["linear"], [east, north, 0.0], atol=1e-3)
     variances = sample.values["covariance"].reshape(6, 6).diagonal()
     np.testing.assert_allclose(variances, [0.01, 0.01, *[UNMEASURED_VARIANCE] * 4])
 
 
 def test_standing_still_without_a_course_is_a_velocity_of_zero():
     (sample,) = NmeaDecoder().feed(rmc(NOON, 0.02, ""), 0)
-    np.testing.assert_array_equal(sample.values["linear"], [0, 0, math.nan])
+    np.testing.assert_array_equal(sample.values["linear"], [0, 0, 0])
 
 
 def test_positions_before_the_first_date_wait_for_it():
@@ -225,7 +225,7 @@ def test_vtg_gives_the_velocity_where_there_is_no_rmc():
     zda = sentence("ZDA", time=NOON.time(), day=17, month=5, year=2024)
     vtg = sentence("VTG", cogt=0.0, cogtUnit="T", sogn=10.0, sognUnit="N", sogk=18.52, sogkUnit="K", posMode="A")
     (velocity,) = by_topic(decoder.feed(zda + gga(NOON) + vtg, 0), "gps/velocity")
-    np.testing.assert_allclose(velocity.values["linear"], [0, 10 * KNOT, math.nan])
+    np.testing.assert_allclose(velocity.values["linear"], [0, 10 * KNOT, 0])
     assert velocity.stamp == stamp(NOON)
 
 

@@ -242,7 +242,7 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
     missing = complaint(tmp_path / "nowhere.yaml")
     assert missing.startswith(f"{tmp_path / 'nowhere.yaml'}: no such vehicle file; give the path of one")
     assert "config/vehicles" in missing
-    assert complaint(tmp_path).startswith(f"{tmp_path}: cannot be read")
+    assert complaint(tmp_path).startswith(f"{tmp_path}: not a regular file")
 
 
 def test_whole_numbers_anchors_and_dates_are_understood(changed):

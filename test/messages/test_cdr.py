@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr, definitions
@@ -15,6 +15,16 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS, Channel, Sample
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
+# As the repositories of these packages define them: ros_canopen, nmea_msgs, autoware_msgs.
+for _kind, _text in {
+    "can_msgs/msg/Frame": "std_msgs/Header header\nuint32 id\nbool is_rtr\nbool is_extended\nbool is_error\nuint8 dlc\n"
+    "uint8[8] data",
+    "nmea_msgs/msg/Sentence": "std_msgs/Header header\nstring sentence",
+    "autoware_vehicle_msgs/msg/VelocityReport": "std_msgs/Header header\nfloat32 longitudinal_velocity\n"
+    "float32 lateral_velocity\nfloat32 heading_rate",
+    "autoware_vehicle_msgs/msg/SteeringReport": "builtin_interfaces/Time stamp\nfloat32 steering_tire_angle",
+}.items():
+    STORE.register(get_types_from_msg(_text, _kind))
 NUMBER = st.floats(width=64, allow_nan=True, allow_infinity=True)
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
 INTEGERS = {"status": (-2, 2), "service": (0, 65535), "position_covariance_type": (0, 3)}
@@ -47,6 +57,7 @@ def numbers(message: object, kind: str, field: str) -> np.ndarray:
             "angular": "twist.twist.angular",
             "covariance": "twist.covariance",
         },
+        "geometry_msgs/msg/TwistStamped": {"linear": "twist.linear", "angular": "twist.angular"},
         "geometry_msgs/msg/AccelStamped": {"linear": "accel.linear", "angular": "accel.angular"},
         "geometry_msgs/msg/AccelWithCovarianceStamped": {
             "linear": "accel.accel.linear",
@@ -227,3 +238,19 @@ def test_rosbags_reads_our_diagnostics(diagnostics: list[Diagnostic]) -> None:
     found = [Diagnostic(s.name, Level(s.level), s.message, {v.key: v.value for v in s.values}) for s in message.status]
     assert found == diagnostics
     assert all(s.hardware_id == "car" for s in message.status)
+
+
+def test_transforms_are_those_that_rosbags_reads() -> None:
+    sent = [
+        cdr.Transform("map", "car1/odom", (1.0, -2.0, 3.0), (0.0, 0.0, 0.6, 0.8)),
+        cdr.Transform("car1/odom", "b", (4.0, 5.0, 6.0), (0.0, 1.0, 0.0, 0.0)),
+        cdr.Transform("β", "", (7.0, 8.0, 9.0), (1.0, 0.0, 0.0, 0.0)),
+    ]
+    message = STORE.deserialize_cdr(cdr.encode_transforms(1_700_000_000_123_456_789, sent), "tf2_msgs/msg/TFMessage")
+    assert len(message.transforms) == len(sent)
+    for read, expected in zip(message.transforms, sent, strict=True):
+        assert (read.header.stamp.sec, read.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
+        assert (read.header.frame_id, read.child_frame_id) == (expected.parent, expected.child)
+        place, turned = read.transform.translation, read.transform.rotation
+        assert (place.x, place.y, place.z) == expected.position
+        assert (turned.x, turned.y, turned.z, turned.w) == expected.orientation

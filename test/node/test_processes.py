@@ -486,7 +486,11 @@ def test_replay_pauses_seeks_and_starts_again_on_request(
     from rcl_interfaces.srv import SetParameters
     from rclpy.parameter import Parameter
     from sensor_msgs.msg import Imu
-    from std_srvs.srv import SetBool, Trigger
+    from std_srvs.srv import Trigger
+
+    from vsense_ros.node.rosbag2 import service_type
+
+    (pause, *_), (resume, *_) = service_type("Pause"), service_type("Resume")
 
     write_bag(tmp_path / "drive", small_drive(30.0, rate=100))
     with probe(environment) as client:
@@ -494,7 +498,7 @@ def test_replay_pauses_seeks_and_starts_again_on_request(
         replay = start("replay", bag=str(tmp_path / "drive"), topics=["imu/data"], exit_at_end=False, loop=True)
         replay.wait_until_active()
         client.until(lambda: len(heard) > 20)
-        assert client.call(SetBool, "replay/pause", SetBool.Request(data=True)).success
+        client.call(pause, "replay/pause", pause.Request())
         client.spin_for(0.3)
         count = len(heard)
         client.spin_for(0.5)
@@ -504,7 +508,7 @@ def test_replay_pauses_seeks_and_starts_again_on_request(
         result = client.call(SetParameters, "replay/set_parameters", SetParameters.Request(parameters=[parameter]))
         assert result.results[0].successful
         heard.clear()
-        client.call(SetBool, "replay/pause", SetBool.Request(data=False))
+        client.call(resume, "replay/resume", resume.Request())
         client.until(lambda: len(heard) > 10)
         assert heard[0].angular_velocity.x == pytest.approx(2900, abs=2)
         client.until(lambda: any(m.angular_velocity.x < 100 for m in heard))  # the loop has begun again
@@ -551,7 +555,7 @@ def test_a_node_goes_through_its_lifecycle_on_request(
         time.sleep(0.5)
         send()
         client.until(lambda: len(heard) >= 5)
-        client.until(lambda: any(s.name == "gnss: port" for m in health for s in m.status))
+        client.until(lambda: any(s.name == "/gps_driver: gnss: port" for m in health for s in m.status))
         assert change(Transition.TRANSITION_DEACTIVATE)
         assert not port.ready()
         assert change(Transition.TRANSITION_CLEANUP)
@@ -583,7 +587,8 @@ def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old
 
         def told() -> tuple[bytes, str]:
             return next(
-                ((s.level, s.message) for m in health[-1:] for s in m.status if s.name == "observer"), (b"", "")
+                ((s.level, s.message) for m in health[-1:] for s in m.status if s.name == "/observer: observer"),
+                (b"", ""),
             )
 
         def drive() -> bool:
@@ -626,7 +631,7 @@ def test_an_observer_names_topics_whose_stamps_are_too_far_behind_those_of_other
             twist.header.stamp = Time(sec=now // 10**9, nanosec=now % 10**9)
             twist.twist.twist.linear.x = 10.0
             velocity.publish(twist)
-            return words in [s.message for m in health[-1:] for s in m.status if s.name == "clocks"]
+            return words in [s.message for m in health[-1:] for s in m.status if s.name == "/observer: clocks"]
 
         client.until(told)
 

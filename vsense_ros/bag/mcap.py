@@ -14,6 +14,7 @@ import re
 import shutil
 import struct
 import zlib
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,11 +27,9 @@ import numpy as np
 import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
-from vsense_ros.messages import cdr, definitions
+from vsense_ros.messages import cdr, definitions, yaml_text
 from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -47,12 +46,18 @@ _FOOTER_LENGTH = _RECORD.size + 20 + len(_MAGIC)
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _ENCODED_AT_ONCE = 8192  # messages
 _LARGEST_METADATA = 1 << 22  # [byte]
+_MOST_FILES = 100_000
+_LARGEST_CHUNK = 1 << 28  # [byte] uncompressed
+_ORDINARY_CHUNK = 1 << 26  # [byte] that a chunk may have however small it is in the file
+_MOST_INFLATED = 100  # times its size in the file, beyond that
+_ORDINARY_BAG = 1 << 30  # [byte] uncompressed, likewise for a whole file
+_LARGEST_WINDOW = 1 << 27  # [byte] that a decompressor may look back
 _LARGEST_MESSAGE = 1 << 20  # [byte] of those with a numeric form
 _DAY = 86_400_000_000_000  # [ns]
 
 CHUNK_SIZE = 256 * 1024  # [byte] before compression: what one damaged spot can cost at most
 
-_QOS = """\
+RELIABLE_QOS = """\
 - history: keep_last
   depth: 10
   reliability: reliable
@@ -92,120 +97,106 @@ _COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
 }
 
 
-class BagWriter:
-    """Writes a bag folder `<name>/<name>_0.mcap` with `metadata.yaml`, as a context manager.
+@dataclass(frozen=True)
+class TopicDescription:
+    """What a bag says of a topic beside its messages: how its type is defined and hashed, how it was offered.
 
-    The same calls write the same bytes: nothing in the file depends on clock, host or version of this package
-    (with compression, on the version of the compression library). What has been written stands readable in the file
-    chunk by chunk, also if the process dies before `close`.
-
-    Raises `InputError` if the folder holds something already (`overwrite=True` replaces a bag).
+    `schema` is the text of the message definition (`ros2msg`), empty where nobody knows it; `qos` the offered qualities
+    of service as rosbag2 writes them, in YAML.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        compression: str = "zstd",
-        overwrite: bool = False,
-        metadata: Mapping[str, str] | None = None,
-    ) -> None:
-        if compression not in _COMPRESSORS:
-            raise InputError(f"compression {compression!r} is unknown; expected one of 'zstd', 'lz4', ''")
-        self.path = Path(path)
+    kind: str
+    schema: str
+    type_hash: str
+    qos: str = RELIABLE_QOS
+
+    @classmethod
+    def of(cls, topic: str, kind: str) -> TopicDescription:
+        """Of a type that the project defines; `InputError` for others."""
+        if kind not in definitions.TYPE_HASHES:
+            known = ", ".join(sorted(definitions.TYPE_HASHES))
+            raise InputError(f"{topic}: message type {kind!r} cannot be written; known: {known}")
+        return cls(kind, definitions.schema_text(kind), definitions.TYPE_HASHES[kind])
+
+
+class _File:
+    """One MCAP file, from its head to its summary."""
+
+    def __init__(self, path: Path, compression: str) -> None:
+        self.path = path
+        self.begun = False  # whether a message is in it
+        self.first, self.last = 2**63 - 1, 0  # times of its messages [ns]
+        self._compress = _COMPRESSORS[compression]
         self._compression = compression
-        self._metadata = dict(metadata or {})
-        self._clear(overwrite)
-        self.path.mkdir(parents=True, exist_ok=True)
-        self._file: BinaryIO = (self.path / self._file_name).open("wb")
+        self._file: BinaryIO = path.open("wb")
         self._at = 0
-        self._kinds: dict[str, int] = {}
-        self._topics: dict[str, tuple[int, str]] = {}
+        self._schemas: dict[str, tuple[int, bytes]] = {}  # by type: number, record
+        self._channels: dict[str, tuple[int, bytes]] = {}  # by topic
         self._counts: dict[int, int] = {}
         self._chunk = bytearray()
         self._index: dict[int, list[tuple[int, int]]] = {}
         self._chunk_indexes: list[bytes] = []
-        self._first, self._last = 2**63 - 1, 0
-        self._closed = False
         self._put(_MAGIC + _record(_HEADER, _text("ros2") + _text("vsense_ros")))
 
     @property
-    def _file_name(self) -> str:
-        return f"{self.path.resolve().name}_0.mcap"
+    def size(self) -> int:
+        """Bytes so far, those of the pending chunk before compression."""
+        return self._at + len(self._chunk)
 
-    def _clear(self, overwrite: bool) -> None:
-        """Remove an old bag in the way; anything that is not a bag stays, and is an error."""
-        if not self.path.exists():
-            return
-        if not self.path.is_dir():
-            raise InputError(f"{self.path}: a bag is a folder, but a file of this name exists; choose another name")
-        old = list(self.path.iterdir())
-        if old and not overwrite:
-            raise InputError(f"{self.path}: holds something already; choose another name or allow overwriting")
-        if any(not (f.name == "metadata.yaml" or f.suffix == ".mcap") for f in old):
-            raise InputError(f"{self.path}: holds files that are no bag, so it is not overwritten")
-        for f in old:
-            f.unlink()
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages by topic."""
+        return {topic: self._counts[number] for topic, (number, _) in self._channels.items()}
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Times of the first and the last message [ns], zeros without any."""
+        return (self.first, self.last) if self.begun else (0, 0)
 
     def _put(self, data: bytes) -> None:
         self._file.write(data)
         self._at += len(data)
 
-    def write(self, sample: Sample) -> None:
-        """Write a sample at its time of arrival, or of measurement if that is unknown."""
-        time = sample.stamp if sample.received is None else sample.received
-        self.write_raw(sample.topic, sample.kind, time, cdr.encode(sample))
-
-    def write_raw(self, topic: str, kind: str, log_time: int, data: bytes) -> None:
-        """Write a message that is CDR bytes already; `log_time` [ns]."""
-        channel, known_kind = self._topics.get(topic) or self._add_topic(topic, kind)
-        if kind != known_kind:
-            raise InputError(f"{topic}: was {known_kind} so far, now {kind}; a topic has one type")
-        if log_time < 0:
-            raise InputError(f"{topic}: time {log_time} ns is before 1970")
+    def write(self, topic: str, description: TopicDescription, log_time: int, data: bytes) -> None:
+        channel, _ = self._channels.get(topic) or self._add(topic, description)
         self._index.setdefault(channel, []).append((log_time, len(self._chunk)))
         sequence = self._counts[channel]
         self._counts[channel] += 1
         self._chunk += _MESSAGE_HEAD.pack(_MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, log_time, log_time)
         self._chunk += data
+        self.begun = True
+        if log_time < self.first:
+            self.first = log_time
+        if log_time > self.last:
+            self.last = log_time
         if len(self._chunk) >= CHUNK_SIZE:
-            self._flush()
+            self.flush()
 
-    def _add_topic(self, topic: str, kind: str) -> tuple[int, str]:
-        if kind not in definitions.TYPE_HASHES:
-            known = ", ".join(sorted(definitions.TYPE_HASHES))
-            raise InputError(f"{topic}: message type {kind!r} cannot be written; known: {known}")
-        if kind not in self._kinds:
-            self._kinds[kind] = len(self._kinds) + 1
-            self._chunk += self._schema(kind)
-        number = len(self._topics) + 1
-        self._topics[topic] = (number, kind)
+    def _add(self, topic: str, description: TopicDescription) -> tuple[int, bytes]:
+        kind = description.kind
+        if kind not in self._schemas:
+            number = len(self._schemas) + 1
+            encoding = "ros2msg" if description.schema else ""
+            body = struct.pack("<H", number) + _text(kind) + _text(encoding) + _text(description.schema)
+            self._schemas[kind] = (number, _record(_SCHEMA, body))
+            self._chunk += self._schemas[kind][1]
+        number = len(self._channels) + 1
+        metadata = {"offered_qos_profiles": description.qos, "topic_type_hash": description.type_hash}
+        head = struct.pack("<HH", number, self._schemas[kind][0])
+        record = _record(_CHANNEL, head + _text(_absolute(topic)) + _text("cdr") + _map(metadata))
+        self._channels[topic] = (number, record)
         self._counts[number] = 0
-        self._chunk += self._channel(topic)
-        return number, kind
+        self._chunk += record
+        return self._channels[topic]
 
-    def _schema(self, kind: str) -> bytes:
-        body = (
-            struct.pack("<H", self._kinds[kind]) + _text(kind) + _text("ros2msg") + _text(definitions.schema_text(kind))
-        )
-        return _record(_SCHEMA, body)
-
-    def _channel(self, topic: str) -> bytes:
-        number, kind = self._topics[topic]
-        metadata = {"offered_qos_profiles": _QOS, "topic_type_hash": definitions.TYPE_HASHES[kind]}
-        head = struct.pack("<HH", number, self._kinds[kind])
-        return _record(_CHANNEL, head + _text(_absolute(topic)) + _text("cdr") + _map(metadata))
-
-    def _flush(self) -> None:
+    def flush(self) -> None:
         """Write the pending messages as one chunk with its message index."""
         if not self._chunk:
             return
         raw = bytes(self._chunk)
-        packed = _COMPRESSORS[self._compression](raw)
+        packed = self._compress(raw)
         times = [time for entries in self._index.values() for time, _ in entries]
         first, last = (min(times), max(times)) if times else (0, 0)
-        if times:
-            self._first, self._last = min(self._first, first), max(self._last, last)
         start = self._at
         body = struct.pack("<QQQI", first, last, len(raw), zlib.crc32(raw)) + _text(self._compression)
         self._put(_record(_CHUNK, body + struct.pack("<Q", len(packed)) + packed))
@@ -226,13 +217,9 @@ class BagWriter:
         self._chunk.clear()
         self._index.clear()
 
-    def close(self) -> None:
-        """Finish the file and write `metadata.yaml`."""
-        if self._closed:
-            return
-        self._closed = True
-        self._flush()
-        information = self._metadata_yaml()
+    def finish(self, information: str) -> None:
+        """The end of the file, which the text of `metadata.yaml` so far belongs to."""
+        self.flush()
         metadata_at = self._at
         inside = {"serialized_metadata": "".join(line[2:] for line in information.splitlines(True)[1:])}
         self._put(_record(_METADATA, _text("rosbag2") + _map(inside)))
@@ -240,33 +227,30 @@ class BagWriter:
         self._put(_record(_DATA_END, struct.pack("<I", 0)))
         self._put_summary(metadata_at, metadata_length)
         self._file.close()
-        (self.path / "metadata.yaml").write_text(information, encoding="utf-8")
 
     def abandon(self) -> None:
-        """Leave the file as far as it came, without an end, when it cannot be written any more."""
-        self._closed = True
         with suppress(OSError):
             self._file.close()
 
     def _put_summary(self, metadata_at: int, metadata_length: int) -> None:
         total = sum(self._counts.values())
-        first = self._first if total else 0
+        first, last = self.span
         counts = b"".join(struct.pack("<HQ", *item) for item in sorted(self._counts.items()))
         statistics = struct.pack(
             "<QHIIIIQQI",
             total,
-            len(self._kinds),
-            len(self._topics),
+            len(self._schemas),
+            len(self._channels),
             0,
             1,
             len(self._chunk_indexes),
             first,
-            self._last,
+            last,
             len(counts),
         )
         groups = {
-            _SCHEMA: b"".join(self._schema(kind) for kind in self._kinds),
-            _CHANNEL: b"".join(self._channel(topic) for topic in self._topics),
+            _SCHEMA: b"".join(record for _, record in self._schemas.values()),
+            _CHANNEL: b"".join(record for _, record in self._channels.values()),
             _CHUNK_INDEX: b"".join(_record(_CHUNK_INDEX, body) for body in self._chunk_indexes),
             _METADATA_INDEX: _record(
                 _METADATA_INDEX, struct.pack("<QQ", metadata_at, metadata_length) + _text("rosbag2")
@@ -282,36 +266,139 @@ class BagWriter:
         crc = zlib.crc32(summary + offsets + footer_start)
         self._put(summary + offsets + footer_start + struct.pack("<I", crc) + _MAGIC)
 
+
+class BagWriter:
+    """Writes a bag folder `<name>/<name>_0.mcap` with `metadata.yaml`, as a context manager.
+
+    The same calls write the same bytes: nothing in the file depends on clock, host or version of this package
+    (with compression, on the version of the compression library). What has been written stands readable in the file
+    chunk by chunk, also if the process dies before `close`.
+
+    A file that has reached `split_size` [byte] or spans `split_duration` [s] is finished, and `<name>_1.mcap` begun;
+    0: never. Raises `InputError` if the folder holds something already (`overwrite=True` replaces a bag).
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        compression: str = "zstd",
+        overwrite: bool = False,
+        metadata: Mapping[str, str] | None = None,
+        split_size: int = 0,
+        split_duration: float = 0.0,
+    ) -> None:
+        if compression not in _COMPRESSORS:
+            raise InputError(f"compression {compression!r} is unknown; expected one of 'zstd', 'lz4', ''")
+        self.path = Path(path)
+        self._compression = compression
+        self._metadata = dict(metadata or {})
+        self._split_size, self._split_duration = split_size, round(split_duration * 1e9)
+        self._clear(overwrite)
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._topics: dict[str, TopicDescription] = {}
+        self._files: list[_File] = []
+        self._closed = False
+        self._begin_file()
+
+    def _begin_file(self) -> None:
+        name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
+        self._file = _File(self.path / name, self._compression)
+        self._files.append(self._file)
+
+    def _clear(self, overwrite: bool) -> None:
+        """Remove an old bag in the way; anything that is not a bag stays, and is an error."""
+        if not self.path.exists():
+            return
+        if not self.path.is_dir():
+            raise InputError(f"{self.path}: a bag is a folder, but a file of this name exists; choose another name")
+        old = list(self.path.iterdir())
+        if old and not overwrite:
+            raise InputError(f"{self.path}: holds something already; choose another name or allow overwriting")
+        if any(not (f.name == "metadata.yaml" or f.suffix == ".mcap") for f in old):
+            raise InputError(f"{self.path}: holds files that are no bag, so it is not overwritten")
+        for f in old:
+            f.unlink()
+
+    def write(self, sample: Sample) -> None:
+        """Write a sample at its time of arrival, or of measurement if that is unknown."""
+        time = sample.stamp if sample.received is None else sample.received
+        self.write_raw(sample.topic, sample.kind, time, cdr.encode(sample))
+
+    def describe(self, topic: str, description: TopicDescription) -> None:
+        """Say before its first message what a topic is; those of the project's own types need not be described."""
+        self._topics.setdefault(topic, description)
+
+    def write_raw(self, topic: str, kind: str, log_time: int, data: bytes) -> None:
+        """Write a message that is CDR bytes already; `log_time` [ns]."""
+        description = self._topics.get(topic)
+        if description is None:
+            description = self._topics[topic] = TopicDescription.of(topic, kind)
+        if kind != description.kind:
+            raise InputError(f"{topic}: was {description.kind} so far, now {kind}; a topic has one type")
+        if log_time < 0:
+            raise InputError(f"{topic}: time {log_time} ns is before 1970")
+        file = self._file
+        if file.begun and (0 < self._split_size <= file.size or 0 < self._split_duration <= log_time - file.first):
+            self.split()
+        self._file.write(topic, description, log_time, data)
+
+    def split(self) -> None:
+        """Finish the file, and begin the next."""
+        if self._file.begun:
+            self._file.finish(self._metadata_yaml())
+            self._begin_file()
+
+    def flush(self) -> None:
+        """Write what is pending: whatever happens to the process, it is in the file."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Finish the file and write `metadata.yaml`."""
+        if self._closed:
+            return
+        self._closed = True
+        information = self._metadata_yaml()
+        self._file.finish(information)
+        (self.path / "metadata.yaml").write_text(information, encoding="utf-8")
+
+    def abandon(self) -> None:
+        """Leave the file as far as it came, without an end, when it cannot be written any more."""
+        self._closed = True
+        self._file.abandon()
+
     def _metadata_yaml(self) -> str:
-        total = sum(self._counts.values())
-        first = self._first if total else 0
-        span = f"""\
-duration:
-  nanoseconds: {self._last - first if total else 0}
-starting_time:
-  nanoseconds_since_epoch: {first}
-message_count: {total}
-"""
+        counts: dict[str, int] = {}
+        for file in self._files:
+            for topic, count in file.counts.items():
+                counts[topic] = counts.get(topic, 0) + count
+        begun = [file for file in self._files if file.begun]
+        first, last = min((f.first for f in begun), default=0), max((f.last for f in begun), default=0)
         topics = "".join(
             f"""\
 - topic_metadata:
     name: {_quoted(_absolute(topic))}
-    type: {kind}
+    type: {self._topics[topic].kind}
     serialization_format: cdr
     offered_qos_profiles:
-{_indent(_QOS, 6)}    type_description_hash: {definitions.TYPE_HASHES[kind]}
-  message_count: {self._counts[channel]}
+{_indent(self._topics[topic].qos, 6)}    type_description_hash: {self._topics[topic].type_hash}
+  message_count: {count}
 """
-            for topic, (channel, kind) in self._topics.items()
+            for topic, count in counts.items()
         )
         custom = "".join(f"  {_quoted(key)}: {_quoted(value)}\n" for key, value in self._metadata.items())
-        name = _quoted(self._file_name)
+        names = [_quoted(file.path.name) for file in self._files]
+        files = "".join(
+            f"  - path: {name}\n{_indent(_span(*file.span, sum(file.counts.values())), 4)}"
+            for name, file in zip(names, self._files, strict=True)
+        )
         information = (
             "version: 9\nstorage_identifier: mcap\n"
-            + span
+            + _span(first, last, sum(counts.values()))
             + (f"topics_with_message_count:\n{_indent(topics, 2)}" if topics else "topics_with_message_count: []\n")
-            + f'compression_format: ""\ncompression_mode: ""\nrelative_file_paths:\n  - {name}\nfiles:\n'
-            + f"  - path: {name}\n{_indent(span, 4)}"
+            + 'compression_format: ""\ncompression_mode: ""\nrelative_file_paths:\n'
+            + "".join(f"  - {name}\n" for name in names)
+            + f"files:\n{files}"
             + (f"custom_data:\n{custom}" if custom else "custom_data: ~\n")
             + "ros_distro: jazzy\n"
         )
@@ -324,6 +411,16 @@ message_count: {total}
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _span(first: int, last: int, count: int) -> str:
+    return f"""\
+duration:
+  nanoseconds: {last - first}
+starting_time:
+  nanoseconds_since_epoch: {first}
+message_count: {count}
+"""
 
 
 def _absolute(topic: str) -> str:
@@ -384,7 +481,8 @@ Payloads = list[bytes] | NDArray[np.uint8]  # messages, as rows where all have o
 class _Contents:
     """What has been gathered from the files of a bag."""
 
-    schemas: dict[int, str] = field(default_factory=dict)  # number → type name
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)  # number → type name, definition
+    described: dict[str, TopicDescription] = field(default_factory=dict)  # by topic
     channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # number → topic, type, encoding
     payloads: dict[int, list[bytes]] = field(default_factory=dict)
     times: dict[int, list[int]] = field(default_factory=dict)
@@ -396,6 +494,12 @@ class _Contents:
     expected: int | None = None  # messages that the file says it holds
     informed: bool = False  # metadata.yaml is read
     custom: dict[str, str] = field(default_factory=dict)
+    foreign: set[str] = field(default_factory=set)  # topics whose messages are no CDR
+    contradictions: dict[tuple[str, str], int] = field(default_factory=dict)  # topic, its second type → messages
+
+    def is_numeric(self, topic: str, kind: str) -> bool:
+        """Whether the messages of a topic become numbers."""
+        return kind in FIELDS and topic not in self.foreign
 
     def count(self) -> int:
         return sum(map(len, self.payloads.values())) + sum(len(t) for b in self.blocks.values() for _, t in b)
@@ -440,12 +544,20 @@ def _take_definition(contents: _Contents, opcode: int, body: bytes) -> None:
     try:
         if opcode == _SCHEMA:
             (number,) = struct.unpack_from("<H", body)
-            contents.schemas[number], _ = _take_text(body, 2)
+            name, at = _take_text(body, 2)
+            encoding, at = _take_text(body, at)
+            definition, _ = _take_text(body, at) if encoding == "ros2msg" else ("", at)
+            contents.schemas[number] = (name, definition)
         elif opcode == _CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
             topic, at = _take_text(body, 4)
-            encoding, _ = _take_text(body, at)
-            contents.channels[number] = (topic.lstrip("/"), contents.schemas.get(schema, "(unknown)"), encoding)
+            encoding, at = _take_text(body, at)
+            kind, definition = contents.schemas.get(schema, ("(unknown)", ""))
+            topic = topic.lstrip("/")
+            contents.channels[number] = (topic, kind, encoding)
+            metadata = _take_map(body, at)
+            qos, type_hash = metadata.get("offered_qos_profiles", ""), metadata.get("topic_type_hash", "")
+            contents.described[topic] = TopicDescription(kind, definition, type_hash, qos or RELIABLE_QOS)
         elif opcode == _STATISTICS:
             (contents.expected,) = struct.unpack_from("<Q", body)
         elif opcode == _METADATA:
@@ -465,8 +577,8 @@ def _yaml(text: str) -> object:
         return None
     text = _TOPICS_BLOCK.sub("", text, count=1)
     try:
-        return YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, RecursionError, ValueError):
+        return yaml_text.load(text, "metadata")
+    except InputError:
         return None
 
 
@@ -568,15 +680,16 @@ class _Chunk:
 
     def records(self) -> bytes:
         """Uncompressed records; of a chunk that is cut off, those before the cut."""
+        bound = min(_LARGEST_CHUNK, max(_ORDINARY_CHUNK, _MOST_INFLATED * len(self.packed)))
+        if self.size > bound:
+            raise _Damaged(f"it is said to have {self.size} bytes, of {len(self.packed)} in the file")
         try:
             if self.compression == "":
                 data = self.packed
-            elif self.compression == "zstd" and self.whole:
-                data = zstandard.ZstdDecompressor().decompress(self.packed, max_output_size=self.size)
             elif self.compression == "zstd":
-                data = zstandard.ZstdDecompressor().decompressobj().decompress(self.packed)
+                data = _zstd(self.packed, self.size)
             elif self.compression == "lz4":
-                data = lz4.frame.LZ4FrameDecompressor().decompress(self.packed)
+                data = lz4.frame.LZ4FrameDecompressor().decompress(self.packed, max_length=self.size + 1)
             else:
                 raise _Damaged(f"its compression {self.compression!r} is unknown (known: zstd, lz4)")
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
@@ -586,6 +699,19 @@ class _Chunk:
         if self.whole and self.crc and zlib.crc32(data) != self.crc:
             raise _Damaged("its checksum is wrong")
         return data
+
+
+def _zstd(packed: bytes, size: int) -> bytes:
+    """What is packed, at most `size` + 1 bytes of it; of what is cut off, that before the cut."""
+    unpack = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    if len(packed) >= 18 and zstandard.get_frame_parameters(packed).content_size == size:
+        with suppress(zstandard.ZstdError):
+            return unpack.decompress(packed)
+    found = bytearray()
+    with unpack.stream_reader(packed) as reader, suppress(zstandard.ZstdError):
+        while len(found) <= size and (block := reader.read(min(size + 1 - len(found), 1 << 20))):
+            found += block
+    return bytes(found)
 
 
 def _summary(contents: _Contents, data: bytes) -> list[int]:
@@ -631,6 +757,8 @@ class _Scan:
     start: int | None = None  # time of the first chunk [ns]
     broken: tuple[int, _Chunk, str] | None = None  # chunk that was left out: position, chunk, reason
     waiting: tuple[int, _Chunk] | None = None  # chunk whose message index is still to come, and its position
+    chunks: tuple[int, ...] = ()  # positions of chunks that are known from the end of the file
+    inflated: int = 0  # [byte]
     index: dict[int, list[bytes]] = field(default_factory=dict)  # of it: entries by channel
     indexed: int = 0  # messages in it, as its message index says
 
@@ -639,6 +767,10 @@ class _Scan:
         try:
             for opcode, body, position, whole in _records(self.data, self.at, end):
                 self.at = position
+                following = bisect_right(self.chunks, position)
+                if following < len(self.chunks) and self.chunks[following] < position + _RECORD.size + len(body):
+                    self.settle()
+                    raise _Damaged(f"its length reaches into the chunk at byte {self.chunks[following]}")
                 if opcode == _MESSAGE_INDEX:
                     self.indexed += max(len(body) - 6, 0) // 16
                     if self.waiting is not None and len(body) > 6:
@@ -661,6 +793,9 @@ class _Scan:
     def chunk(self, position: int, chunk: _Chunk) -> None:
         self.start = chunk.first if self.start is None else self.start
         try:
+            self.inflated += min(chunk.size, _LARGEST_CHUNK)
+            if self.inflated > max(_ORDINARY_BAG, _MOST_INFLATED * len(self.data)):
+                raise _Damaged(f"the file unpacks to more than {_MOST_INFLATED} times its size, which no bag does")
             records = chunk.records()
             if chunk.whole and _take_indexed(self.contents, records, self.index):
                 return
@@ -701,7 +836,7 @@ def _scan(path: Path, contents: _Contents) -> None:
     before, contents.expected = contents.count(), None
     chunk_positions = _summary(contents, data)
     finished = data.endswith(_MAGIC) and len(data) > _FOOTER_LENGTH
-    scan = _Scan(path, data, contents)
+    scan = _Scan(path, data, contents, chunks=tuple(chunk_positions))
     while True:
         try:
             scan.run(len(data) - (len(_MAGIC) if finished else 0))
@@ -727,11 +862,66 @@ def read_bag(path: str | Path) -> Recording:
 
     Raises `InputError` if there is no such bag, if it is none, or if it holds no message.
     """
+    return read_whole_bag(path).recording
+
+
+@dataclass(frozen=True)
+class RawChannel:
+    """All messages of one topic of any type, as the bytes in the bag, in order of arrival."""
+
+    times: NDArray[np.int64]  # (n,) of arrival [ns]
+    payloads: list[bytes]
+
+
+@dataclass(frozen=True)
+class WholeBag:
+    """All that a bag holds: what becomes numbers, the bytes of all else, and what it says of each topic."""
+
+    recording: Recording
+    others: Mapping[str, RawChannel]
+    descriptions: Mapping[str, TopicDescription]
+
+
+def read_whole_bag(path: str | Path) -> WholeBag:
+    """A bag with the messages of types that have no numeric form, too. Raises as `read_bag`."""
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: neither a folder nor a regular file; expected a bag folder or a .mcap file")
+    contents, merged = _gathered(path)
+    others = {topic: entry for topic, entry in merged.items() if not contents.is_numeric(topic, entry[0])}
+    notes = [
+        *contents.notes,
+        *contents.damage,
+        *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in contents.contradictions.items()),
+        *(f"{t}: {len(payloads)} messages of type {k} skipped" for t, (k, payloads, _) in others.items()),
+    ]
+    result, bad = channels_of({topic: entry for topic, entry in merged.items() if topic not in others}, notes)
+    stored = contents.custom.pop("notes", "")
+    recording = Recording(
+        result,
+        path.stem if path.is_file() else path.resolve().name,
+        (*stored.splitlines(), *notes),
+        contents.lost + bad,
+        contents.custom,
+        tuple(contents.damage),
+    )
+    raw = {topic: _raw(payloads, times) for topic, (_, payloads, times) in others.items()}
+    return WholeBag(recording, raw, contents.described)
+
+
+def _raw(payloads: Payloads, times: Times) -> RawChannel:
+    """Messages in order of arrival, without those whose time is impossible."""
+    arrived = np.asarray(times, np.uint64).astype(np.int64)
+    possible = np.flatnonzero((arrived >= 0) & (np.abs(arrived - np.median(arrived)) <= _DAY))
+    order = possible[np.argsort(arrived[possible], kind="stable")]
+    return RawChannel(arrived[order], [bytes(payloads[i]) for i in order.tolist()])
+
+
+def _gathered(path: Path) -> tuple[_Contents, dict[str, tuple[str, Payloads, Times]]]:
+    """All intact messages of a bag by topic: type, messages, times of arrival."""
     contents = _Contents()
     files, promised = _files(path, contents)
     merged: dict[str, tuple[str, Payloads, Times]] = {}
-    skipped: dict[tuple[str, str], int] = {}
     read = 0
     for file in files:
         contents.forget()
@@ -748,36 +938,23 @@ def read_bag(path: str | Path) -> Recording:
             if bytes(payloads[0][:4]) == _ZSTD:  # by rosbag2, each of them
                 payloads = _unpacked(payloads)
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
-            if kind not in FIELDS or encoding != "cdr":
-                skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
-            elif topic in merged and merged[topic][0] == kind:
+            if encoding != "cdr":
+                contents.foreign.add(topic)
+            if topic not in merged:
+                merged[topic] = (kind, payloads, times)
+            elif merged[topic][0] == kind:
                 _, before, earlier = merged[topic]
                 merged[topic] = (kind, _together(before, payloads), np.concatenate([earlier, times]))
-            elif topic in merged:
-                skipped[topic, kind] = skipped.get((topic, kind), 0) + len(payloads)
             else:
-                merged[topic] = (kind, payloads, times)
+                known = contents.contradictions
+                known[topic, kind] = known.get((topic, kind), 0) + len(payloads)
     if promised is not None:
         contents.lost = max(contents.lost, promised - read)
     if not read:
         told = [*contents.notes, *contents.damage]
         reason = f" ({'; '.join(told)})" if told else ""
         raise InputError(f"{path}: the bag holds no intact message{reason}; record it again or choose another")
-    notes = [
-        *contents.notes,
-        *contents.damage,
-        *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in skipped.items()),
-    ]
-    result, bad = channels_of(merged, notes)
-    stored = contents.custom.pop("notes", "")
-    return Recording(
-        result,
-        path.stem if path.is_file() else path.resolve().name,
-        (*stored.splitlines(), *notes),
-        contents.lost + bad,
-        contents.custom,
-        tuple(contents.damage),
-    )
+    return contents, merged
 
 
 def _together(one: Payloads, other: Payloads) -> Payloads:
@@ -789,11 +966,10 @@ def _together(one: Payloads, other: Payloads) -> Payloads:
 
 def _unpacked(payloads: Payloads) -> list[bytes]:
     """Messages that rosbag2 has compressed one by one; empty, which is no message, where they are damaged."""
-    unpack = zstandard.ZstdDecompressor().decompress
     found = []
     for payload in payloads:
         try:
-            found.append(unpack(bytes(payload), max_output_size=_LARGEST_MESSAGE))
+            found.append(_zstd(bytes(payload), _LARGEST_MESSAGE))
         except zstandard.ZstdError:
             found.append(b"")
     return found
@@ -847,20 +1023,28 @@ def _possible_times(channel: Channel, notes: list[str]) -> Channel:
     return replace(channel, stamp=stamp, received=received).in_order()
 
 
+def _read(path: Path, largest: int) -> bytes:
+    """The beginning of a regular file; nothing of what is none."""
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(largest)
+
+
 def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
     """The MCAP files of a bag in their order, and the number of messages that `metadata.yaml` promises."""
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected a bag folder or a .mcap file")
     if path.is_file():
         return [path], None
-    found = sorted(path.glob("*.mcap"))
+    found = [file for file in sorted(path.glob("*.mcap")) if file.is_file()]
     metadata = path / "metadata.yaml"
     if not metadata.exists():
         if not found:
             raise InputError(f"{path}: no bag: the folder holds neither metadata.yaml nor a .mcap file")
         contents.notes.append("metadata.yaml is missing: the recording was not finished properly")
         return found, None
-    document = _yaml(metadata.read_text(encoding="utf-8", errors="replace"))
+    document = _yaml(_read(metadata, _LARGEST_METADATA).decode("utf-8", errors="replace"))
     information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
     if not isinstance(information, dict):
         if not found:
@@ -875,11 +1059,22 @@ def _files(path: Path, contents: _Contents) -> tuple[list[Path], int | None]:
         )
     _take_information(contents, information)
     contents.informed = True
-    files = [path / str(name) for name in information.get("relative_file_paths") or []]
-    missing = [file.name for file in files if not file.exists()]
+    named = information.get("relative_file_paths")
+    names = [str(name) for name in named] if isinstance(named, list) else []
+    files, missing = [], []
+    for name in names[:_MOST_FILES]:
+        file = path / name
+        if not file.resolve().is_relative_to(path.resolve()):
+            contents.notes.append(f"metadata.yaml names {name!r}, which is outside of the bag: left out")
+        elif not file.exists():
+            missing.append(file.name)
+        elif file.is_file():
+            files.append(file)
+        else:
+            contents.notes.append(f"metadata.yaml names {name!r}, which is no regular file: left out")
     if missing:
         contents.notes.append(f"files that metadata.yaml names are missing: {', '.join(missing)}")
-    present = [file for file in files if file.exists()] or found
+    present = files or found
     if not present:
         raise InputError(f"{path}: none of its files is there ({', '.join(missing) or 'metadata.yaml names none'})")
     promised = information.get("message_count")

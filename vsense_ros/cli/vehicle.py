@@ -87,4 +87,77 @@ def schema(as_json: bool) -> None:
     click.echo(json.dumps(json_schema(), indent=2) if as_json else markdown_table(), nl=as_json)
 
 
-COMMANDS = (tyres, suspension, schema)
+@click.command()
+@click.argument("vehicle", metavar="VEHICLE")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Default: print it.")
+@click.option("--prefix", default="", metavar="TEXT", help="Before the name of every link, such as car1/.")
+def urdf(vehicle: str, output: Path | None, prefix: str) -> None:
+    """Write VEHICLE as a URDF: its links and joints, for RViz, Foxglove, robot_state_publisher and tf2.
+
+    base_link is the middle of the rear axle on the ground. The observer node publishes the same text on
+    robot_description.
+
+    \b
+    Examples:
+      vsense urdf rav4 --output rav4.urdf
+      vsense urdf rav4 --prefix car1/
+    """
+    from vsense_ros.cli.common import load_car
+    from vsense_ros.evaluate.terminal import say
+    from vsense_ros.files.atomic import atomic_write
+    from vsense_ros.files.urdf import urdf as as_urdf
+
+    text = as_urdf(load_car(vehicle), prefix)
+    if output is None:
+        click.echo(text, nl=False)
+        return
+    with atomic_write(output) as file:
+        file.write(text)
+    say(f"Written to {output}.")
+
+
+@click.command("compile")
+@click.argument("vehicles", nargs=-1, required=True, metavar="VEHICLE...")
+@click.option(
+    "--filter", "chosen", metavar="NAME", help="As `vsense filters` lists them; default: the observer node's."
+)
+def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
+    """Compile the models of VEHICLE ahead, so that its observer starts at once.
+
+    What is compiled is kept in the user's cache folder, or in that which VSENSE_CACHE names, by content: after a change
+    of the vehicle file, of this package or of the processor it is compiled anew.
+
+    \b
+    Examples:
+      vsense compile rav4
+      vsense compile my_car.yaml --filter ukf
+    """
+    import time
+
+    from vsense_ros import codegen
+    from vsense_ros.cli.common import load_car
+    from vsense_ros.codegen.compile import cache_folder
+    from vsense_ros.errors import InputError
+    from vsense_ros.estimation.catalogue import Catalogue
+    from vsense_ros.evaluate.terminal import say, waiting
+    from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
+    from vsense_ros.navigation.navigator import Navigator
+    from vsense_ros.observer import Observer
+    from vsense_ros.observer.catalogue import FILTERS
+
+    if codegen.compiler() is None:
+        raise InputError(
+            "no C compiler here (cc, gcc or clang; CC names another): install one, such as apt install gcc"
+        )
+    for name in vehicles:
+        car = load_car(name)
+        began = time.perf_counter()
+        with waiting(f"compiling {car.name}"):
+            if chosen in NAVIGATION.names:
+                Navigator(car, str(chosen))
+            else:
+                Observer(car, None, Catalogue([*FILTERS, *NAVIGATION])[chosen].make if chosen else None)
+        say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {cache_folder()}.")
+
+
+COMMANDS = (tyres, suspension, schema, urdf, compile_models)

@@ -13,6 +13,7 @@ import logging
 import os
 import platform
 import shutil
+import stat
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -55,6 +56,19 @@ def cache_folder() -> Path:
     return Path(folder) if folder else user_cache_path("vsense_ros")
 
 
+def _own(folder: Path) -> bool:
+    """Whether a folder is made, or there, and nobody else can put code into it that would run here."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    if not hasattr(os, "getuid"):
+        return True
+    found = folder.stat()
+    if found.st_uid != os.getuid() or found.st_mode & stat.S_IWOTH:
+        return False
+    if found.st_mode & stat.S_IWGRP:  # with a umask of 002, where a group is its user alone
+        folder.chmod(found.st_mode & ~stat.S_IWGRP)
+    return True
+
+
 def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
     """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible.
 
@@ -67,9 +81,16 @@ def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
     key = hashlib.sha256("\n".join((cc, *FLAGS, *flags, _processor(), source)).encode()).hexdigest()
     target = cache_folder() / f"{name}-{key[:20]}.so"
     try:
+        if not _own(target.parent):
+            _broken.add(cc)
+            log.warning(
+                "%s belongs to somebody else, or others may write there: what is compiled is not kept in it; name a "
+                "folder of your own in VSENSE_CACHE. Continuing without compiled code",
+                target.parent,
+            )
+            return None
         if target.exists():
             return target
-        target.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(target.with_suffix(".lock")):
             if not target.exists():
                 with tempfile.TemporaryDirectory(dir=target.parent) as folder:

@@ -14,6 +14,7 @@ from ruamel.yaml.error import YAMLError
 
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.errors import InputError
+from vsense_ros.messages import yaml_text
 from vsense_ros.messages.units import QUANTITIES, canonical, quantity_of, to_si
 
 JointField = Literal["position", "velocity", "effort"]
@@ -217,13 +218,11 @@ def _must_be_parts(topic: str, parts: list[JointStateOutput | ImuOutput]) -> Non
 def load_mapping(path: str | Path) -> CanMapping:
     """Read and check a mapping file; `InputError` names file, line, key, what was found and what is allowed."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the CAN mapping: {error}; expected a YAML text file") from None
+    text = yaml_text.read_text(path)
+    yaml_text.check(text, str(path))
     try:
         document = YAML(typ="rt").load(text)
-    except YAMLError as error:
+    except (YAMLError, ValueError, RecursionError, OverflowError, TypeError) as error:
         raise InputError(f"{path}: not valid YAML: {error}") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected a CAN mapping with the keys {_list(CanMapping.model_fields)}, found none")

@@ -168,14 +168,15 @@ class GnssChannels:
         up: float | None,
         variances: tuple[float, float, float],
     ) -> list[Sample]:
-        """A velocity [m/s] with variances east, north, up [m²/s²]; `up` is None where it is not measured."""
+        """A velocity [m/s] with variances east, north, up [m²/s²]. `up` is None where it is not measured: then it is 0,
+        with a variance that says so, as NaN would spread over all axes of who turns the vector."""
         if not self._accept(self.velocity_monitor, stamp, received):
             return []
         self._last_velocity = (stamp, east, north)
         vertical = variances[2] if up is not None else samples.UNMEASURED_VARIANCE
         unmeasured = samples.UNMEASURED_VARIANCE
         values = {
-            "linear": np.array([east, north, math.nan if up is None else up]),
+            "linear": np.array([east, north, 0.0 if up is None else up]),
             "angular": np.zeros(3),
             "covariance": samples.diagonal([*variances[:2], vertical, unmeasured, unmeasured, unmeasured]),
         }

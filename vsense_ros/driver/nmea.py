@@ -9,7 +9,6 @@ from functools import reduce
 from typing import Any
 
 from pynmeagps import NMEAReader
-from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEAStreamError, NMEATypeError
 
 from vsense_ros.driver import gnss
 from vsense_ros.driver.gnss import GnssChannels, GnssSettings, LinkStatistics
@@ -55,6 +54,7 @@ _FIELDS = {
     "HDT": ("headingT",),
     "THS": ("headt", "mi"),
 }
+_MOST_WAITING = 1000  # sentences that are kept until the date is known
 VERTICAL_FACTOR = 1.5  # vertical over horizontal standard deviation, where the receiver does not state it
 
 
@@ -147,7 +147,7 @@ class NmeaDecoder:
             return []
         try:
             message = NMEAReader.parse(sentence + b"\r\n", validate=0)
-        except (NMEAParseError, NMEAMessageError, NMEATypeError, NMEAStreamError, ValueError, IndexError, TypeError):
+        except Exception:  # pynmeagps raises whatever its conversions of the fields do
             message = None
         if not all(hasattr(message, field) for field in _FIELDS[kind]):
             self.link.broken(received)
@@ -157,7 +157,7 @@ class NmeaDecoder:
     def _dated(self, talker: str, kind: str, message: Any, received: int) -> list[Sample]:
         if not self._learn_date(kind, message) and self._reference is None:
             self._waiting.append((talker, kind, message, received))
-            if received - self._waiting[0][3] < self.DATE_PATIENCE:
+            if abs(received - self._waiting[0][3]) < self.DATE_PATIENCE and len(self._waiting) < _MOST_WAITING:
                 return []
             time_of_day = next((t for m in self._waiting if (t := _time_of_day(getattr(m[2], "time", None)))), None)
             if time_of_day is None:
@@ -177,7 +177,7 @@ class NmeaDecoder:
         elif kind == "ZDA" and all(isinstance(v, int) for v in (message.year, message.month, message.day)):
             try:
                 date = datetime.date(message.year, message.month, message.day)
-            except ValueError:
+            except (ValueError, OverflowError):
                 return False
         if date is None or time_of_day is None:
             return False

@@ -39,6 +39,7 @@ class Intake(Generic[Sensor]):
     def __init__(self, sensors: Mapping[str, Sensor], on_map: Map, reach: float, moving: Callable[[], bool]) -> None:
         self.sensors = tuple(sensors.values())
         self.health = [Health() for _ in self.sensors]
+        self.on_map = on_map
         self.newest_arrival = 0  # [ns]
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self.sensors)]
         self._reach, self._moving = int(reach * 1e9), moving

@@ -15,14 +15,13 @@ from pathlib import Path
 
 import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros import codegen
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
 from vsense_ros.accelerator.link import Link
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder
+from vsense_ros.messages import yaml_text
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import sensor_function
@@ -70,9 +69,7 @@ def load_device(text: str) -> Device:
             raise InputError(f"no device {text!r}: neither a file nor one of {', '.join(known)}")
         path = folder / f"{text}.yaml"
     try:
-        return Device.model_validate(YAML(typ="safe").load(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
-        raise InputError(f"{path}: expected a YAML file of a device: {str(error).splitlines()[0]}") from None
+        return Device.model_validate(yaml_text.load_file(path))
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in error.errors())
         raise InputError(f"{path}: {faults}") from None

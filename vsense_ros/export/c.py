@@ -19,6 +19,7 @@ from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.reading import Map
+from vsense_ros.files.names import harmless
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
@@ -292,7 +293,7 @@ class _Contents:
         tables += [prior.levers, prior.roughness, largest_state(self.layout.size)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
-            "vehicle": self.vehicle.name.replace("*/", "* /"),
+            "vehicle": harmless(self.vehicle.name),
             "states": self._states(),
             "inputs": _INPUT_ENTRIES,
             "parameters": [

@@ -329,7 +329,7 @@ def measure(folder: Path) -> dict[str, str]:
     assert compiler is not None
     with tempfile.TemporaryDirectory() as place:
         target = Path(place) / "example"
-        sources = [str(folder / "example.c"), str(folder / "vsense.c")]
+        sources = [str(folder.resolve() / name) for name in ("example.c", "vsense.c")]
         command = [compiler, *FLAGS, *sources, "-o", str(target), "-lm"]
         subprocess.run(command, check=True, capture_output=True)
         told = subprocess.run([str(target), "--time"], check=True, capture_output=True, text=True).stdout

@@ -27,6 +27,7 @@ from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c
 from vsense_ros.export.c import Entry, Observer, _Contents, identifier, plain
+from vsense_ros.files.names import harmless
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.vehicle import Vehicle
 
@@ -153,7 +154,7 @@ class Unit:
             autoescape=False,
         )
         values = {
-            "title": f"{'The car' if self.plant else 'Observer of'} {self.vehicle.name}",
+            "title": f"{'The car' if self.plant else 'Observer of'} {harmless(self.vehicle.name)}",
             "token": self.token(version),
             "longest_step": number(PLANT_STEP if self.plant else self.vehicle.observer.longest_step),
             "start_speed": number(START_SPEED),

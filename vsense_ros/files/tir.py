@@ -70,6 +70,7 @@ _KEYS = {
     *("PROPERTY_FILE_FORMAT", "FITTYP", "TYRESIDE"), *_DIMENSIONAL, *_OTHER_NAMES,
     *(name.upper() for group in _GROUPS.values() for name in group.model_fields),
 }  # fmt: skip
+_LARGEST = 4 << 20  # [byte] that are read
 _LEAST_LOAD = 0.02  # of the nominal load, where FZMIN is smaller or missing
 _MOST_LOAD = 2.5  # of the nominal load, where FZMAX is missing
 
@@ -99,8 +100,11 @@ def read_tir(path: str | Path, axes: Axes = "iso", changes: Mapping[str, Any] | 
 
 def _entries(path: Path) -> dict[str, _Entry]:
     """Values of the keys that the model uses, upper case, with their lines."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: not a regular file; expected a tyre property file (.tir)")
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        with path.open("rb") as file:
+            lines = file.read(_LARGEST).decode("utf-8", errors="replace").splitlines()
     except FileNotFoundError:
         raise InputError(f"{path}: no such tyre file") from None
     except OSError as error:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.tir import read_tir
+from vsense_ros.messages import yaml_text
 from vsense_ros.model.tyres import AnyTyre, Tyre
 
 
@@ -18,12 +17,7 @@ def load_tyre(path: str | Path) -> Tyre:
     path = Path(path)
     if path.suffix.lower() == ".tir":
         return read_tir(path)
-    try:
-        content = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such tyre file") from None
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML: {error}") from None
+    content = yaml_text.load_file(path)
     adapter: TypeAdapter[Tyre] = TypeAdapter(AnyTyre)
     try:
         return adapter.validate_python(content)

@@ -17,6 +17,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.schema import allowed, models_of, tag_of, unit_of
 from vsense_ros.files.tir import read_tir
+from vsense_ros.messages import yaml_text
 from vsense_ros.model.car.suspension import SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 
@@ -30,18 +31,18 @@ def load_vehicle(path: str | Path) -> Vehicle:
     Raises `InputError` that names file, line, key, what was found and what is allowed, one line for each fault.
     """
     path = Path(path)
-    try:
-        tree = YAML().load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         raise InputError(
             f"{path}: no such vehicle file; give the path of one, or the name without .yaml of one in config/vehicles"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+        )
+    text = yaml_text.read_text(path)
+    yaml_text.check(text, str(path))
+    try:
+        tree = YAML().load(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else "?"
         raise InputError(f"{path}:{line}: not valid YAML: {error.problem}") from None
-    except YAMLError as error:
+    except (YAMLError, ValueError, RecursionError, OverflowError, TypeError) as error:
         raise InputError(f"{path}: not valid YAML: {error}") from None
     if not isinstance(tree, CommentedMap):
         raise InputError(f"{path}: expected a mapping with the keys {', '.join(Vehicle.model_fields)}")

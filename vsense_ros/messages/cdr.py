@@ -44,6 +44,7 @@ _PATHS: Mapping[str, Mapping[str, str]] = {
         "angular": "twist.twist.angular",
         "covariance": "twist.covariance",
     },
+    "geometry_msgs/msg/TwistStamped": {"linear": "twist.linear", "angular": "twist.angular"},
     "geometry_msgs/msg/AccelStamped": {"linear": "accel.linear", "angular": "accel.angular"},
     "geometry_msgs/msg/AccelWithCovarianceStamped": {
         "linear": "accel.accel.linear",
@@ -391,6 +392,36 @@ def _grouped(kind: str, topic: str, payloads: Payloads) -> tuple[list[tuple[_Lay
             groups.append((layout, rows[same]))
             open_ &= ~same
     return groups, bad, first_error
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """Where the frame `child` is in the frame `parent`: (3,) [m] and a quaternion x, y, z, w (4,)."""
+
+    parent: str
+    child: str
+    position: Sequence[float]
+    orientation: Sequence[float]
+
+
+def encode_transforms(stamp: int, transforms: Sequence[Transform]) -> bytes:
+    """A tf2_msgs/TFMessage as CDR bytes; `stamp` [ns]."""
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    data = bytearray(_HEADER + struct.pack("<I", len(transforms)))
+    for transform in transforms:
+        data.extend(b"\0" * (-len(data) % 4) + struct.pack("<iI", seconds, nanoseconds))
+        for name in (transform.parent, transform.child):
+            encoded = name.encode() + b"\0"
+            data.extend(b"\0" * (-len(data) % 4) + struct.pack("<I", len(encoded)) + encoded)
+        data.extend(b"\0" * (-(len(data) - len(_HEADER)) % 8))
+        data.extend(struct.pack("<7d", *transform.position, *transform.orientation))
+    return bytes(data)
+
+
+def encode_text(text: str) -> bytes:
+    """A std_msgs/String as CDR bytes."""
+    encoded = text.encode() + b"\0"
+    return _HEADER + struct.pack("<I", len(encoded)) + encoded
 
 
 def encode_diagnostics(stamp: int, diagnostics: Iterable[Diagnostic], hardware_id: str = "") -> bytes:

@@ -38,6 +38,7 @@ FIELDS: Mapping[str, Mapping[str, int]] = MappingProxyType(
         },
         "sensor_msgs/msg/JointState": {"position": 0, "velocity": 0, "effort": 0},
         "geometry_msgs/msg/TwistWithCovarianceStamped": {"linear": 3, "angular": 3, "covariance": 36},
+        "geometry_msgs/msg/TwistStamped": {"linear": 3, "angular": 3},
         "geometry_msgs/msg/AccelStamped": {"linear": 3, "angular": 3},
         "geometry_msgs/msg/AccelWithCovarianceStamped": {"linear": 3, "angular": 3, "covariance": 36},
         "geometry_msgs/msg/Vector3Stamped": {"vector": 3},

@@ -6,7 +6,9 @@ import json
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -18,13 +20,14 @@ from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
-from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.node import parameters, spin
 from vsense_ros.node.convert import message_type
@@ -45,11 +48,13 @@ class SensingNode(LifecycleNode, Generic[Params]):
     """
 
     model: type[Params]
+    tells_time = False  # whether this node publishes the time itself
 
-    def __init__(self, name: str, model: type[Params]) -> None:
+    def __init__(self, name: str, model: type[Params], shared: Collection[str] = ()) -> None:
+        """`shared` are names of parameters that were given to all nodes, whether they have them or not."""
         super().__init__(name)
         self.model = model
-        parameters.declare(self, model)
+        parameters.declare(self, model, shared)
         self.parameters = parameters.read(self, model)
         self.add_on_set_parameters_callback(self._judge_changes)
         self.fault: InputError | None = None
@@ -82,8 +87,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
         """Health, once a second."""
         return []
 
-    def parameters_changed(self) -> None:
-        """Live parameters have new values in `self.parameters`."""
+    def parameters_changed(self, names: Collection[str]) -> None:
+        """Live parameters of these names were set, and have new values in `self.parameters`."""
 
     def summary(self) -> dict[str, Any]:
         """Counts for the file that the parameter `summary` names."""
@@ -94,10 +99,10 @@ class SensingNode(LifecycleNode, Generic[Params]):
 
     # Publishing
 
-    def create_output(self, topic: str, kind: str) -> None:
+    def create_output(self, topic: str, kind: str, qos: QoSProfile = LOSSLESS, type_hash: str = "") -> None:
         """Announce a topic on which `publish` will send, so that its subscribers are found before the first message."""
         if topic not in self._outputs:
-            self._outputs[topic] = self.create_lifecycle_publisher(message_type(kind), topic, LOSSLESS)
+            self._outputs[topic] = self.create_lifecycle_publisher(message_type(kind, type_hash), topic, qos)
 
     def publish(self, sample: Sample) -> None:
         """Send a sample; dropped while the node is not active."""
@@ -153,6 +158,22 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._close()
         return super().on_error(state)
 
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:
+        """In the place of rclpy's own, which raises where a transition is not possible now, and ends the process
+        (https://github.com/ros2/rclpy/issues/1209)."""
+        wanted = request.transition
+        possible = {label: number for number, label, *_ in self._state_machine.available_transitions}
+        number = possible.get(wanted.label) if wanted.label else wanted.id
+        if number not in possible.values():
+            known = ", ".join(f"{label} ({number})" for label, number in possible.items())
+            self.get_logger().warning(
+                f"transition {wanted.label or wanted.id} refused: the node is {self.state}; possible are {known}"
+            )
+            response.success = False
+            return response
+        request.transition.label, request.transition.id = "", number
+        return super()._LifecycleNodeMixin__on_change_state(request, response)
+
     def _guarded(self, job: Any, then: Any, state: LifecycleState) -> TransitionCallbackReturn:
         """rclpy swallows what a transition raises: input faults refuse the transition, anything else is shown."""
         try:
@@ -170,7 +191,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self.fault = None
         self.parameters = parameters.read(self, self.model)
         try:
-            self.configure()
+            with nullcontext() if self.finish is None else self.finish.long_job():
+                self.configure()
         except BaseException:
             self._close()
             raise
@@ -223,7 +245,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
             return SetParametersResult(successful=False, reason=str(error))
         if mine:
             self.parameters = new
-            self.parameters_changed()
+            self.parameters_changed([change.name for change in mine])
         for change in changes:
             if change.name == "use_sim_time":
                 self.time_base = TimeBase(change.value)
@@ -245,8 +267,26 @@ class SensingNode(LifecycleNode, Generic[Params]):
     def _publish_diagnostics(self) -> None:
         statuses = self.diagnostics()
         if statuses and self._diagnostics_publisher is not None:
+            if len(clocks := self._clock_sources()) > 1:
+                text = f"{len(clocks)} nodes publish {self.resolve_topic_name('/clock')}: {', '.join(clocks)}; stop one"
+                statuses = [*statuses, Diagnostic("clock", Level.ERROR, text)]
+            own = self.get_fully_qualified_name()
+            statuses = [replace(status, name=f"{own}: {status.name}") for status in statuses]
             data = cdr.encode_diagnostics(self.now(), statuses, hardware_id=self.get_name())
             self._diagnostics_publisher.publish(data)
+
+    def _clock_sources(self) -> list[str]:
+        """Who publishes the time that this node goes by, or tells; told once where that is more than one."""
+        if not self.time_base.simulated and not self.tells_time:
+            return []
+        publishers = self.get_publishers_info_by_topic("/clock")
+        found = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers]
+        if len(found) > 1:
+            self.get_logger().error(
+                f"{len(found)} nodes publish the time ({', '.join(found)}): it will jump to and fro; stop one of them",
+                once=True,
+            )
+        return found
 
     def _look_for_subscribers(self) -> None:
         if not self._connected and self._outputs and not self.unheard:
@@ -270,7 +310,7 @@ def run_node(node_type: type[SensingNode], model: type[NodeParameters], argument
         return 2
     node: SensingNode | None = None
     try:
-        node = node_type(name, model)
+        node = node_type(name, model, parameters.shared_names(arguments))
         stop = node.finish = spin.Stop()
         if node.parameters.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
@@ -280,6 +320,8 @@ def run_node(node_type: type[SensingNode], model: type[NodeParameters], argument
         if node.state != "finalized":
             node.trigger_shutdown()
         return node.exit_code
+    except spin.Stopped:
+        return 0
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 2

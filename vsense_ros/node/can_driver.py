@@ -19,7 +19,7 @@ from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
-from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.time_base import Arrivals
 
 _PATIENCE = 0.1  # [s] for which a read waits
@@ -38,8 +38,8 @@ class CanDriverParameters(NodeParameters):
     channel: str = Field("can0", description="of the interface: can0, a multicast group, a serial port", min_length=1)
     port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
     bitrate: int = parameter(0, "bit/s", "for interfaces that set it themselves; 0: leave it", ge=0, le=1_000_000)
-    database: str = Field("", description="CAN database file (.dbc, .arxml, .kcd, .sym)")
-    mapping: str = Field("", description="YAML file: which signals become which topics (config/can)")
+    database: str = path_parameter("CAN database file (.dbc, .arxml, .kcd, .sym)")
+    mapping: str = path_parameter("YAML file: which signals become which topics (config/can)")
 
 
 def bus_options(interface: str, port: int) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 
@@ -15,9 +16,10 @@ from vsense_ros.node.parameters import NodeParameters
 def nodes() -> Iterator[tuple[ModuleType, type[NodeParameters]]]:
     """The modules that a process begins with, which have a function `main`, and the parameters that they define."""
     for found in iter_modules(node.__path__):
-        module = import_module(f"{node.__name__}.{found.name}")
-        if not hasattr(module, "main"):
+        source = Path(found.module_finder.path) / f"{found.name}.py"  # type: ignore[union-attr]
+        if "\ndef main(" not in source.read_text(encoding="utf-8"):
             continue
+        module = import_module(f"{node.__name__}.{found.name}")
         (model,) = (
             value
             for value in vars(module).values()

@@ -22,24 +22,31 @@ from vsense_ros.accelerator.device import Device
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.catalogue import Catalogue
 from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.urdf import urdf
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.online import PERIOD, TOPIC, OnlineIdentification
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.topics import WHEELS
+from vsense_ros.model.frames import sensor_frames
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
 from vsense_ros.navigation.navigator import Navigator
+from vsense_ros.node import autoware
 from vsense_ros.node.accelerator_link import TopicLink
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
-from vsense_ros.node.parameters import NodeParameters, parameter
-from vsense_ros.node.reader import Reader
+from vsense_ros.node.origin import read_origin, write_origin
+from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
+from vsense_ros.node.reader import LATCHED, Reader
+from vsense_ros.node.transforms import Transforms
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS, MakeFilter
 from vsense_ros.observer.implicit import implicit_error_ekf
 from vsense_ros.observer.monitor import load_limits
 
+_MOST_FRAMES = 20  # that are told
 _TIMES_KEPT = 1_000_000
 _PERCENTILES = (50, 90, 99, 99.9)
 
@@ -47,16 +54,16 @@ _PERCENTILES = (50, 90, 99, 99.9)
 class ObserverParameters(NodeParameters):
     """Vehicle and output."""
 
-    vehicle: str = Field("", description="vehicle file, or the name of one in config/vehicles")
+    vehicle: str = path_parameter("vehicle file, or the name of one in config/vehicles")
     filter: str = Field(
         "",
         description="filter, as `vsense filters` lists them; empty: errorEKF or SPI",
     )
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
     publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
-    monitor: str = Field("", description="limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
-    identify: str = Field(
-        "", description="file that the identifying filter goes on from and stores its parameters in; empty: none runs"
+    monitor: str = path_parameter("limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
+    identify: str = path_parameter(
+        "file that the identifying filter goes on from and stores its parameters in; empty: none runs"
     )
     accelerator: Literal["", "topics", "mock", "rtl"] = Field(
         "",
@@ -67,8 +74,15 @@ class ObserverParameters(NodeParameters):
         0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
     )
     map_origin: tuple[float, ...] = parameter(
-        (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the first GNSS fix"
+        (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the stored one, else the first fix"
     )
+    map_origin_file: str = path_parameter("file that keeps the map's origin from one start to the next; empty: none")
+    transforms: bool = Field(True, description="publish /tf, /tf_static and robot_description")
+    map_frame: str = Field("map", description="frame of the map", min_length=1)
+    odom_frame: str = Field("odom", description="frame in which the car moves without jumps", min_length=1)
+    base_frame: str = Field("base_link", description="frame of the car: middle of the rear axle, on the ground")
+    frame_prefix: str = Field("", description="before every frame that is published or expected, such as car1/")
+    autoware: bool = Field(False, description="publish vehicle/status/* of autoware_vehicle_msgs")
 
 
 class ObserverNode(SensingNode[ObserverParameters]):
@@ -86,7 +100,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             raise InputError("parameter vehicle is empty: expected a vehicle file, or the name of one")
         if len(p.map_origin) not in (0, 3):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
-        origin = (p.map_origin[0], p.map_origin[1], p.map_origin[2]) if p.map_origin else None
+        origin = self._origin()
         car = load_vehicle(vehicle_path(p.vehicle))
         self._client = None
         if p.accelerator:
@@ -113,11 +127,70 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self.received: Counter[str] = Counter()
         self.unreadable = 0
         self._noise_untold = set(self._observer.names)
+        self.refused_frames = 0
+        self._wanted_frames: dict[str, set[str]] = {}
+        for sensor in self._observer.sensors.values():
+            self._wanted_frames.setdefault(sensor.topic, set()).add(sensor.frame_id)
+        self._wanted_frames = {topic: set() if "" in f else f for topic, f in self._wanted_frames.items()}
         self._delays: dict[str, int] = {}  # of the newest message of each topic [ns]
         self.step_times: list[float] = []
         self.latencies: list[float] = []
         self._newest_due = False
+        self._announce(car)
+        self._foreign: set[tuple[str, str]] = set()  # topics and frames that were refused
         self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
+
+    def _origin(self) -> tuple[float, float, float] | None:
+        """The map's origin that was told, or that an earlier process of this node has stored."""
+        p = self.parameters
+        self._origin_is_stored = bool(p.map_origin)
+        if p.map_origin:
+            return (p.map_origin[0], p.map_origin[1], p.map_origin[2])
+        stored = read_origin(p.map_origin_file) if p.map_origin_file else None
+        if stored is not None:
+            self._origin_is_stored = True
+            self.get_logger().info(f"map origin of {p.map_origin_file}: {stored[0]:.7f}, {stored[1]:.7f}")
+        return stored
+
+    def _keep_origin(self, observer: Observer | Navigator) -> None:
+        """Store the origin once there is one, or say that another start will have another map."""
+        origin = observer.intake.on_map.origin
+        if self._origin_is_stored or origin is None:
+            return
+        self._origin_is_stored = True
+        text = f"the map begins at {origin[0]:.7f}, {origin[1]:.7f}, {origin[2]:.2f} m"
+        if self.parameters.map_origin_file:
+            write_origin(self.parameters.map_origin_file, origin)
+            self.get_logger().info(f"{text}; kept in {self.parameters.map_origin_file}")
+        else:
+            self.get_logger().warning(
+                f"{text}, where this process had its first fix; after a restart it would be another: "
+                "set map_origin, or map_origin_file"
+            )
+
+    def _announce(self, car: Vehicle) -> None:
+        """What tells others where the car's frames are."""
+        p = self.parameters
+        names = {"map": p.map_frame, "odom": p.odom_frame, "base_link": p.base_frame}
+        every = ("cog", *(f"contact_{wheel}" for wheel in WHEELS), *(frame.name for frame in sensor_frames(car)))
+        names |= {name: name for name in every}
+        self._frames = {name: f"{p.frame_prefix}{own}" for name, own in names.items()}
+        self._renamed = any(name != own for name, own in self._frames.items())
+        self._expected = {own: name for name, own in self._frames.items()}
+        self._transforms = Transforms(car, self._frames) if p.transforms else None
+        if self._transforms is not None:
+            self.create_output("/tf", "tf2_msgs/msg/TFMessage")
+            self.create_output("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
+            self.create_output("robot_description", "std_msgs/msg/String", LATCHED)
+            self._description = urdf(car, p.frame_prefix, p.base_frame)
+        if p.autoware:
+            for topic, kind in autoware.TOPICS.items():
+                self.create_output(topic, kind)
+
+    def start(self) -> None:
+        if self._transforms is not None:
+            self.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
+            self.publish_bytes("robot_description", "std_msgs/msg/String", cdr.encode_text(self._description))
 
     def _accelerated(self) -> MakeFilter:
         """The filter whose systems an accelerator solves."""
@@ -165,6 +238,10 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.unreadable += 1
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
+        framed = self._in_own_frame(sample)
+        if framed is None:
+            return
+        sample = framed
         if sample.received is not None:
             self._delays[topic] = sample.received - sample.stamp
         before = time.perf_counter()
@@ -191,6 +268,27 @@ class ObserverNode(SensingNode[ObserverParameters]):
                 if health.noise:
                     self.get_logger().info(f"{name}: standard deviation {health.noise}")
 
+    def _in_own_frame(self, sample: Sample) -> Sample | None:
+        """The sample with the frame as the vehicle file has it; None, told once, where it has another or none."""
+        observer, frame = self._observer, sample.frame_id
+        if observer is None:
+            return None
+        wanted = self._wanted_frames.get(sample.topic)
+        if not wanted or (frame in wanted and not self._renamed):
+            return sample
+        name = self._expected.get(frame, frame)
+        if name in wanted:
+            return sample if name == frame else replace(sample, frame_id=name)
+        if (sample.topic, frame) not in self._foreign and len(self._foreign) < _MOST_FRAMES:
+            self._foreign.add((sample.topic, frame))
+            expected = " or ".join(repr(self._frames.get(name, name)) for name in sorted(wanted))
+            self.get_logger().error(
+                f"{sample.topic}: messages with frame_id {frame!r} are refused, expected {expected}: set it where they "
+                "are published, or frame_id of the sensor in the vehicle file (empty: any), or frame_prefix"
+            )
+        self.refused_frames += 1
+        return None
+
     def _identify(self, identification: OnlineIdentification, sample: Sample) -> None:
         """Hand a message on, and publish once a second what is identified."""
         identification.add(sample)
@@ -214,11 +312,23 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if observer is None:
             return
         self._next_due = max(self._next_due + self._interval, observer.stamp + self._interval // 2)
-        for sample in observer.estimate():
-            self.publish(sample)
+        samples = observer.estimate()
+        for sample in samples:
+            self.publish(self._in_published_frame(sample) if self._renamed else sample)
+        if samples and self._transforms is not None:
+            steering = float(observer.filter.inputs[0]) if isinstance(observer, Observer) else 0.0
+            self.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", self._transforms.moving(samples[0], steering))
+        if samples and self.parameters.autoware:
+            for topic, data in autoware.messages(samples[0], observer, self._frames["base_link"]):
+                self.publish_bytes(topic, autoware.TOPICS[topic], data)
+        self._keep_origin(observer)
         now = self.time_base.now()
         if now is not None:
             self._keep(self.latencies, (now - observer.stamp) * 1e-9)
+
+    def _in_published_frame(self, sample: Sample) -> Sample:
+        frame, child = sample.frame_id, sample.child_frame_id
+        return replace(sample, frame_id=self._frames.get(frame, frame), child_frame_id=self._frames.get(child, child))
 
     @staticmethod
     def _keep(values: list[float], value: float) -> None:
@@ -236,9 +346,29 @@ class ObserverNode(SensingNode[ObserverParameters]):
         sensors = [line for line in others if line.name in self._observer.names]
         if self._observer.started and all(line.level == Level.STALE for line in sensors):
             own = replace(own, level=Level.STALE, message="no sensor is heard any more: the estimate is an old one")
+        elif self._observer.started and (dead := self._dead(sensors)):
+            message = f"{own.message}, without {', '.join(dead)}: {'; '.join(dead.values())}"
+            own = replace(own, level=Level.ERROR, message=message)
         if self._delays and any(line.level != Level.OK for line in sensors):
             others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
         return [own, *others, *self._use_of_accelerator()]
+
+    def _dead(self, lines: list[Diagnostic]) -> dict[str, str]:
+        """Sensors that the estimate needs and of which nothing comes: what is wrong, by name. It needs what drives its
+        model, rates and forces, and something that tells the speed."""
+        observer = self._observer
+        if observer is None:
+            return {}
+        silent = {line.name: line.message for line in lines if line.level == Level.STALE}
+        speed = [name for name, sensor in observer.sensors.items() if sensor.tells_speed]
+        without_speed = all(name in silent for name in speed)
+        return {
+            name: message
+            for name, message in silent.items()
+            if (sensor := observer.sensors[name]).is_input
+            or "rates and forces" in sensor.tells
+            or (without_speed and name in speed)
+        }
 
     def _use_of_accelerator(self) -> list[Diagnostic]:
         client = self._client
@@ -270,6 +400,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             **super().summary(),
             "received": dict(self.received),
             "unreadable": self.unreadable,
+            "refused_frames": self.refused_frames,
             "step_us_median": float(np.median(self.step_times) * 1e6) if self.step_times else None,
             "latency_ms": percentiles(self.latencies),
             "parameters": self._observer.parameters() if self._observer.started else {},

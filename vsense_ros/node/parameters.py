@@ -6,7 +6,9 @@ README.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
+from itertools import pairwise
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -15,8 +17,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from vsense_ros.errors import InputError
+from vsense_ros.messages import yaml_text
 
 _OF_ROS = ("use_sim_time", "start_type_description_service")
+
+
+def path_parameter(description: str, default: str = "", **constraints: Any) -> Any:
+    """A field that names a file, a folder or a device: read only, so that nobody but who starts the node tells it what
+    to open, and where to write."""
+    return Field(default, description=description, json_schema_extra={"path": True}, **constraints)
 
 
 class NodeParameters(BaseModel):
@@ -25,7 +34,7 @@ class NodeParameters(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     autostart: bool = Field(True, description="configure and activate at start; otherwise wait for lifecycle services")
-    summary: str = Field("", description="file for counts of messages, written at the end as JSON; empty: none")
+    summary: str = path_parameter("file for counts of messages, written at the end as JSON; empty: none")
 
 
 Model = TypeVar("Model", bound=NodeParameters)
@@ -57,6 +66,7 @@ def _descriptor(model: type[NodeParameters], name: str) -> ParameterDescriptor:
     unit = _extra(model, name, "unit")
     descriptor = ParameterDescriptor(
         name=name,
+        read_only=bool(_extra(model, name, "path")),
         description=f"{info.description}{f' [{unit}]' if unit else ''}",
         # pydantic judges types, and takes 2 for 2.0, which `--ros-args -p rate:=2` means.
         dynamic_typing=True,
@@ -73,19 +83,52 @@ def _descriptor(model: type[NodeParameters], name: str) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node, model: type[NodeParameters]) -> None:
+def declare(node: Node, model: type[NodeParameters], shared: Collection[str] = ()) -> None:
     """Declare all fields of `model` as parameters of `node`.
 
-    Raises `InputError` for an override that is no parameter of the node or cannot be one of its values.
+    Raises `InputError` for an override that is no parameter of the node or cannot be one of its values, but for names
+    in `shared`, which were meant for all nodes.
     """
     overrides: Mapping[str, Parameter] = node._parameter_overrides  # rclpy has no public way to ask for these
     unknown = [n for n in overrides if n not in model.model_fields and n not in _OF_ROS and not n.startswith("qos_")]
-    if unknown:
-        raise InputError(f"no parameter {', '.join(map(repr, unknown))}; expected {', '.join(model.model_fields)}")
+    foreign = [name for name in unknown if name not in shared]
+    if foreign:
+        raise InputError(f"no parameter {', '.join(map(repr, foreign))}; expected {', '.join(model.model_fields)}")
+    for name in unknown:
+        if alike := get_close_matches(name, model.model_fields, 1, 0.85):
+            node.get_logger().warning(f"no parameter {name!r} here, of those for all nodes; is {alike[0]!r} meant?")
     _validated(model, {name: p.value for name, p in overrides.items() if name in model.model_fields})
     for name, info in model.model_fields.items():
         default = list(info.default) if isinstance(info.default, tuple) else info.default
         node.declare_parameter(name, default, _descriptor(model, name))
+
+
+def shared_names(arguments: Sequence[str]) -> set[str]:
+    """Names of parameters that files give to any node that wants them (`/**`), and nobody to one node by name.
+
+    Raises `InputError` for a file that cannot be read.
+    """
+    shared: set[str] = set()
+    own: set[str] = set()
+    for flag, value in pairwise(arguments):
+        if flag in ("-p", "--param"):
+            own.add(value.partition(":=")[0].rpartition(":")[2])
+        elif flag == "--params-file":
+            content = yaml_text.load_file(value)
+            for node, entry in content.items() if isinstance(content, dict) else ():
+                keys = _leaves(entry.get("ros__parameters")) if isinstance(entry, dict) else set()
+                (shared if "*" in str(node) else own).update(keys)
+    return shared - own
+
+
+def _leaves(content: object, prefix: str = "") -> set[str]:
+    if not isinstance(content, dict):
+        return set()
+    found: set[str] = set()
+    for key, value in content.items():
+        name = f"{prefix}{key}"
+        found |= _leaves(value, f"{name}.") if isinstance(value, dict) else {name}
+    return found
 
 
 def read(node: Node, model: type[Model]) -> Model:

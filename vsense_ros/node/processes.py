@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import tempfile
@@ -73,21 +74,41 @@ def ros_environment(domain: int) -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
     }
     if not environment.get("HOME"):  # rclpy.init fails without
-        environment["HOME"] = tempfile.gettempdir()
+        environment["HOME"] = _own_folder()
     return environment
+
+
+def _own_folder() -> str:
+    """A folder in which nobody else can put anything, in the place of a home: rclpy logs there, and compiled code is
+    kept there."""
+    folder = Path(tempfile.gettempdir()) / f"vsense_ros-{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        return tempfile.mkdtemp(prefix="vsense_ros-")
+    return str(folder)
 
 
 class NodeProcess:
     """A node of this package as a child process. As a context manager it is stopped at the end."""
 
     def __init__(
-        self, node: str, parameters: Mapping[str, Any], environment: Mapping[str, str], *, name: str | None = None
+        self,
+        node: str,
+        parameters: Mapping[str, Any],
+        environment: Mapping[str, str],
+        *,
+        name: str | None = None,
+        remappings: Mapping[str, str] | None = None,
     ) -> None:
-        """`node` is a module of `vsense_ros.node`; `name` renames the node."""
+        """`node` is a module of `vsense_ros.node`; `name` renames the node, `remappings` its topics and the like."""
         self.name = name or node
         command = [sys.executable, "-m", f"vsense_ros.node.{node}", "--ros-args", "--log-level", "rcl:=error"]
         if name is not None:
             command += ["-r", f"__node:={name}"]
+        for key, value in (remappings or {}).items():
+            command += ["-r", f"{key}:={value}"]
         for key, value in parameters.items():
             command += ["-p", f"{key}:={_parameter_text(value)}"]
         self._process = subprocess.Popen(
@@ -112,6 +133,15 @@ class NodeProcess:
         """What it has written to stderr so far."""
         with self._heard:
             return "\n".join(self._lines)
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
 
     @property
     def exit_code(self) -> int | None:
@@ -336,7 +366,7 @@ def _lost(summaries: Mapping[str, Mapping[str, Any]]) -> int:
         if name == "accelerator":
             continue  # whose answers nobody records; the observer counts them
         for topic, count in summary["published"].items():
-            lost += max(count - recorded.get(topic, 0), 0)
+            lost += max(count - recorded.get(topic.removeprefix("/"), 0), 0)
             if name != "observer" and topic in received:
                 lost += max(count - received[topic], 0)
     return lost

@@ -7,11 +7,17 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 # Nothing good is lost: a reader may fall this many messages behind (a second or more) before the oldest go.
 _DEPTH = 4000
 LOSSLESS = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=_DEPTH)
+LATCHED = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 _BEST_EFFORT = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=_DEPTH)
 
 
@@ -23,12 +29,20 @@ class Reader:
     """
 
     def __init__(
-        self, node: Node, message: type, topic: str, receive: Callable[[Any], None], *, raw: bool = False
+        self,
+        node: Node,
+        message: type,
+        topic: str,
+        receive: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        latched: bool = False,
     ) -> None:
-        """`receive` is called with each message, or with its bytes if it is wanted `raw`."""
+        """`receive` is called with each message, or with its bytes if it is wanted `raw`; of a `latched` topic also
+        with what was published before."""
         self._node, self._message, self._topic, self._receive, self._raw = node, message, topic, receive, raw
         self._subscription: Any = None
-        self._subscribe(LOSSLESS)
+        self._subscribe(LATCHED if latched else LOSSLESS)
 
     def _subscribe(self, qos: QoSProfile) -> None:
         events = SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible)

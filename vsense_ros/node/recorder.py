@@ -1,55 +1,116 @@
-"""Recorder: topics to an MCAP bag, as the bytes that arrive."""
+"""Recorder: topics of any type to an MCAP bag, as the bytes that arrive, at most a second later.
+
+In a namespace it records, if not told otherwise, what is below it, and the transforms and diagnostics of all. Services:
+`~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/split_bagfile` and, with `snapshot_mode`, `~/snapshot`, as
+rosbag2's recorder has them.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Callable
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
+from rclpy.qos import DurabilityPolicy
 
-from vsense_ros.bag import BagWriter
+from vsense_ros.bag import BagWriter, TopicDescription
 from vsense_ros.errors import InputError
-from vsense_ros.messages.definitions import TYPE_HASHES
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.node.base import SensingNode, run_node
-from vsense_ros.node.convert import message_type
-from vsense_ros.node.parameters import NodeParameters
+from vsense_ros.node import rosbag2
+from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.convert import describe, message_type
+from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
+from vsense_ros.node.qos import offered_text
 from vsense_ros.node.reader import Reader
 
 _STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
+_WRITE_EVERY = 0.5  # [s]
+_MOST_HELD = 1000
+_OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
+_NOT_BY_ITSELF = ("/clock", "/rosout", "/parameter_events")
 
 
 class RecorderParameters(NodeParameters):
     """What and where."""
 
-    bag: str = Field("", description="folder to write the bag into; where it holds something already, BAG_1, BAG_2 …")
-    topics: tuple[str, ...] = Field((), description="topics to record; empty: all of known types that appear")
-    overwrite: bool = Field(False, description="replace a bag that is there already")
+    bag: str = path_parameter("folder to write the bag into; where it holds something already, BAG_1, BAG_2 …")
+    topics: tuple[str, ...] = Field((), description="topics to record; empty: all that appear")
+    overwrite: bool = Field(False, description="replace a bag that is there already, at the first message")
+    max_bagfile_size: int = parameter(0, "byte", "after which the next file of the bag begins; 0: never", ge=0)
+    max_bagfile_duration: float = parameter(0.0, "s", "likewise", ge=0)
+    snapshot_mode: bool = Field(False, description="write nothing until ~/snapshot asks for what is in memory")
+    max_cache_size: int = parameter(100_000_000, "byte", "of messages in memory for a snapshot", ge=1000, le=10**10)
+    snapshot_duration: float = parameter(30.0, "s", "of messages in memory for a snapshot", gt=0, le=3600)
 
 
 class Recorder(SensingNode[RecorderParameters]):
     """See the module."""
 
     _writer: BagWriter | None = None
+    _servers: tuple[Any, ...] = ()
 
     def configure(self) -> None:
         if not self.parameters.bag:
             raise InputError("parameter bag is empty: expected the folder to write the bag into")
         self.recorded: Counter[str] = Counter()
         self.before_clock = 0
+        self.while_paused = 0
+        self._held: list[tuple[Callable[[bytes], None], bytes]] = []  # latched messages from before the clock's first
         self._kinds: dict[str, str] = {}
+        self._descriptions: dict[str, TopicDescription] = {}
+        self._refused: set[str] = set()
         self._last_time = 0
         self._inputs: dict[str, Reader] = {}
-        self._search: Any = None
-        self._folder = self._free_folder()
+        self._timers_of_recording: list[Any] = []
+        self._memory: deque[tuple[str, str, int, bytes]] = deque()
+        self._remembered = 0  # [byte]
+        self._paused = False
         self._failure = ""
+        self._folder = self._free_folder()
+        self._make(self._folder)
+        if not self.parameters.overwrite:
+            self._open()
+        services = [
+            ("pause", "Pause", lambda: self._pause(True)),
+            ("resume", "Resume", lambda: self._pause(False)),
+            ("toggle_paused", "TogglePaused", lambda: self._pause(not self._paused)),
+            ("is_paused", "IsPaused", lambda: self._paused),
+            ("split_bagfile", "SplitBagfile", self._split),
+        ]
+        if self.parameters.snapshot_mode:
+            services.append(("snapshot", "Snapshot", self._snapshot))
+        self._servers = tuple(rosbag2.offer(self, *service) for service in services)
+
+    def _open(self) -> BagWriter:
+        p = self.parameters
         try:
-            self._writer = BagWriter(self._folder, overwrite=self.parameters.overwrite)
+            self._writer = BagWriter(
+                self._folder,
+                overwrite=p.overwrite,
+                split_size=p.max_bagfile_size,
+                split_duration=p.max_bagfile_duration,
+            )
         except OSError as error:
             raise InputError(f"{self._folder}: cannot be written: {error.strerror}") from None
+        return self._writer
+
+    @staticmethod
+    def _make(folder: Path) -> None:
+        """Refuse early what could not be written later; what is to be overwritten stays until the first message."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise InputError(
+                f"{folder}: a bag is a folder, but a file of this name exists; choose another name"
+            ) from None
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        if any(not (f.name == "metadata.yaml" or f.suffix == ".mcap") for f in folder.iterdir()):
+            raise InputError(f"{folder}: holds files that are no bag, so it is not overwritten")
 
     def _free_folder(self) -> Path:
         """The first that is free: a recorder that is started again, by a launch file or by the lifecycle, goes on."""
@@ -63,68 +124,143 @@ class Recorder(SensingNode[RecorderParameters]):
         return free
 
     def start(self) -> None:
-        self._search = self.create_steady_timer(0.1, self._look_for_topics)
+        self._timers_of_recording = [
+            self.create_steady_timer(0.1, self._look_for_topics),
+            self.create_steady_timer(_WRITE_EVERY, self._write),
+        ]
         self._look_for_topics()
 
     def stop(self) -> None:
-        if self._writer is None:
-            return
-        if self._search is not None:
-            self.destroy_timer(self._search)
-            self._search = None
-        for reader in self._inputs.values():
+        for timer in getattr(self, "_timers_of_recording", ()):
+            self.destroy_timer(timer)
+        self._timers_of_recording = []
+        for reader in getattr(self, "_inputs", {}).values():
             reader.close()
-        self._inputs.clear()
+        self._inputs = {}
 
     def release(self) -> None:
         self.stop()
+        for server in self._servers:
+            self.destroy_service(server)
+        self._servers = ()
         if self._writer is not None and not self._failure:
             try:
                 self._writer.close()
             except OSError as error:
-                self._give_up(self._writer, error)
+                self._give_up(error)
         self._writer = None
 
-    def _give_up(self, writer: BagWriter, error: OSError) -> None:
+    def _give_up(self, error: Exception) -> None:
         """End the recording but not the node, which would be started again and fill the disk with new bags."""
-        writer.abandon()
-        self._failure = f"{self._folder}: cannot be written any more: {error.strerror}"
+        if self._writer is not None:
+            self._writer.abandon()
+        self._failure = f"{self._folder}: cannot be written any more: {getattr(error, 'strerror', None) or error}"
         self.get_logger().error(self._failure)
         self.exit_code = 1
 
-    def _look_for_topics(self) -> None:
-        wanted = {self.resolve_topic_name(topic) for topic in self.parameters.topics}
-        for topic, kinds in self.get_topic_names_and_types():
-            if topic in self._inputs or (wanted and topic not in wanted):
-                continue
-            kind = kinds[0]
-            if kind in TYPE_HASHES:
-                self._inputs[topic] = self._subscribe(topic, kind)
-            elif topic in wanted:
-                self.get_logger().error(f"{topic}: messages of type {kind} cannot be recorded", once=True)
+    def _write(self) -> None:
+        """Whatever happens to this process, what came before is in the file."""
+        if self._writer is not None and not self._failure:
+            try:
+                self._writer.flush()
+            except OSError as error:
+                self._give_up(error)
 
-    def _subscribe(self, topic: str, kind: str) -> Reader:
-        self._kinds[topic] = kind
+    def _wants(self, topic: str) -> bool:
+        if self.parameters.topics:
+            return topic in {self.resolve_topic_name(name) for name in self.parameters.topics}
+        namespace = self.get_namespace().rstrip("/")
+        if topic in _NOT_BY_ITSELF or topic.endswith((f"/{PROGRESS_TOPIC}", "/transition_event")):
+            return False
+        return topic.startswith(f"{namespace}/") or topic in _OF_ALL
+
+    def _look_for_topics(self) -> None:
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._inputs or topic in self._refused or not self._wants(topic):
+                continue
+            publishers = self.get_publishers_info_by_topic(topic)
+            if not publishers:
+                continue
+            kind, type_hash = publishers[0].topic_type, str(publishers[0].topic_type_hash)
+            if len(kinds) > 1:
+                self.get_logger().error(f"{topic} has several types ({', '.join(kinds)}); {kind} is recorded")
+            try:
+                accepted = message_type(kind, type_hash)
+            except InputError as error:
+                self._refused.add(topic)
+                self.get_logger().error(f"{topic} is not recorded: {error}")
+                continue
+            latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+            description = describe(kind, type_hash, offered_text([p.qos_profile for p in publishers]))
+            self._inputs[topic] = self._subscribe(topic, description, accepted, latched)
+
+    def _subscribe(self, topic: str, description: TopicDescription, accepted: Any, latched: bool) -> Reader:
+        kind = self._kinds[topic] = description.kind
         name = topic.removeprefix("/")
 
         def receive(data: bytes) -> None:
-            if self._writer is None or self._failure:
+            if self._failure:
                 return
             now = self.now()
             if now <= 0:  # no /clock yet: the bag would begin in 1970
-                self.before_clock += 1
+                if latched and len(self._held) < _MOST_HELD:
+                    self._held.append((receive, data))
+                else:
+                    self.before_clock += 1
+                return
+            if self._paused:
+                self.while_paused += 1
                 return
             # A bag is in order of arrival, as long as nobody sets the clock.
             if not 0 < self._last_time - now < _STEP_BACK:
                 self._last_time = now
+            if self.parameters.snapshot_mode:
+                self._remember(name, kind, self._last_time, data)
+                return
             try:
-                self._writer.write_raw(name, kind, self._last_time, data)
-            except OSError as error:
-                self._give_up(self._writer, error)
+                writer = self._writer or self._open()
+                writer.describe(name, description)
+                writer.write_raw(name, kind, self._last_time, data)
+            except (OSError, InputError) as error:
+                self._give_up(error)
                 return
             self.recorded[name] += 1
 
-        return Reader(self, message_type(kind), topic, receive, raw=True)
+        self._descriptions[name] = description
+        return Reader(self, accepted, topic, receive, raw=True, latched=latched)
+
+    # Snapshots, pauses, files
+
+    def _remember(self, name: str, kind: str, now: int, data: bytes) -> None:
+        self._memory.append((name, kind, now, data))
+        self._remembered += len(data)
+        oldest = now - round(self.parameters.snapshot_duration * 1e9)
+        while self._remembered > self.parameters.max_cache_size or self._memory[0][2] < oldest:
+            self._remembered -= len(self._memory.popleft()[3])
+
+    def _snapshot(self) -> bool:
+        try:
+            writer = self._writer or self._open()
+            for name, kind, time, data in self._memory:
+                writer.describe(name, self._descriptions[name])
+                writer.write_raw(name, kind, time, data)
+                self.recorded[name] += 1
+            writer.flush()
+        except (OSError, InputError) as error:
+            self._give_up(error)
+            return False
+        self.get_logger().info(f"snapshot: {len(self._memory)} messages to {self._folder}")
+        self._memory.clear()
+        self._remembered = 0
+        return True
+
+    def _pause(self, paused: bool) -> None:
+        self._paused = paused
+        self.get_logger().info("paused" if paused else "recording")
+
+    def _split(self) -> None:
+        if self._writer is not None:
+            self._writer.split()
 
     def _missing(self) -> str:
         """What of the wanted topics does not come, and why; empty if all do."""
@@ -136,16 +272,29 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
+            if self._held and self.now() > 0:
+                held, self._held = self._held, []
+                for receive, data in held:
+                    receive(data)
             self.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}
         if self.before_clock:
             values["dropped before the first /clock message"] = str(self.before_clock)
+        if self.while_paused:
+            values["left out while paused"] = str(self.while_paused)
+        if self._refused:
+            values["topics of unknown types"] = ", ".join(sorted(self._refused))
         if self._failure:
             return [Diagnostic("recorder", Level.ERROR, self._failure, values)]
+        if self._paused:
+            return [Diagnostic("recorder", Level.WARN, "paused", values)]
         if self.now() <= 0:
             return [Diagnostic("recorder", Level.WARN, "no /clock message yet: nothing is recorded", values)]
+        if self.parameters.snapshot_mode:
+            values |= {"messages in memory": str(len(self._memory)), "bytes in memory": str(self._remembered)}
+            return [Diagnostic("recorder", Level.OK, "waiting for ~/snapshot", values)]
         if missing := self._missing():
             return [Diagnostic("recorder", Level.WARN, missing, values)]
         return [Diagnostic("recorder", Level.OK, f"recording to {self._folder}", values)]

@@ -2,10 +2,13 @@
 
 With rate 0 it sends as fast as the consumers take it and nothing is dropped: each of them (observer, recorder) tells on
 `vsense/progress` up to which `/clock` message it has worked everything off, and the replay stays at most `window`
-ahead of the slowest.
+ahead of the slowest. When fewer consumers than it was told of appear within `wait`, it ends with an error.
 
-Services: `~/pause` (std_srvs/SetBool), `~/restart` (std_srvs/Trigger). The parameters `rate`, `loop` and `position`
-(which seeks) may be set while it runs.
+Topics of any type are published, with the reliability and durability with which they were offered when recorded.
+
+Services are those of rosbag2's player: `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/get_rate`,
+`~/set_rate`, `~/seek`, `~/play_next`, `~/burst`, `~/stop`; and `~/restart` (std_srvs/Trigger). The parameters `rate`,
+`loop` and `position` (which seeks) may be set while it runs.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
@@ -22,21 +25,24 @@ from typing import Any, Literal
 import numpy as np
 from builtin_interfaces.msg import Time
 from pydantic import Field
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
-from vsense_ros.bag import read_bag
+from vsense_ros.bag import TopicDescription, read_whole_bag
 from vsense_ros.driver.can_bus import open_bus
 from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.node import rosbag2
 from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
 from vsense_ros.node.byte_log import read_byte_log
 from vsense_ros.node.can_driver import bus_options
-from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.ports import Port, SlcanAdapter, open_port
+from vsense_ros.node.qos import profile_of
 from vsense_ros.node.reader import LOSSLESS
 
 NANO = 1_000_000_000
@@ -50,32 +56,34 @@ Send = Callable[[Any], int]  # sends one item; how much of it nobody took
 class ReplayParameters(NodeParameters):
     """What, whereto, how fast."""
 
-    bag: str = Field("", description="bag to publish")
+    bag: str = path_parameter("bag to publish")
     topics: tuple[str, ...] = Field((), description="topics of the bag to publish; empty: all")
-    can_log: str = Field("", description="CAN log to send (candump, .asc, .blf, .trc, .mf4, GVRET .csv)")
+    can_log: str = path_parameter("CAN log to send (candump, .asc, .blf, .trc, .mf4, GVRET .csv)")
     can_interface: Literal["slcan_adapter", "socketcan", "udp_multicast", "slcan"] = Field(
         "slcan_adapter", description="bus to send it to; slcan_adapter: a pty for can_driver's slcan to open"
     )
-    can_channel: str = Field("", description="of the interface; for slcan_adapter the name of the pty to make")
+    can_channel: str = path_parameter("of the interface; for slcan_adapter the name of the pty to make")
     can_port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
     can_log_channel: str = Field("", description="only the frames of this channel of the log; empty: all")
     can_offset: float = parameter(0.0, "s", "added to the times of the CAN log, to those of the other sources")
-    gnss_bytes: str = Field("", description="byte log of a GNSS receiver")
-    gnss_port: str = Field("", description="pty to make, or socket://host:port to listen at, for gps_driver")
-    imu_bytes: str = Field("", description="byte log of an IMU")
-    imu_port: str = Field("", description="pty to make, or socket://host:port to listen at, for imu_driver")
+    gnss_bytes: str = path_parameter("byte log of a GNSS receiver")
+    gnss_port: str = path_parameter("pty to make, or socket://host:port to listen at, for gps_driver")
+    imu_bytes: str = path_parameter("byte log of an IMU")
+    imu_port: str = path_parameter("pty to make, or socket://host:port to listen at, for imu_driver")
     rate: float = parameter(1.0, "", "times real time; 0: as fast as the consumers take it", live=True, ge=0, le=1000)
     loop: bool = parameter(False, "", "begin again at the end", live=True)
     start_offset: float = parameter(0.0, "s", "where to begin, after the first message", ge=0)
     duration: float = parameter(0.0, "s", "how much to replay; 0: to the end", ge=0)
     position: float = parameter(-1.0, "s", "set it to seek; after the first message, -1: nowhere", live=True, ge=-1)
-    paused: bool = Field(False, description="wait for ~/pause with data: false")
+    paused: bool = Field(False, description="begin paused, and wait for ~/resume")
     clock: bool = Field(True, description="publish /clock")
     lead: float = parameter(
         0.5, "s", "of clock (wall time) before the first message, from which drivers learn the time", ge=0
     )
     wait: float = parameter(10.0, "s", "for subscribers, consumers and readers of ports to appear", ge=0, le=600)
-    consumers: int = parameter(0, "", "that must report progress before it begins; rate 0 needs one", ge=0, le=10)
+    consumers: int = parameter(
+        0, "", "that must report progress within `wait`, else it ends with an error; rate 0 needs one", ge=0, le=10
+    )
     window: float = parameter(0.2, "s", "of recorded time that consumers may lie behind with rate 0", gt=0, le=10)
     exit_at_end: bool = Field(True, description="end the process when all is sent and worked off")
 
@@ -90,6 +98,8 @@ def _moment(nanoseconds: int) -> str:
 class Replay(SensingNode[ReplayParameters]):
     """See the module."""
 
+    tells_time = True
+
     _thread: threading.Thread | None = None
     _closers: tuple[Callable[[], None], ...] = ()
     _clock_output: Any = None
@@ -102,6 +112,8 @@ class Replay(SensingNode[ReplayParameters]):
         self._ended = False
         self._finished = False
         self._paused = p.paused
+        self._position = 0  # of the next message
+        self._single = 0  # messages to send although it is paused
         self._seek: int | None = None
         self._moved = True  # the relation of recorded and wall time is to be fixed anew
         self._progress: dict[str, int] = {}
@@ -134,8 +146,17 @@ class Replay(SensingNode[ReplayParameters]):
             self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
         self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
         self._servers = (
-            self.create_service(SetBool, "~/pause", self._on_pause),
             self.create_service(Trigger, "~/restart", self._on_restart),
+            rosbag2.offer(self, "pause", "Pause", lambda: self._pause(True)),
+            rosbag2.offer(self, "resume", "Resume", lambda: self._pause(False)),
+            rosbag2.offer(self, "toggle_paused", "TogglePaused", lambda: self._pause(not self._paused)),
+            rosbag2.offer(self, "is_paused", "IsPaused", lambda: self._paused),
+            rosbag2.offer(self, "get_rate", "GetRate", lambda: float(self.parameters.rate)),
+            rosbag2.offer(self, "set_rate", "SetRate", self._set_rate),
+            rosbag2.offer(self, "seek", "Seek", self._seek_time),
+            rosbag2.offer(self, "play_next", "PlayNext", lambda: self._burst(1) == 1),
+            rosbag2.offer(self, "burst", "Burst", self._burst),
+            rosbag2.offer(self, "stop", "Stop", self._end_here),
         )
 
     def _load(self) -> tuple[np.ndarray, list[tuple[str, Send]], list[tuple[int, Any]]]:
@@ -151,19 +172,7 @@ class Replay(SensingNode[ReplayParameters]):
             sources.append((name, send))
 
         if p.bag:
-            recording = read_bag(p.bag)
-            self.lost_in_bag = recording.messages_lost
-            unknown = [topic for topic in p.topics if topic not in recording]
-            if unknown:
-                raise InputError(
-                    f"{p.bag}: has no topic {', '.join(unknown)}; it has {', '.join(sorted(recording.channels))}"
-                )
-            for topic, channel in recording.channels.items():
-                if p.topics and topic not in p.topics:
-                    continue
-                self.create_output(topic, channel.kind)
-                publish = partial(self._publish_row, topic, channel.kind)
-                add(topic, publish, channel.received, [row.tobytes() for row in cdr.encode_channel(channel)])
+            self._load_bag(p.bag, add)
         if p.can_log:
             frames = [
                 frame
@@ -185,6 +194,34 @@ class Replay(SensingNode[ReplayParameters]):
             self._waiting_for.append((f"a reader of {where}", port.ready))
             add(name, port.write, [t for t, _ in entries], [data for _, data in entries])
         return (np.concatenate(times) if times else np.zeros(0, np.int64)), sources, items
+
+    def _load_bag(self, path: str, add: Callable[[str, Send, Any, list[Any]], None]) -> None:
+        """Announce the topics of a bag, and `add` their messages."""
+        p = self.parameters
+        bag = read_whole_bag(path)
+        self.lost_in_bag = bag.recording.messages_lost
+        known = {**bag.recording.channels, **bag.others}
+        if unknown := [topic for topic in p.topics if topic not in known]:
+            raise InputError(f"{path}: has no topic {', '.join(unknown)}; it has {', '.join(sorted(known))}")
+        for topic in known:
+            if topic not in p.topics and (p.topics or (topic == "clock" and p.clock)):
+                continue
+            about = bag.descriptions.get(topic)
+            if topic in bag.others:
+                about, messages = about or TopicDescription("", "", ""), bag.others[topic].payloads
+                times = bag.others[topic].times
+            else:
+                numbers = bag.recording.channels[topic]
+                about = about or TopicDescription.of(topic, numbers.kind)
+                messages, times = [row.tobytes() for row in cdr.encode_channel(numbers)], numbers.received
+            try:
+                self.create_output(topic, about.kind, profile_of(about.qos), about.type_hash)
+            except InputError as error:
+                if p.topics:
+                    raise
+                self.get_logger().warning(f"{topic} is left out: {error}")
+                continue
+            add(topic, partial(self._publish_row, topic, about.kind), times, messages)
 
     @staticmethod
     def _must_overlap(times: np.ndarray, sources: list[tuple[str, Send]], items: list[tuple[int, Any]]) -> None:
@@ -262,8 +299,8 @@ class Replay(SensingNode[ReplayParameters]):
         try:
             self._run()
         except Exception as error:  # the node must end with a message, not hang with a dead thread
-            self.get_logger().fatal(f"replay ended: {error!r}")
-            self.exit_code = 1
+            self.get_logger().fatal(f"replay ended: {error if isinstance(error, InputError) else repr(error)}")
+            self.exit_code = 2 if isinstance(error, InputError) else 1
             if self.finish is not None:
                 self.finish()
 
@@ -274,24 +311,24 @@ class Replay(SensingNode[ReplayParameters]):
             return
         self.get_logger().info("begins")
         tick = self._now
-        position = told = 0
+        self._position = told = 0
         total = len(self._times)
         while True:
             with self._condition:
-                while self._paused and not self._ended and self._seek is None:
+                while self._paused and not self._single and not self._ended and self._seek is None:
                     self._moved = True
                     self._condition.wait()
                 if self._ended:
                     return
                 if self._seek is not None:
-                    target = min(max(self._seek, first), int(self._times[-1]))
-                    position = int(np.searchsorted(self._times, target))
+                    target = max(self._seek, first)
+                    self._position = int(np.searchsorted(self._times, target))
                     self._seek = None
                     self._now = tick = target
                     self._progress.clear()
                     self._moved = True
                     self._finished = False
-            if position == total:
+            if self._position == total:
                 if self.parameters.loop:
                     self._seek = first
                     continue
@@ -305,22 +342,26 @@ class Replay(SensingNode[ReplayParameters]):
                     if not self._ended and self._seek is None:
                         self._condition.wait(0.5)
                 continue
-            due = int(self._times[position])
+            due = int(self._times[self._position])
             rate = self.parameters.rate
-            if self._clock_output is not None and tick <= due:
+            if self._single:
+                self._now = tick = due
+                self._publish_clock(due)
+            elif self._clock_output is not None and tick <= due:
                 if self._wait_until(tick):
                     self._publish_clock(tick)
                     tick += _FAST_TICK if rate == 0 else round(_TICK * max(rate, 1.0))
                 continue
-            if self._wait_until(due):
-                source, item = self._items[position]
+            if self._single or self._wait_until(due):
+                self._single = max(self._single - 1, 0)
+                source, item = self._items[self._position]
                 name, send = self._sources[source]
                 not_taken = send(item)
                 if not_taken:
                     self._not_taken[name] = self._not_taken.get(name, 0) + not_taken
-                position += 1
-                if position * 100 // total != told:
-                    told = position * 100 // total
+                self._position += 1
+                if self._position * 100 // total != told:
+                    told = self._position * 100 // total
                     self.get_logger().info(f"{told} %")
 
     def _wait_until(self, moment: int) -> bool:
@@ -376,9 +417,10 @@ class Replay(SensingNode[ReplayParameters]):
                 if not missing:
                     return True
                 if time.monotonic() > deadline:
-                    self.get_logger().warning(f"waited {p.wait:g} s in vain for {', '.join(missing)}")
-                    if p.rate == 0 and not self._progress:
-                        raise InputError("rate 0 needs a consumer that reports progress: an observer or a recorder")
+                    text = f"waited {p.wait:g} s in vain for {', '.join(missing)}"
+                    if len(self._progress) < consumers:
+                        raise InputError(f"{text}; a consumer is an observer or a recorder that is active")
+                    self.get_logger().warning(text)
                     return True
                 self._condition.wait(_LOOK_EVERY)
 
@@ -403,13 +445,39 @@ class Replay(SensingNode[ReplayParameters]):
             self._progress[message.frame_id] = message.stamp.sec * NANO + message.stamp.nanosec
             self._condition.notify_all()
 
-    def _on_pause(self, request: Any, response: Any) -> Any:
+    def _pause(self, paused: bool) -> None:
         with self._condition:
-            self._paused = request.data
+            self._paused = paused
             self._moved = True
             self._condition.notify_all()
-        response.success, response.message = True, "paused" if request.data else "running"
-        return response
+
+    def _set_rate(self, rate: float) -> bool:
+        wanted = Parameter("rate", value=rate)
+        return bool(self.set_parameters([wanted])[0].successful)
+
+    def _seek_time(self, time: Time) -> bool:
+        """To a time of the recording; False where it has none such."""
+        target = rosbag2.nanoseconds(time)
+        if not self._times[0] <= target <= self._times[-1]:
+            return False
+        self._move(target)
+        return True
+
+    def _burst(self, count: int) -> int:
+        """Send the next messages while it is paused; how many there are."""
+        if not self._paused or self._finished:
+            return 0
+        possible = min(count or len(self._times), len(self._times) - self._position)
+        with self._condition:
+            self._single += possible
+            self._condition.notify_all()
+        return possible
+
+    def _end_here(self) -> None:
+        self._move(int(self._times[-1]) + 1)
+        with self._condition:
+            self._paused = False
+            self._condition.notify_all()
 
     def _on_restart(self, _: Any, response: Any) -> Any:
         self._move(int(self._times[0]))
@@ -421,12 +489,12 @@ class Replay(SensingNode[ReplayParameters]):
             self._seek = target
             self._condition.notify_all()
 
-    def parameters_changed(self) -> None:
+    def parameters_changed(self, names: Collection[str]) -> None:
         if self._thread is None:
             return
-        if self.parameters.position >= 0:
-            self._move(int(self._times[0]) + round(self.parameters.position * NANO))
-            self.parameters = self.parameters.model_copy(update={"position": -1.0})
+        if "position" in names and self.parameters.position >= 0:
+            wanted = int(self._times[0]) + round(self.parameters.position * NANO)
+            self._move(min(wanted, int(self._times[-1])))
         with self._condition:
             self._moved = True
             self._condition.notify_all()

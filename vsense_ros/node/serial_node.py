@@ -5,12 +5,10 @@ from __future__ import annotations
 import threading
 from typing import Any, Protocol, TypeVar
 
-from pydantic import Field
-
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.node.base import SensingNode
-from vsense_ros.node.parameters import NodeParameters, parameter
+from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.serial_link import SerialLink
 from vsense_ros.node.time_base import Arrivals
 
@@ -28,7 +26,7 @@ class Decoder(Protocol):
 class SerialParameters(NodeParameters):
     """Where the bytes come from."""
 
-    port: str = Field("", description="device (/dev/ttyUSB0, /dev/pts/3) or socket://host:port")
+    port: str = path_parameter("device (/dev/ttyUSB0, /dev/pts/3) or socket://host:port")
     baud_rate: int = parameter(115200, "bit/s", "of a serial port", ge=1200, le=4_000_000)
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
@@ -19,6 +23,12 @@ except ImportError:  # rclpy before 7.1.3
     EventsExecutor = None
 
 _FOREVER = 1e8  # [s]
+_GRACE = 1.5  # [s] for a job that is interrupted to come to an end
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Stopped(BaseException):
+    """The end of the process was asked for in the middle of a long job."""
 
 
 def init(args: list[str]) -> None:
@@ -35,22 +45,50 @@ class Stop:
 
     def __init__(self) -> None:
         self.future: Future = Future()
+        self._asked = False
+        self._in_long_job = False
         self._reader, self._writer = socket.socketpair()
         self._writer.setblocking(False)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: None)
         signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        for number in _SIGNALS:
+            signal.signal(number, self._on_signal)
         threading.Thread(target=self._wait, name="signals", daemon=True).start()
+
+    def _on_signal(self, *_: object) -> None:
+        self._asked = True
+        if self._in_long_job:
+            raise Stopped
 
     def _wait(self) -> None:
         while data := self._reader.recv(16):
-            if any(number in (signal.SIGINT, signal.SIGTERM) for number in data):
+            if any(number in _SIGNALS for number in data):
                 self()
+                if self._in_long_job:
+                    threading.Thread(target=self._end_anyway, name="end anyway", daemon=True).start()
+
+    def _end_anyway(self) -> None:
+        """What has not come back from a library by now is left where it is; no file is half written by that, as files
+        take their place when they are whole."""
+        time.sleep(_GRACE)
+        if self._in_long_job:
+            os._exit(0)
 
     def __call__(self) -> None:
         """Ask for the end."""
+        self._asked = True
         if not self.future.done():
             self.future.set_result(None)
+
+    @contextmanager
+    def long_job(self) -> Iterator[None]:
+        """Within, a signal raises `Stopped` in the main thread; also one that came just before."""
+        self._in_long_job = True
+        try:
+            if self._asked:
+                raise Stopped
+            yield
+        finally:
+            self._in_long_job = False
 
 
 def spin(node: Node, stop: Stop) -> None:

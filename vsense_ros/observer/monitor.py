@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.errors import InputError
 from vsense_ros.files.atomic import atomic_write
+from vsense_ros.messages import yaml_text
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.coordinates import ROLL, SPIN, WHEELS, YAW, X, Y
 from vsense_ros.model.sensors import SensorBase
@@ -73,13 +73,10 @@ class Limits(BaseModel):
 def load_limits(path: str | Path) -> Limits:
     """Limits as `vsense monitor --calibrate` writes them. Raises `InputError`."""
     path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file; vsense monitor --calibrate {path} makes one")
     try:
-        content = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
-        return Limits.model_validate(content)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; vsense monitor --calibrate {path} makes one") from None
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+        return Limits.model_validate(yaml_text.load_file(path))
     except ValidationError as error:
         fault = error.errors()[0]
         place = ".".join(map(str, fault["loc"])) or "file"

@@ -54,8 +54,10 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: neither a regular file nor a folder; expected a recording")
     known = importers()
-    matching = [importer for importer in known if importer.matches(path)]
+    matching = [importer for importer in known if _matches(importer, path)]
     matching.sort(key=lambda importer: not set(importer.needs) <= set(options))
     for importer in matching:
         if set(options) <= set(importer.options):
@@ -64,6 +66,14 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
         return matching[0]
     names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
     raise InputError(f"{path}: no importer knows this. Known: {names}")
+
+
+def _matches(importer: Importer, path: Path) -> bool:
+    """Whether an importer knows what a path holds; one whose library stumbles over a damaged file does not."""
+    try:
+        return importer.matches(path)
+    except Exception:
+        return False
 
 
 def import_recording(path: str | Path, **options: Any) -> Recording:
@@ -77,7 +87,15 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
         allowed = ", ".join(importer.options) or "none"
         raise InputError(f"{path}: importer {importer.name} has no option {unknown[0]!r}; it has: {allowed}")
     with bounded_memory(Path(path)):
-        return importer.read(Path(path), **options)
+        try:
+            return importer.read(Path(path), **options)
+        except (InputError, MemoryError):
+            raise
+        except Exception as error:  # of a library, that a damaged file has led where nobody expected it
+            text = (
+                f"{path}: cannot be read as {importer.name} ({importer.description}): {type(error).__name__}: {error}"
+            )
+            raise InputError(text) from error
 
 
 @contextmanager

@@ -39,13 +39,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
-from vsense_ros.messages import units
+from vsense_ros.messages import units, yaml_text
 from vsense_ros.messages.held import period_of_updates
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS
@@ -53,7 +51,6 @@ from vsense_ros.messages.topics import TOPICS, WHEELS
 _DEG = np.pi / 180.0
 _LOOKED_AT = 100_000  # rows at the beginning that tell whether values are held
 _LAST = 4e9  # [s] of any time
-_LARGEST = 1 << 20  # [byte] of a mapping file
 
 _QUANTITIES_OF_UNITS: Mapping[str, Mapping[str, float]] = {
     **units.QUANTITIES,
@@ -234,14 +231,9 @@ def load(source: str | Path | Mapping[str, Any], path: Path) -> ColumnMapping:
     content: Any = source
     if not isinstance(source, Mapping):
         where = str(source)
-        try:
-            if Path(source).stat().st_size > _LARGEST:
-                raise InputError(f"{source}: larger than {_LARGEST} bytes, which is no mapping file")
-            content = YAML(typ="safe", pure=True).load(Path(source).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise InputError(f"{source}: no such mapping file for {path.name}") from None
-        except (YAMLError, OSError, UnicodeDecodeError, RecursionError) as error:
-            raise InputError(f"{source}: not a YAML file: {error}") from None
+        if not Path(source).exists():
+            raise InputError(f"{source}: no such mapping file for {path.name}")
+        content = yaml_text.load_file(source)
     try:
         mapping = ColumnMapping.model_validate(content)
     except ValidationError as error:

@@ -9,11 +9,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import zstandard
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from vsense_ros.bag.mcap import channels_of, read_bag
 from vsense_ros.errors import InputError
+from vsense_ros.messages import yaml_text
 from vsense_ros.messages.recording import FIELDS, Recording
 
 NAME = "rosbag2"
@@ -23,7 +22,6 @@ FIRST = True  # a folder with such files is no bag in MCAP
 _ENDINGS = (".db3", ".db3.zstd", ".mcap.zstd")
 _SQLITE = b"SQLite format 3\0"
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_LARGEST = 1 << 24  # [byte] of metadata that is read
 _MOST = 32  # times its size that a compressed file may hold, with …
 _LEAST_BOUND = 1 << 28  # … this many bytes in any case
 
@@ -84,11 +82,9 @@ def _mode(path: Path, notes: list[str]) -> str:
     if not metadata.exists():
         notes.append("metadata.yaml is missing: the recording was not finished properly")
         return ""
-    if metadata.stat().st_size > _LARGEST:
-        return ""
     try:
-        document = YAML(typ="safe", pure=True).load(metadata.read_text(encoding="utf-8", errors="replace"))
-    except (YAMLError, RecursionError, ValueError):
+        document = yaml_text.load_file(metadata)
+    except InputError:
         notes.append("metadata.yaml is damaged")
         return ""
     information: Any = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None

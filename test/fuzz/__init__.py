@@ -1,0 +1,1 @@
+"""Inputs that nobody meant, over everything that reads: `make fuzz`."""
