@@ -8,8 +8,12 @@ from dataclasses import dataclass, field
 from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
-PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
+PATIENCE = 2_000_000_000  # [ns] of refusals in a row, after which it may be the filter that is wrong, and
+_REFUSALS = 5  # at least so many
 _RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
+_PERIODS = 10.0  # without a message, after which a sensor is silent, but not before
+_SHORTEST = 0.15  # [s], in which an operating system, or the end of a recording, may well hold messages back
+_SHARE = 0.05  # of the newest interval in the mean of intervals
 
 
 @dataclass
@@ -19,11 +23,15 @@ class Health:
     used: int = 0
     refused: int = 0  # by the gate
     refused_in_a_row: int = 0
+    refused_from: int = 0  # stamp of the first of these, and
+    refused_to: int = 0  # of the last [ns]
     late: int = 0  # re-propagated
     too_late: int = 0
     invalid: int = 0
     last_stamp: int = 0  # newest that was believed [ns]
     last_received: int = 0  # of any message, believed or not [ns]
+    period: float = 0.0  # between messages, on average [s]
+    back: int = 0  # arrival of the first message after the last silence [ns]
     problem: str = ""
     problem_at: int = 0  # arrival of the message that had it [ns]
     innovation_ratio: float = 1.0  # smoothed NIS over its expectation
@@ -32,9 +40,32 @@ class Health:
     noise: str | None = None  # standard deviations that count, and whose they are
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
+    def receive(self, arrival: int, sensor: Source) -> None:
+        """A message has arrived [ns]."""
+        gap = (arrival - self.last_received) * 1e-9
+        if self.last_received and gap > 0:
+            if gap > self.longest_silence(sensor):
+                self.back = arrival
+            elif not self.period:
+                self.period = gap
+            else:
+                self.period += _SHARE * (gap - self.period)
+        self.last_received = arrival
+
+    def longest_silence(self, sensor: Source) -> float:
+        """Silence after which the sensor counts as lost [s]: ten periods, its `timeout` at most."""
+        if not self.period:
+            return sensor.timeout
+        return min(sensor.timeout, max(_PERIODS * self.period, _SHORTEST))
+
     def complain(self, why: str) -> None:
         """Keep a problem of the newest message."""
         self.problem, self.problem_at = why, self.last_received
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it was refused for so long that it may be the filter that is wrong."""
+        return self.refused_in_a_row >= _REFUSALS and self.refused_to - self.refused_from >= PATIENCE
 
     def diagnostic(self, name: str, sensor: Source, now: int) -> Diagnostic:
         """One line; `now` [ns] on the clock of arrivals."""
@@ -50,12 +81,16 @@ class Health:
             values["standard deviation"] = self.noise
         if not self.last_received:
             return Diagnostic(name, Level.STALE, f"no message on {sensor.topic}", values)
-        silent = (now - self.last_received) * 1e-9
-        if silent > sensor.timeout:
+        silent, longest = (now - self.last_received) * 1e-9, self.longest_silence(sensor)
+        doubted = self.back > 0 and 0 <= now - self.back < 2e9 * longest
+        # Who comes and goes has one state, not two in turn.
+        if silent > (2 * longest if doubted else longest):
             return Diagnostic(name, Level.STALE, f"silent for {silent:.1f} s on {sensor.topic}", values)
         if not self.last_stamp:
             return Diagnostic(name, Level.STALE, f"no usable message on {sensor.topic}: {self.problem}", values)
         if self.problem and abs(self.last_received - self.problem_at) < 2e9:
-            level = Level.ERROR if self.refused_in_a_row >= PATIENCE else Level.WARN
+            level = Level.ERROR if self.contradicts else Level.WARN
             return Diagnostic(name, level, self.problem, values)
+        if doubted:
+            return Diagnostic(name, Level.WARN, f"back after a silence, for {(now - self.back) * 1e-9:.1f} s", values)
         return Diagnostic(name, Level.OK, "in use", values)

@@ -9,14 +9,14 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from vsense_ros.estimation.health import PATIENCE, Health
+from vsense_ros.estimation.health import Health
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
 
 LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
-_FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
+FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
 
 Sensor = TypeVar("Sensor", bound=Source)
@@ -49,7 +49,7 @@ class Intake(Generic[Sensor]):
     def read(self, index: int, sample: Sample) -> Event | None:
         """The measurement in a message of a sensor, if it can be true and is new."""
         health = self.health[index]
-        health.last_received = self._arrival(sample)
+        health.receive(self._arrival(sample), self.sensors[index])
         event = self._readers[index].read(sample)
         if not isinstance(event, Event):
             self.refuse(index, event)
@@ -84,7 +84,7 @@ class Intake(Generic[Sensor]):
         health, content = self.health[index], event.value.tobytes()
         health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0
         health.last_content = content
-        if health.same_in_a_row < _FROZEN:
+        if health.same_in_a_row < FROZEN:
             return False
         turning = np.nanmax(np.abs(event.value[:3]), initial=0.0) > 1e-3
         return bool(turning or self._moving())
@@ -157,11 +157,14 @@ class Intake(Generic[Sensor]):
         else:
             health.refused += 1
             health.refused_in_a_row += 1
+            health.refused_to = event.stamp
+            if health.refused_in_a_row == 1:
+                health.refused_from = event.stamp
             health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def out_of_patience(self, index: int, nis: float, limit: float) -> bool:
-        """Whether so many measurements were refused that it may be the filter that is wrong."""
-        return not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and isfinite(nis)
+        """Whether measurements were refused for so long that it may be the filter that is wrong."""
+        return not nis <= limit and self.health[index].contradicts and isfinite(nis)
 
 
 def by_topic(sensors: Sequence[Source]) -> dict[str, list[int]]:
