@@ -305,7 +305,7 @@ def test_limits_are_read_as_they_were_written(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (None, "no such file; vsense monitor --calibrate"),
-        ("quantities: [", "cannot be read"),
+        ("quantities: [", "not valid YAML"),
         ("vehicle: x", "recordings: Field required"),
         ("- 1", "file: "),
     ],
