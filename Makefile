@@ -17,7 +17,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
 .PHONY: help venv check test lint format demo bench best thesis genesis road leung blind recordings bags \
-	hw-tools hw hw-timing arm accelerator clean
+	hw-tools hw hw-timing arm accelerator vehicle fuzz clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -106,6 +106,16 @@ arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.js
 
 accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json
 	$(VENV)/bin/vsense accelerator
+
+# VEHICLE="--soak 1 transforms" chooses checks by parts of their names, and a soak of one minute.
+VEHICLE ?=
+vehicle: venv ## what is tried on the nodes from outside, half an hour of soak among it, to out/vehicle.json
+	PYTHONPATH=test:test/node $(VENV)/bin/python -m vehicle $(VEHICLE)
+
+# FUZZ="--inputs 10000" takes a part of them.
+FUZZ ?=
+fuzz: venv ## a million wrong inputs to everything that reads, to out/fuzz.json
+	PYTHONPATH=test:test/node $(VENV)/bin/python -m fuzz $(FUZZ)
 
 clean: ## remove everything that a target made, environments included
 	rm -rf $(VENV) .venv-numpy1 out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks

@@ -254,3 +254,36 @@ def test_transforms_are_those_that_rosbags_reads() -> None:
         place, turned = read.transform.translation, read.transform.rotation
         assert (place.x, place.y, place.z) == expected.position
         assert (turned.x, turned.y, turned.z, turned.w) == expected.orientation
+
+
+@given(
+    st.integers(0, 2**31 * 10**9 - 1),
+    st.integers(0, 2**29 - 1),
+    st.binary(max_size=8),
+    st.tuples(st.booleans(), st.booleans(), st.booleans()),
+    TEXT,
+)
+def test_can_frames_are_those_of_rosbags_both_ways(
+    stamp: int, identifier: int, data: bytes, flags: tuple[bool, bool, bool], frame_id: str
+) -> None:
+    frame = cdr.CanFrame(stamp, identifier, b"" if flags[0] else data, *flags, len(data))
+    ours = cdr.encode_can_frame(frame, frame_id)
+    assert cdr.decode_can_frame(ours) == frame
+    message = STORE.deserialize_cdr(ours, "can_msgs/msg/Frame")
+    assert (message.id, message.dlc, message.header.frame_id) == (identifier, len(data), frame_id)
+    assert (message.is_rtr, message.is_extended, message.is_error) == flags
+    assert bytes(message.data[: len(frame.data)]) == frame.data
+    assert cdr.decode_can_frame(bytes(STORE.serialize_cdr(message, "can_msgs/msg/Frame"))) == frame
+
+
+def test_sentences_are_those_of_rosbags() -> None:
+    Header, Time = STORE.types["std_msgs/msg/Header"], STORE.types["builtin_interfaces/msg/Time"]
+    sentence = STORE.types["nmea_msgs/msg/Sentence"]
+    text = "$GPHDT,274.07,T*03"
+    for frame_id in ("", "gps", "antenna"):
+        message = sentence(header=Header(stamp=Time(sec=1, nanosec=2), frame_id=frame_id), sentence=text)
+        data = bytes(STORE.serialize_cdr(message, "nmea_msgs/msg/Sentence"))
+        assert cdr.decode_sentence(data) == text.encode()
+        for length in range(len(data)):
+            with pytest.raises(InputError):
+                cdr.decode_sentence(data[:length])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -240,14 +241,23 @@ def listens(shop: Workshop) -> str:
     nodes = every_node(shop)
     for node in nodes.values():
         node.wait_until_active()
-    found = {name: [a for a in sockets(node.pid) if not a.startswith("127.")] for name, node in nodes.items()}
-    outside = {name: addresses for name, addresses in found.items() if addresses}
-    assert not outside, f"sockets beyond this machine: {outside}"
-    return f"{sum(len(sockets(node.pid)) for node in nodes.values())} sockets of {len(nodes)} nodes"
+    every = {name: sockets(node.pid) for name, node in nodes.items()}
+    beyond = {name: [a for a in found if not a.startswith("127.")] for name, found in every.items()}
+    # Sockets that only send have a port, too; what comes to them is never read.
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for address in {a for found in beyond.values() for a in found}:
+            host, _, port = address.partition(":")
+            sender.sendto(b"anybody there?", ("127.0.0.1" if host == "0.0.0.0" else host, int(port)))
+    time.sleep(1.0)
+    read = {name: [a for a in found if not sockets(nodes[name].pid)[a]] for name, found in beyond.items()}
+    outside = {name: addresses for name, addresses in read.items() if addresses}
+    assert not outside, f"read from beyond this machine: {outside}"
+    count = sum(map(len, every.values()))
+    return f"{count} sockets of {len(nodes)} nodes, {sum(map(len, beyond.values()))} of which only send"
 
 
-def sockets(pid: int) -> list[str]:
-    """Addresses at which a process can be reached by IPv4, UDP and listening TCP."""
+def sockets(pid: int) -> dict[str, int]:
+    """Addresses of a process, UDP and listening TCP over IPv4, and the bytes that wait there to be read."""
     inodes = set()
     for descriptor in Path(f"/proc/{pid}/fd").iterdir():
         try:
@@ -256,14 +266,14 @@ def sockets(pid: int) -> list[str]:
             continue
         if target.startswith("socket:["):
             inodes.add(target[8:-1])
-    found = []
+    found = {}
     for table in ("udp", "tcp"):
         for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
             columns = line.split()
             if columns[9] in inodes and (table == "udp" or columns[3] == "0A"):
                 address, _, port = columns[1].partition(":")
                 octets = [str(int(address[i : i + 2], 16)) for i in (6, 4, 2, 0)]
-                found.append(f"{'.'.join(octets)}:{int(port, 16)}")
+                found[f"{'.'.join(octets)}:{int(port, 16)}"] = int(columns[4].partition(":")[2], 16)
     return found
 
 

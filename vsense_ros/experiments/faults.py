@@ -87,7 +87,7 @@ def observe(recording: Recording, vehicle: Vehicle) -> Run:
             rows.append((e.stamp, e.velocity[1], *e.position[:2], *deviations))
     found = np.array(rows)
     reference = recording["reference/odometry"]
-    t, at = ((stamp - recording.start) * 1e-9 for stamp in (found[:, 0], reference.stamp))
+    t, at = (np.asarray((one - recording.start) * 1e-9, float) for one in (found[:, 0], reference.stamp))
     true = [
         np.interp(t, at, reference.columns[name][:, axis])
         for name, axis in (("linear", 1), ("position", 0), ("position", 1))

@@ -418,6 +418,65 @@ def encode_transforms(stamp: int, transforms: Sequence[Transform]) -> bytes:
     return bytes(data)
 
 
+@dataclass(frozen=True, slots=True)
+class CanFrame:
+    """A can_msgs/Frame: identifier, what kind of frame it is, up to eight bytes; `stamp` [ns]."""
+
+    stamp: int
+    identifier: int
+    data: bytes
+    is_remote: bool = False
+    is_extended: bool = False
+    is_error: bool = False
+    length: int = 0  # as stated, which of a remote frame is that of the answer
+
+
+def encode_can_frame(frame: CanFrame, frame_id: str = "") -> bytes:
+    """A can_msgs/Frame as CDR bytes."""
+    name = frame_id.encode() + b"\0"
+    data = bytearray(_HEADER + struct.pack("<iI", *divmod(frame.stamp, 1_000_000_000)))
+    data.extend(struct.pack("<I", len(name)) + name)
+    data.extend(b"\0" * (-len(data) % 4))
+    flags = (frame.is_remote, frame.is_extended, frame.is_error)
+    return bytes(data + struct.pack("<I3?B8s", frame.identifier, *flags, frame.length, frame.data))
+
+
+def decode_can_frame(data: bytes) -> CanFrame:
+    """A can_msgs/Frame from its CDR bytes. Raises `InputError` for others."""
+    (_, at), (seconds, nanoseconds) = _text_behind_stamp(data, "can_msgs/msg/Frame")
+    at += -at % 4
+    if len(data) < at + 16:
+        raise InputError(f"a can_msgs/msg/Frame needs {at + 16} bytes, found {len(data)}")
+    identifier, remote, extended, error, length = struct.unpack_from("<I3?B", data, at)
+    if length > 8:
+        raise InputError(f"a can_msgs/msg/Frame has up to 8 bytes, dlc says {length}")
+    content = b"" if remote else data[at + 8 : at + 8 + length]
+    stamp = seconds * 1_000_000_000 + nanoseconds
+    return CanFrame(stamp, identifier, content, remote, extended, error, length)
+
+
+def decode_sentence(data: bytes) -> bytes:
+    """The sentence of a nmea_msgs/Sentence from its CDR bytes. Raises `InputError` for others."""
+    (_, at), _ = _text_behind_stamp(data, "nmea_msgs/msg/Sentence")
+    text, _ = _text_at(data, at + -at % 4, "nmea_msgs/msg/Sentence")
+    return text
+
+
+def _text_behind_stamp(data: bytes, kind: str) -> tuple[tuple[bytes, int], tuple[int, int]]:
+    if len(data) < 12 or data[:2] != _HEADER[:2]:
+        raise InputError(f"not a {kind} message: expected little-endian CDR, found {data[:2].hex(' ') or 'nothing'}")
+    return _text_at(data, 12, kind), struct.unpack_from("<iI", data, 4)
+
+
+def _text_at(data: bytes, at: int, kind: str) -> tuple[bytes, int]:
+    """A text without its final NUL, and the position behind it."""
+    length = int.from_bytes(data[at : at + 4], "little") if at + 4 <= len(data) else 0
+    end = at + 4 + length
+    if length == 0 or end > len(data):
+        raise InputError(f"not a {kind} message: a text of {length} bytes at byte {at} of {len(data)}")
+    return data[at + 4 : end - 1], end
+
+
 def encode_text(text: str) -> bytes:
     """A std_msgs/String as CDR bytes."""
     encoded = text.encode() + b"\0"

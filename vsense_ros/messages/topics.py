@@ -30,6 +30,7 @@ INPUTS: Mapping[str, Topic] = MappingProxyType(
         "gps/velocity": Topic("geometry_msgs/msg/TwistWithCovarianceStamped", "map"),
         "gps/attitude": Topic("sensor_msgs/msg/Imu", "gnss_link"),
         "vehicle/velocity": Topic("geometry_msgs/msg/TwistWithCovarianceStamped", "velocity_link"),
+        "vehicle/speed": Topic("geometry_msgs/msg/TwistStamped"),
         "vehicle/wheel_speeds": Topic("sensor_msgs/msg/JointState", names=_wheels("wheel")),
         "vehicle/steering": Topic("sensor_msgs/msg/JointState", names=("steering_wheel", "road_wheel_front")),
         "vehicle/wheel_torques": Topic("sensor_msgs/msg/JointState", names=_wheels("wheel")),

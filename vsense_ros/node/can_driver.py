@@ -1,4 +1,8 @@
-"""CAN driver: frames of a bus, through a database (DBC) and a mapping, to the topics that the mapping names."""
+"""CAN driver: frames of a bus, through a database (DBC) and a mapping, to the topics that the mapping names.
+
+With the interface `topic` the frames come from `can/frames` (can_msgs/Frame), where another node has the bus; with
+`publish_frames` those of the bus are published there.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +21,15 @@ from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_bus import open_bus
 from vsense_ros.driver.can_mapping import JointStateOutput
 from vsense_ros.errors import InputError
+from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node.base import SensingNode, run_node
+from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
+from vsense_ros.node.reader import Reader
 from vsense_ros.node.time_base import Arrivals
 
+FRAMES, FRAME_KIND = "can/frames", "can_msgs/msg/Frame"
 _PATIENCE = 0.1  # [s] for which a read waits
 _CORRECTION = 50_000_000  # [ns]
 _RESOLUTION = 1_000  # [ns] of a Unix time as a float
@@ -32,9 +40,10 @@ _LOSS_HOLD = 2.0  # [s] for which a loss that is over colours the diagnostic
 class CanDriverParameters(NodeParameters):
     """Bus, database and mapping."""
 
-    interface: Literal["socketcan", "udp_multicast", "slcan", "virtual"] = Field(
-        "socketcan", description="python-can interface"
+    interface: Literal["socketcan", "udp_multicast", "slcan", "virtual", "topic"] = Field(
+        "socketcan", description="python-can interface; topic: frames are those of `can/frames`"
     )
+    publish_frames: bool = Field(False, description="publish the frames of the bus on `can/frames`")
     channel: str = Field("can0", description="of the interface: can0, a multicast group, a serial port", min_length=1)
     port: int = parameter(43113, "", "UDP port of udp_multicast", ge=1, le=65535)
     bitrate: int = parameter(0, "bit/s", "for interfaces that set it themselves; 0: leave it", ge=0, le=1_000_000)
@@ -54,6 +63,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
 
     _thread: threading.Thread | None = None
     _bus: can.BusABC | None = None
+    _reader: Reader | None = None
     _arrivals: Arrivals[can.Message]
     _last_arrival = 0
 
@@ -72,6 +82,12 @@ class CanDriver(SensingNode[CanDriverParameters]):
         for output in self._decoder.mapping.outputs:
             is_joint = isinstance(output, JointStateOutput)
             self.create_output(output.topic, f"sensor_msgs/msg/{'JointState' if is_joint else 'Imu'}")
+        if p.interface == "topic" and p.publish_frames:
+            raise InputError("parameter publish_frames: with interface topic the frames are on can/frames already")
+        if p.publish_frames:
+            self.create_output(FRAMES, FRAME_KIND)
+        if p.interface == "topic":
+            self._reader = Reader(self, message_type(FRAME_KIND), FRAMES, self._on_frame, raw=True)
 
     def _open(self) -> can.BusABC:
         p = self.parameters
@@ -79,7 +95,37 @@ class CanDriver(SensingNode[CanDriverParameters]):
         self._problem = ""
         return bus
 
+    def _on_frame(self, data: bytes) -> None:
+        if self.state != "active":
+            return
+        wall = time.time_ns()
+        try:
+            frame = cdr.decode_can_frame(data)
+        except InputError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+            return
+        self._problem = ""
+        message = can.Message(
+            timestamp=frame.stamp * 1e-9,
+            arbitration_id=frame.identifier,
+            is_extended_id=frame.is_extended,
+            is_remote_frame=frame.is_remote,
+            is_error_frame=frame.is_error,
+            dlc=frame.length,
+            data=None if frame.is_remote else frame.data,
+        )
+        self._arrivals.add(message, frame.stamp if self._is_near(frame.stamp, wall) else wall)
+        for dated, received in self._arrivals.dated(wall, self.time_base):
+            self._feed(dated, received)
+
+    @staticmethod
+    def _is_near(stamp: int, wall: int) -> bool:
+        return abs(stamp - wall) < 1_000_000_000
+
     def start(self) -> None:
+        if self._reader is not None:
+            self._problem = f"no frame on {FRAMES} yet"
+            return
         self._end.clear()
         self._thread = threading.Thread(target=self._run, name="read CAN", daemon=True)
         self._thread.start()
@@ -92,6 +138,9 @@ class CanDriver(SensingNode[CanDriverParameters]):
 
     def release(self) -> None:
         self.stop()
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
         self._shut()
 
     def _shut(self) -> None:
@@ -136,7 +185,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             if frame is not None:
                 # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
                 stamped = round(frame.timestamp * 1e9)
-                self._arrivals.add(frame, stamped if abs(stamped - wall) < 1_000_000_000 else wall)
+                self._arrivals.add(frame, stamped if self._is_near(stamped, wall) else wall)
             for dated, received in self._arrivals.dated(wall, self.time_base):
                 self._feed(dated, received)
 
@@ -146,6 +195,10 @@ class CanDriver(SensingNode[CanDriverParameters]):
             received = self._last_arrival + _RESOLUTION
         self._last_arrival = received
         frame.timestamp = received * 1e-9
+        if self.parameters.publish_frames and not frame.is_fd:
+            flags = (frame.is_remote_frame, frame.is_extended_id, frame.is_error_frame)
+            sent = cdr.CanFrame(received, frame.arbitration_id, bytes(frame.data), *flags, frame.dlc)
+            self.publish_bytes(FRAMES, FRAME_KIND, cdr.encode_can_frame(sent))
         with self._lock:
             samples = self._decoder.feed(frame, received)
         for sample in samples:

@@ -1,8 +1,12 @@
-"""GNSS driver: NMEA 0183 or UBX bytes from a serial port, a pty or TCP to `gps/fix`, `gps/velocity`, `gps/attitude`."""
+"""GNSS driver: NMEA 0183 or UBX bytes from a serial port, a pty or TCP to `gps/fix`, `gps/velocity`, `gps/attitude`.
+
+With `sentence_topic` NMEA comes from a topic (nmea_msgs/Sentence), where another node has the receiver.
+"""
 
 from __future__ import annotations
 
 import sys
+import time
 from typing import Literal
 
 from pydantic import Field
@@ -10,8 +14,13 @@ from pydantic import Field
 from vsense_ros.driver.gnss import GnssSettings
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.ubx import UbxDecoder
+from vsense_ros.errors import InputError
+from vsense_ros.messages import cdr
 from vsense_ros.node.base import run_node
+from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import parameter
+from vsense_ros.node.reader import Reader
+from vsense_ros.node.serial_link import SerialLink
 from vsense_ros.node.serial_node import SerialParameters, SerialSensorNode
 
 _DEFAULT = GnssSettings()
@@ -21,6 +30,7 @@ class GpsDriverParameters(SerialParameters):
     """See `vsense_ros.driver.gnss.GnssSettings`."""
 
     protocol: Literal["nmea", "ubx"] = Field("nmea", description="what the receiver speaks")
+    sentence_topic: str = Field("", description="nmea_msgs/Sentence in the place of a port, such as nmea_sentence")
     fix_topic: str = Field(_DEFAULT.fix_topic, description="where to publish sensor_msgs/NavSatFix", min_length=1)
     velocity_topic: str = Field(_DEFAULT.velocity_topic, description="where to publish ENU velocities", min_length=1)
     attitude_topic: str = Field(_DEFAULT.attitude_topic, description="where to publish headings", min_length=1)
@@ -41,6 +51,30 @@ class GpsDriver(SerialSensorNode[GpsDriverParameters]):
     """See the module."""
 
     sensor = "gnss"
+    _sentences: Reader | None = None
+
+    def open_source(self) -> SerialLink | None:
+        p = self.parameters
+        if not p.sentence_topic:
+            return super().open_source()
+        if p.port or p.protocol != "nmea":
+            raise InputError("parameter sentence_topic: sentences come from a topic or from a port, and are NMEA")
+        kind = "nmea_msgs/msg/Sentence"
+        self._sentences = Reader(self, message_type(kind), p.sentence_topic, self._on_sentence, raw=True)
+        return None
+
+    def _on_sentence(self, data: bytes) -> None:
+        if self.state == "active":
+            try:
+                self._on_bytes(cdr.decode_sentence(data) + b"\r\n", time.time_ns())
+            except InputError as error:
+                self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+
+    def release(self) -> None:
+        super().release()
+        if self._sentences is not None:
+            self._sentences.close()
+            self._sentences = None
 
     def make_decoder(self) -> NmeaDecoder | UbxDecoder:
         p = self.parameters

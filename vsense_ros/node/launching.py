@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
@@ -16,6 +17,8 @@ from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
 BAD_INPUT = 2  # exit code of a node that refuses its parameters or files
+
+_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 Arguments = Mapping[str, tuple[str | None, str]]  # name → default (None: has to be given), description
 
@@ -120,6 +123,10 @@ def description(arguments: Arguments, actions: Callable[[Given], list[Any]]) -> 
     def made(context: LaunchContext) -> list[Any]:
         given = Given({name: context.launch_configurations[name] for name in every})
         reach = given.text("discovery") or os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        return [SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach), *actions(given)]
+        environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
+        if reach == "LOCALHOST" and not any(name in os.environ for name in _PROFILES):
+            # By itself Fast DDS listens on every interface, whoever is looked for.
+            environment |= dict.fromkeys(_PROFILES, str(Path(__file__).with_name("discovery.xml")))
+        return [*(SetEnvironmentVariable(name, value) for name, value in environment.items()), *actions(given)]
 
     return LaunchDescription([*declared, OpaqueFunction(function=made)])

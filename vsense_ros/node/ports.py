@@ -73,12 +73,12 @@ class PtyPort:
 
 
 class TcpPort:
-    """A TCP server for one reader at a time, at `host:port`."""
+    """A TCP server for one reader at a time, at `host:port`; without a host, for readers on this machine alone."""
 
     def __init__(self, address: str) -> None:
         host, _, port = address.rpartition(":")
         try:
-            self._server = socket.create_server((host, int(port)))
+            self._server = socket.create_server((host or "127.0.0.1", int(port)))
         except (OSError, ValueError) as error:
             raise InputError(f"cannot listen at socket://{address}: {error}; expected socket://host:port") from None
         self._server.setblocking(False)

@@ -55,8 +55,12 @@ class SerialSensorNode(SensingNode[Params]):
         self._decoder = self.make_decoder()
         for topic, kind in self.topics().items():
             self.create_output(topic, kind)
+        self._link = self.open_source()
+
+    def open_source(self) -> SerialLink | None:
+        """Where the bytes come from; None if they do not come over a line."""
         p, warn = self.parameters, self.get_logger().warning
-        self._link = SerialLink(self.sensor, p.port, p.baud_rate, self._on_bytes, warn, self._take)
+        return SerialLink(self.sensor, p.port, p.baud_rate, self._on_bytes, warn, self._take)
 
     def start(self) -> None:
         if self._link is not None:

@@ -30,8 +30,8 @@ LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])  # as SHARES
 class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
-    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, while it is silent, or while
-    an axis of it is not believed, the answer is NaN.
+    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, while it is silent, or
+    while an axis of it is not believed, the answer is NaN.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:

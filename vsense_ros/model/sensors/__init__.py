@@ -26,6 +26,7 @@ from vsense_ros.model.sensors.gnss_velocity import GnssVelocity
 from vsense_ros.model.sensors.imu import Imu
 from vsense_ros.model.sensors.steering import Steering
 from vsense_ros.model.sensors.suspension import Suspension
+from vsense_ros.model.sensors.vehicle_speed import VehicleSpeed
 from vsense_ros.model.sensors.wheel_speeds import WheelSpeeds
 from vsense_ros.model.sensors.wheel_torques import WheelTorques
 
@@ -109,6 +110,7 @@ __all__ = [
     "Steering",
     "Suspension",
     "Tells",
+    "VehicleSpeed",
     "WheelSpeeds",
     "WheelTorques",
     "any_sensor",
