@@ -275,7 +275,7 @@ CASES: tuple[Case, ...] = (
     ),
     Case(
         "GNSS never there", LANE_CHANGE, (Fault("", _GNSS, faults.silent, 0.0),), "position",
-        ("says so", lambda run: _place_is(run, "no position", 12.0)), "GNSS",
+        ("says so", lambda run: _place_is(run, "until GNSS comes", 12.0)), "GNSS",
     ),
     Case(
         "IMU silent for 3 s", LANE_CHANGE, (Fault("", (IMU,), faults.silent, 4.0, 7.0),), "imu",

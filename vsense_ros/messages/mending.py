@@ -280,5 +280,5 @@ def _shifts() -> list[int]:
 
 def _shifted(one: Array, other: Array, shift: int) -> tuple[Array, Array]:
     """The first (k, n) so many steps later, and the other (m, n)."""
-    n = one.shape[1]
-    return one[:, max(shift, 0) : n + min(shift, 0)], other[:, max(-shift, 0) : n - max(shift, 0)]
+    length, later, earlier = max(one.shape[1] - abs(shift), 0), max(shift, 0), max(-shift, 0)
+    return one[:, later : later + length], other[:, earlier : earlier + length]
