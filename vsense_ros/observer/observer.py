@@ -218,7 +218,7 @@ class Observer:
         if self.monitor is not None:
             self.monitor.forget()
         self._timeline.clear()
-        self.vote.forget()
+        self.vote.forget(start.stamp)
         self.resets.forget()
         if self.placement is not None:
             self.placement.forget()

@@ -48,6 +48,7 @@ _JUST_NOW = 200_000_000  # [ns] that are done again then
 _CALM = 3.0  # the same of a sensor that agrees
 _LOUD = 6.0  # mean normalized innovation squared per component of other sensors, within a second, that is an alarm
 _PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to the next: the first, and twice as long
+_SETTLED = 2_000_000_000  # [ns] from the start on without a vote: what nobody knows yet is not one axis's fault
 _URGENT = 1_000_000_000  # [ns] after the alarm each time, to the second
 _BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
 _LOOK_BACK = 2_000_000_000  # [ns] that this is at most
@@ -203,14 +204,16 @@ class Vote:
         self._jumped: list[tuple[Axes, int]] = []
         self._alarm: int | None = None  # since when something is wrong [ns]
         self._voted, self._heard, self._pause = 0, 0, _PAUSES[0]
+        self._begun = 0
         self._loud: dict[
             int, tuple[float, float]
         ] = {}  # of other sensors: mean normalized innovation squared, and when
         self._no_vote: set[int] = set()
         self.votes = 0
 
-    def forget(self) -> None:
-        """The filter begins anew; what is out stays out."""
+    def forget(self, stamp: int) -> None:
+        """The filter begins anew, at a time [ns]; what is out stays out."""
+        self._begun = stamp
         self._alarm, self._voted, self._pause = None, 0, _PAUSES[0]
         self._loud.clear()
         self._no_vote.clear()
@@ -287,7 +290,7 @@ class Vote:
         axes.there = axes.sums.counts[0] > 0
         if far.max() < _ALARM:
             return
-        if far[:2].max() > _JUMP and self._others_there():
+        if far[:2].max() > _JUMP and stamp - self._begun >= _SETTLED and self._others_there():
             self._jumped.append((axes, int(far[:2].max(axis=0).argmax())))
         for window, furthest in zip(_WINDOWS[2:].tolist(), far[2:].max(axis=1).tolist(), strict=True):
             if furthest > _ALARM:
@@ -387,6 +390,7 @@ class Vote:
             self._alarm is not None
             and self._heard > self._voted
             and now - self._voted >= self._pause
+            and now - self._begun >= _SETTLED
             and self._others_there()
         )
 
