@@ -10,6 +10,9 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 
 PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
 _RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
+_PERIODS = 10.0  # without a message, after which a sensor is silent, but not before
+_SHORTEST = 0.15  # [s], in which an operating system, or the end of a recording, may well hold messages back
+_SHARE = 0.05  # of the newest interval in the mean of intervals
 
 
 @dataclass
@@ -24,6 +27,8 @@ class Health:
     invalid: int = 0
     last_stamp: int = 0  # newest that was believed [ns]
     last_received: int = 0  # of any message, believed or not [ns]
+    period: float = 0.0  # between messages, on average [s]
+    back: int = 0  # arrival of the first message after the last silence [ns]
     problem: str = ""
     problem_at: int = 0  # arrival of the message that had it [ns]
     innovation_ratio: float = 1.0  # smoothed NIS over its expectation
@@ -31,6 +36,24 @@ class Health:
     last_content: bytes = b""
     noise: str | None = None  # standard deviations that count, and whose they are
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
+
+    def receive(self, arrival: int, sensor: Source) -> None:
+        """A message has arrived [ns]."""
+        gap = (arrival - self.last_received) * 1e-9
+        if self.last_received and gap > 0:
+            if gap > self.longest_silence(sensor):
+                self.back = arrival
+            elif not self.period:
+                self.period = gap
+            else:
+                self.period += _SHARE * (gap - self.period)
+        self.last_received = arrival
+
+    def longest_silence(self, sensor: Source) -> float:
+        """Silence after which the sensor counts as lost [s]: ten periods, its `timeout` at most."""
+        if not self.period:
+            return sensor.timeout
+        return min(sensor.timeout, max(_PERIODS * self.period, _SHORTEST))
 
     def complain(self, why: str) -> None:
         """Keep a problem of the newest message."""
@@ -50,12 +73,16 @@ class Health:
             values["standard deviation"] = self.noise
         if not self.last_received:
             return Diagnostic(name, Level.STALE, f"no message on {sensor.topic}", values)
-        silent = (now - self.last_received) * 1e-9
-        if silent > sensor.timeout:
+        silent, longest = (now - self.last_received) * 1e-9, self.longest_silence(sensor)
+        doubted = self.back > 0 and 0 <= now - self.back < 2e9 * longest
+        # Who comes and goes has one state, not two in turn.
+        if silent > (2 * longest if doubted else longest):
             return Diagnostic(name, Level.STALE, f"silent for {silent:.1f} s on {sensor.topic}", values)
         if not self.last_stamp:
             return Diagnostic(name, Level.STALE, f"no usable message on {sensor.topic}: {self.problem}", values)
         if self.problem and abs(self.last_received - self.problem_at) < 2e9:
             level = Level.ERROR if self.refused_in_a_row >= PATIENCE else Level.WARN
             return Diagnostic(name, level, self.problem, values)
+        if doubted:
+            return Diagnostic(name, Level.WARN, f"back after a silence, for {(now - self.back) * 1e-9:.1f} s", values)
         return Diagnostic(name, Level.OK, "in use", values)

@@ -16,7 +16,7 @@ from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.recording import Sample
 
 LONGEST_GAP = 5.0  # [s] without any measurement after which a filter starts anew
-_FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
+FROZEN = 50  # equal messages in a row: noise makes two unlikely and so many impossible
 _ARRIVAL_STEP = 100_000_000  # [ns] by which time goes on at most with messages that do not tell when they arrived
 
 Sensor = TypeVar("Sensor", bound=Source)
@@ -48,7 +48,7 @@ class Intake(Generic[Sensor]):
     def read(self, index: int, sample: Sample) -> Event | None:
         """The measurement in a message of a sensor, if it can be true and is new."""
         health = self.health[index]
-        health.last_received = self._arrival(sample)
+        health.receive(self._arrival(sample), self.sensors[index])
         event = self._readers[index].read(sample)
         if not isinstance(event, Event):
             self.refuse(index, event)
@@ -83,7 +83,7 @@ class Intake(Generic[Sensor]):
         health, content = self.health[index], event.value.tobytes()
         health.same_in_a_row = health.same_in_a_row + 1 if content == health.last_content else 0
         health.last_content = content
-        if health.same_in_a_row < _FROZEN:
+        if health.same_in_a_row < FROZEN:
             return False
         turning = np.nanmax(np.abs(event.value[:3]), initial=0.0) > 1e-3
         return bool(turning or self._moving())

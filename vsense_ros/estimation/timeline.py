@@ -6,14 +6,18 @@ It knows nothing of what the filter estimates: `memory` is all it keeps.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from operator import attrgetter
 from typing import NamedTuple
 
 from vsense_ros.estimation.filter import Array, Filter, Given, Innovation, Kept, Measured, Step
 
 _stamp_of = attrgetter("stamp")
+_AT_ONCE = 64  # events that are repeated in one call at most
+_BETWEEN = 100_000_000  # [ns] from one place that can be gone back to, to the next, beyond the reach of late messages
 
 
 @dataclass(slots=True)
@@ -29,11 +33,13 @@ class Event:
 
 class Channel(NamedTuple):
     """What the events of one sensor are to the filter: measurements that it knows by a name, of which normalized
-    innovations squared up to `limit` are believed, or values of its inputs from `first_input` on."""
+    innovations squared up to `limit` are believed, or values of its inputs from `first_input` on. Events `by_hand` are
+    neither: `act` alone knows what they do."""
 
     name: str
     limit: float
     first_input: int | None = None
+    by_hand: bool = False
 
 
 @dataclass(slots=True)
@@ -47,8 +53,16 @@ class Instant:
     events: list[Event] = field(default_factory=list)
 
 
+class Checkpoint(NamedTuple):
+    """A place in the past before the reach of late messages, and how many events there were up to it."""
+
+    instant: Instant
+    events: int
+
+
 class Timeline:
-    """The past `reach` [s] of a filter, in steps no longer than `longest_step` [s].
+    """The past `reach` [s] of a filter, in steps no longer than `longest_step` [s]; as far as `remembered` [s] it can
+    be gone back to by `rewind`, tenths of a second apart.
 
     Measurements at most `merge` [s] after an instant belong to it. `act(event)` lets an event act on the filter at its
     present time and tells of it; by default the filter corrects, or takes inputs, and `found(event, nis, innovation)`
@@ -66,6 +80,7 @@ class Timeline:
         reach: float,
         longest_step: float,
         merge: float = 0.0,
+        remembered: float = 0.0,
         found: Callable[[Event, float, Innovation | None], None] = lambda event, nis, innovation: None,
         act: Callable[[Event], None] | None = None,
         in_one_go: Callable[[], bool] = lambda: True,
@@ -74,10 +89,14 @@ class Timeline:
     ) -> None:
         self.filter, self.channels = filter, tuple(channels)
         self.reach, self._step, self._merge = (int(time * 1e9) for time in (reach, longest_step, merge))
+        self._remembered = int(remembered * 1e9)
         self._found, self._act, self._in_one_go = found, act or self._happen, in_one_go
         self._afterwards, self._fault = afterwards, fault or self.recover
         self._history: list[Instant] = []
         self._spare: list[Instant] = []
+        self._checkpoints: deque[Checkpoint] = deque()
+        self._past: deque[Event] = deque()  # that followed the first checkpoint, as far as the history has lost them
+        self._counted = 0  # all events that the history has lost
         self._ahead: list[Event] = []  # what is to be done again after a late measurement
         self.stamp = 0  # time of the state when all that is ahead has been done again [ns]
 
@@ -92,6 +111,7 @@ class Timeline:
         self._spare += self._history
         self._history.clear()
         self._ahead.clear()
+        self._forget_checkpoints()
 
     @property
     def begun(self) -> bool:
@@ -101,6 +121,7 @@ class Timeline:
     def forget_past(self) -> None:
         """From before the present instant nobody can come here again."""
         del self._history[:-1]
+        self._forget_checkpoints()
 
     @property
     def oldest(self) -> int:
@@ -133,6 +154,99 @@ class Timeline:
                 self.filter.inflate()
                 return True
         return False
+
+    def rewind(self, since: int) -> list[Event]:
+        """Go back to a time [ns], or as far as is remembered, and return what is ahead, in the order in which it will
+        be done again when the newest state is next needed."""
+        self.catch_up()
+        place, events = self._before(since)
+        if place < 0:
+            checkpoint = self._checkpoints[place]
+            self._spare += self._history
+            self._history[:] = [checkpoint.instant]
+            for _ in range(self._counted - checkpoint.events):
+                self._past.pop()
+            self._counted = checkpoint.events
+            checkpoint.instant.events = []  # which have been counted
+            self._spare += [
+                lost.instant for lost in islice(self._checkpoints, len(self._checkpoints) + place + 1, None)
+            ]
+            for _ in range(-place):
+                self._checkpoints.pop()
+        else:
+            self._spare += self._history[place + 1 :]
+            del self._history[place + 1 :]
+        if events:
+            self.filter.memory[:] = self._history[-1].kept.memory
+            self._afterwards()
+        self._ahead[:0] = events
+        return self._ahead
+
+    def again(self, since: int, act: Callable[[Event], None]) -> bool:
+        """Let everything since a time [ns], or as far as is remembered, happen once more by `act`, in which a filter
+        may be told otherwise than it was; then be as before. False if the filter could not go all the way."""
+        self.catch_up()
+        place, events = self._before(since)
+        instant = self._checkpoints[place].instant if place < 0 else self._history[place]
+        filter, went = self.filter, True
+        before, scratch, now = filter.memory.copy(), filter.backup(), instant.stamp
+        if events:
+            filter.memory[:] = instant.kept.memory
+        for event in events:
+            if event.stamp > now + self._merge and self.channels[event.sensor].first_input is None:
+                count = max(1, -(-(event.stamp - now) // self._step))
+                if not filter.advance(Step(scratch, count, (event.stamp - now) * 1e-9 / count)):
+                    went = False
+                    break
+                now = event.stamp
+            act(event)
+        filter.memory[:] = before
+        return went
+
+    def _before(self, since: int) -> tuple[int, list[Event]]:
+        """The newest place not after a time: in the history, or with a negative index in the checkpoints; and all that
+        happened after it."""
+        history = self._history
+        place = len(history) - 1
+        while place > 0 and history[place].stamp > since:
+            place -= 1
+        later: Iterable[Event] = chain.from_iterable(instant.events for instant in history[place + 1 :])
+        if history[place].stamp <= since or not self._checkpoints:
+            return place, sorted(later, key=_stamp_of)
+        place = -1
+        while -place < len(self._checkpoints) and self._checkpoints[place].instant.stamp > since:
+            place -= 1
+        lost = self._counted - self._checkpoints[place].events
+        past = islice(self._past, len(self._past) - lost, None)
+        return place, sorted(chain(past, history[0].events, later), key=_stamp_of)
+
+    def _retire_old(self, newest: int) -> None:
+        """Take what is beyond the reach of late messages out of the history."""
+        history = self._history
+        while len(history) > 2 and history[0].stamp < newest - self.reach:
+            self._retire(history.pop(0), newest)
+
+    def _retire(self, instant: Instant, newest: int) -> None:
+        checkpoints, past = self._checkpoints, self._past
+        if not self._remembered:
+            self._spare.append(instant)
+            return
+        past.extend(instant.events)
+        self._counted += len(instant.events)
+        if checkpoints and instant.stamp < checkpoints[-1].instant.stamp + _BETWEEN:
+            self._spare.append(instant)
+            return
+        checkpoints.append(Checkpoint(instant, self._counted))
+        while len(checkpoints) > 1 and checkpoints[1].instant.stamp < newest - self._remembered:
+            self._spare.append(checkpoints.popleft().instant)
+        while len(past) > self._counted - checkpoints[0].events:
+            past.popleft()
+
+    def _forget_checkpoints(self) -> None:
+        self._spare += [checkpoint.instant for checkpoint in self._checkpoints]
+        self._checkpoints.clear()
+        self._past.clear()
+        self._counted = 0
 
     def _happen(self, event: Event) -> None:
         channel, innovation = self.channels[event.sensor], None
@@ -189,16 +303,20 @@ class Timeline:
             return 0
         history, instants = self._history, [self._history[-1]]
         plan: list[tuple[Step | None, Measured | Given]] = []
-        for event in events:
+        for event in islice(events, _AT_ONCE):
             channel, instant, way = self.channels[event.sensor], instants[-1], None
+            if channel.by_hand:
+                break
             if self._is_later(event, instant):
                 way = self._way(instant, event.stamp)
-                instant = self._new_instant(event.stamp)
+                instant = self._take_instant(event.stamp)
             if channel.first_input is None:
                 plan.append((way, Measured(channel.name, event.value, event.variance, channel.limit)))
             else:
                 plan.append((way, Given(channel.first_input, event.value)))
             instants.append(instant)
+        if not plan:
+            return 0
         done, moved, nis = self.filter.repeat(plan)
         newest = instants[done + moved]
         while history[-1] is not newest:
@@ -210,13 +328,16 @@ class Timeline:
             if not event.counted:
                 event.counted = True
                 self._found(event, squared, None)
+        self._retire_old(newest.stamp)
         return done
 
     def _new_instant(self, stamp: int) -> Instant:
         """Begin an instant with the filter's present state, in the memory of one that is not needed any more."""
+        self._retire_old(stamp)
+        return self._take_instant(stamp)
+
+    def _take_instant(self, stamp: int) -> Instant:
         history = self._history
-        if len(history) > 2 and history[0].stamp < stamp - self.reach:
-            self._spare.append(history.pop(0))
         instant = self._spare.pop() if self._spare else Instant(0, 0, self.filter.backup())
         instant.stamp = instant.latest = stamp
         instant.events = []

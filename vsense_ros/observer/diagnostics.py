@@ -26,9 +26,22 @@ def of_observer(observer: Observer, now: int) -> list[Diagnostic]:
         lines.append(observer.monitor.diagnostic())
     if observer.balance.sensor is not None:
         lines.append(observer.balance.diagnostic())
-    for (name, sensor), health in zip(observer.sensors.items(), observer.health, strict=True):
-        lines.append(health.diagnostic(name, sensor, now))
+    for i, ((name, sensor), health) in enumerate(zip(observer.sensors.items(), observer.health, strict=True)):
+        lines.append(_of_sensor(observer, i, health.diagnostic(name, sensor, now)))
     return lines
+
+
+def _of_sensor(observer: Observer, index: int, line: Diagnostic) -> Diagnostic:
+    """A sensor's line, and what of it is not believed or absent."""
+    axes = observer.vote.axes.get(index)
+    if axes is None or line.level == Level.STALE:
+        return line
+    parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()]
+    if parts:
+        return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
+    if line.level == Level.OK and (absent := axes.absent):
+        return Diagnostic(line.name, Level.WARN, f"in use, without {', '.join(absent)}", line.values)
+    return line
 
 
 def _own(observer: Observer) -> Diagnostic:
@@ -44,8 +57,10 @@ def _own(observer: Observer) -> Diagnostic:
         moving = any(sensor.tells & {"course", "position"} for sensor in observer.sensors.values())
         until = "the car moves" if moving else "two antennas tell it"
         return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
-    level = Level.OK if observer.converged else Level.WARN
-    return Diagnostic("observer", level, "converged" if observer.converged else "converging", values)
+    text = "converged" if observer.converged else "converging"
+    doubts = [f"without {axes.name(axis)}" for axes, axis, _ in observer.vote.out]
+    level = Level.OK if observer.converged and not doubts else Level.WARN
+    return Diagnostic("observer", level, ", ".join([text, *doubts]), values)
 
 
 def _parameters(spi: Spi) -> Diagnostic:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Given, Innovation, largest_nis
-from vsense_ros.estimation.intake import Intake, Timing, by_topic
+from vsense_ros.estimation.health import PATIENCE
+from vsense_ros.estimation.intake import FROZEN, Intake, Timing, by_topic
 from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
 from vsense_ros.messages.diagnostic import Diagnostic
@@ -31,6 +32,7 @@ from vsense_ros.observer.estimate import BALANCE, Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
+from vsense_ros.observer.vote import REMEMBERED, Vote
 
 Array = NDArray[np.float64]
 
@@ -74,12 +76,27 @@ class Observer:
         mean = self.car.mean
         self.intake = Intake(self.sensors, on_map, settings.history, lambda: abs(mean[FORWARD]) > _MOVING)
         self.health = self.intake.health
+        channels = [_channel(name, sensor) for name, sensor in self.sensors.items()]
+        self.vote = Vote(
+            self.filter,
+            channels,
+            {
+                i: (tuple(c.words for c in sensor.components), sensor.gate)
+                for i, sensor in enumerate(self.sensors.values())
+                if "rates and forces" in sensor.tells
+            },
+            others_there=self._others_there,
+            moving=lambda: abs(mean[FORWARD]) > _MOVING,
+            by_hand=self._set,
+            tell=lambda index, sentence: self.health[index].complain(sentence),
+        )
         self._timeline = Timeline(
             self.filter,
-            [_channel(name, sensor) for name, sensor in self.sensors.items()],
+            [*channels, Channel("shift", 0.0, by_hand=True)],
             reach=settings.history,
             longest_step=settings.longest_step,
             merge=settings.merge_window,
+            remembered=REMEMBERED,
             found=self._count,
             act=self._act,
             in_one_go=lambda: self._alignment.known and self._on_innovation is None,
@@ -120,7 +137,7 @@ class Observer:
             raise InputError(
                 f"the limits of the monitor are those of the vehicle {limits.vehicle!r}, this is {self.vehicle.name!r}"
             )
-        gates = [channel.limit for channel in self._timeline.channels]
+        gates = [channel.limit for channel in self._timeline.channels[: len(self.names)]]
         self.monitor = Monitor(self.car, self.sensors, gates, lambda: self.converged, limits, on_statistics)
         return self.monitor
 
@@ -129,6 +146,9 @@ class Observer:
         for index in self._by_topic.get(sample.topic, ()):
             event = self.intake.read(index, sample)
             if event is None:
+                if self.started and index in self.vote.axes and self.health[index].same_in_a_row == FROZEN:
+                    self.vote.froze(index, np.frombuffer(self.health[index].last_content))
+                    self._settle()
                 continue
             if not self.started:
                 self.intake.believe(index, sample.stamp)
@@ -144,6 +164,23 @@ class Observer:
                 self.balance.measured(event)
                 if self._timeline.add(event):
                     self.health[index].late += 1
+                self._settle()
+
+    def _settle(self) -> None:
+        """Do what the sensors' vote asks for."""
+        vote = self.vote
+        if vote.due(self.stamp):
+            vote.decide(self._timeline)
+        while vote.returned:
+            sensor, axis, jump = vote.returned.pop()
+            bias = self.car.layout.biases[sensor].start + axis
+            self._shift(bias, 0.0, float(np.hypot(self.car.prior.deviation[bias], jump)))
+
+    def _shift(self, element: int, by: float, deviation: float) -> None:
+        """Move an element of the state, whose error then has this deviation and no correlation; now, and whenever this
+        instant happens again."""
+        event = Event(len(self.names), self.stamp, np.array([element, by, deviation]), np.zeros(3), counted=True)
+        self._timeline.add(event)
 
     # Start and stop
 
@@ -169,6 +206,7 @@ class Observer:
         if self.monitor is not None:
             self.monitor.forget()
         self._timeline.clear()
+        self.vote.forget()
         filter.linearize()
         self._alignment.start(events)
         self._timeline.begin(start.stamp)
@@ -194,10 +232,17 @@ class Observer:
         """Let an event act on the filter at its present time; what happens again is not counted again."""
         channel = self._timeline.channels[event.sensor]
         innovation: Innovation | None = None
+        if channel.by_hand:
+            self._set(event)
+            return
         if channel.first_input is not None:
             self.filter.give(Given(channel.first_input, event.value))
         elif self._alignment.known or self._alignment.helps(event):
-            innovation = self.filter.correct(channel.name, event.value, event.variance, channel.limit)
+            axes = self.vote.axes.get(event.sensor)
+            if axes is None:
+                innovation = self.filter.correct(channel.name, event.value, event.variance, channel.limit)
+            else:
+                innovation = self.vote.correct(axes, event, first=not event.counted)
             if self._on_innovation is not None:
                 self._on_innovation(channel.name, innovation)
         else:
@@ -220,7 +265,25 @@ class Observer:
         if self.monitor is not None:
             whitened = None if innovation is None else innovation.whitened
             self.monitor.measured(event.sensor, nis, self.stamp, whitened)
-        self.intake.count(event, nis, channel.limit, measured=channel.first_input is None)
+        measured = channel.first_input is None
+        self.intake.count(event, nis, channel.limit, measured=measured)
+        if measured and event.sensor not in self.vote.axes:
+            self.vote.measured(event.sensor, self.stamp, nis, len(event.value))
+
+    def _others_there(self) -> bool:
+        """Whether something measures the car's motion besides inertial sensors."""
+        return any(
+            not sensor.is_input
+            and i not in self.vote.axes
+            and self.health[i].refused_in_a_row < PATIENCE
+            and self.intake.sends(i)
+            for i, sensor in enumerate(self.intake.sensors)
+        )
+
+    def _set(self, event: Event) -> None:
+        """What `_shift` asks for."""
+        element, by, deviation = event.value.tolist()
+        self.filter.set_element(int(element), float(self.car.mean[int(element)]) + by, deviation)
 
     def _look_up_road(self) -> None:
         """Where the vehicle file knows the road from place to place, take it as it is where the car is."""

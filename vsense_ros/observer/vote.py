@@ -1,0 +1,422 @@
+"""Which inertial axis is wrong: the one without which all others agree.
+
+The filter is where sensors meet: it predicts what each of them measures from what the others said and from the laws of
+the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged by three tests.
+
+1. *A jump.* An innovation of more than `gate` standard deviations is refused as ever, but of the axis alone. If it is
+   refused for `_REFUSED`, or the innovations of `_BLOCK` add up to `_JUMP` standard deviations, it is out.
+2. *No noise.* An axis that repeats its value, and used to be noisy, is frozen. It is out from the first repetition on.
+3. *A contradiction* that is too small, or grows too slowly, for a gate. If a filter is right, its whitened innovations
+   have zero mean and unit variance (Mehra 1970): their sum over n messages, divided by √n, is a standard normal
+   number. If it exceeds `_ALARM` within 0.2 s or 1 s, something is wrong, and a vote is taken: what was measured since
+   shortly before is filtered again, and again without each of the axes. An axis is wrong if the *others* are
+   predictable better without it,
+
+       Δ_i = Σ_{k≠i} (w_k² + 2 ln d_k)  with i  -  Σ_{k≠i} (w_k² + 2 ln d_k)  without i,
+
+   with w the whitened innovation and d its standard deviation: twice the logarithm of what the likelihood of all other
+   measurements gains (Schweppe 1965). A right axis helps to predict the others, so that Δ is negative; Δ > `_GAIN` is
+   evidence of more than 10¹⁷ to 1. The filter then goes back to before the contradiction, and on without the axis.
+
+A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
+asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
+bias that is not known any more, since it may have jumped.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.filter import Filter, Given, Innovation
+from vsense_ros.estimation.timeline import Channel, Event, Timeline
+
+Array = NDArray[np.float64]
+
+_REFUSED = 20_000_000  # [ns] of refusals in a row, and
+_REFUSALS = 3  # at least so many, after which an axis has jumped: no single outlier does that
+_STREAK = 50_000_000  # [ns] after which a refusal does not belong to those before
+_BLOCK = 50_000_000  # [ns] in which innovations are summed
+_WINDOWS = (4, 20)  # blocks of the sums that are looked at
+_ALARM = 4.5  # standard deviations of such a sum
+_JUMP = 9.0  # the same, of one block: the axis has jumped away from what all others say
+_JUST_NOW = 200_000_000  # [ns] that are done again then
+_LOUD = 6.0  # mean normalized innovation squared per component of other sensors, within a second, that is an alarm
+_PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to the next: twice as long each time
+_BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
+_LOOK_BACK = 2_000_000_000  # [ns] that this is at most
+_GAIN = 80.0  # twice a logarithm of likelihoods
+_WORTH_A_VOTE = 10.0  # the same, of leaving out the whole sensor
+_SUSPECT = 30.0  # the same, of an axis that is asked about again soon
+_FROZEN = 50  # equal values in a row, of an axis that has noise
+_LIVELY = 0.2  # share of values that equal the one before, up to which an axis has noise
+_ROWS = 128
+_ASKED = 10_000_000  # [ns] from one innovation of an axis that is out, to the next
+_SAME = 10  # times that it may say the same
+_AGREED = 1_000_000_000  # [ns] that it has to agree for the first time
+_LONGEST = 60_000_000_000  # [ns] after which an axis that agrees returns in any case
+_AGREES = 4.0  # mean normalized innovation squared meanwhile
+REMEMBERED = 2.5  # [s] that a timeline has to keep for votes
+
+
+@dataclass
+class Out:
+    """An axis that is not believed."""
+
+    since: int  # [ns]
+    why: str
+    agreed_from: int = 0  # [ns]
+    count: int = 0
+    squares: float = 0.0
+    total: float = 0.0  # of innovations, in units of the axis
+    value: float = 0.0  # when it was asked last, and how often it had been the same
+    same: int = 0
+
+
+@dataclass
+class Axes:
+    """Of one inertial sensor with m components."""
+
+    index: int
+    channel: Channel
+    words: tuple[str, ...]  # what the components are called
+    gate: float  # largest normalized innovation squared of one component
+    out: dict[int, Out] = field(default_factory=dict)
+    wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
+    refused_from: dict[int, tuple[int, int, int]] = field(default_factory=dict)  # first, last [ns], how many
+    whitened: Array = field(init=False)  # of the present block, a row for each message
+    values: Array = field(init=False)
+    row: int = 0
+    block_from: int = 0
+    value_row: int = 0
+    asked: int = 0
+    lively: NDArray[np.bool_] = field(init=False)
+    there: NDArray[np.bool_] = field(init=False)  # what came of late
+    sums: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=_WINDOWS[-1]))
+
+    def __post_init__(self) -> None:
+        m = len(self.words)
+        self.whitened, self.values = np.full((_ROWS, m), np.nan), np.full((_ROWS, m), np.nan)
+        self.lively, self.there = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+
+    def masked(self, value: Array) -> Array:
+        """A measurement without what is out."""
+        value = value.copy()
+        value[list(self.out)] = np.nan
+        return value
+
+    @property
+    def absent(self) -> list[str]:
+        """What did not come of late."""
+        return [word for word, there in zip(self.words, self.there.tolist(), strict=True) if not there and self.sums]
+
+    def name(self, axis: int) -> str:
+        """Of an axis, with that of its sensor."""
+        return f"{self.channel.name} {self.words[axis]}"
+
+
+class Vote:
+    """Of all inertial sensors of a filter on a timeline.
+
+    `inertial` maps the index of their channels to the names of their components and their gate [standard deviations].
+    `others_there()` says whether any other sensor is there that measures, `moving()` whether the car moves. `by_hand`
+    lets an event act on the filter that is no measurement; `tell(sensor, sentence)` is called when something of a
+    sensor is not believed.
+    """
+
+    def __init__(
+        self,
+        filter: Filter,
+        channels: Sequence[Channel],
+        inertial: dict[int, tuple[tuple[str, ...], float]],
+        *,
+        others_there: Callable[[], bool],
+        moving: Callable[[], bool],
+        by_hand: Callable[[Event], None],
+        tell: Callable[[int, str], None],
+    ) -> None:
+        self._filter = filter
+        self._others_there, self._moving, self._by_hand, self._tell = others_there, moving, by_hand, tell
+        self.axes = {i: Axes(i, channels[i], words, gate**2) for i, (words, gate) in inertial.items()}
+        self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
+        self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
+        self._jumped: list[tuple[Axes, int]] = []
+        self._alarm: int | None = None  # since when something is wrong [ns]
+        self._voted, self._heard, self._pause = 0, 0, _PAUSES[0]
+        self._loud: dict[
+            int, tuple[float, float]
+        ] = {}  # of other sensors: mean normalized innovation squared, and when
+        self.votes = 0
+
+    def forget(self) -> None:
+        """The filter begins anew; what is out stays out."""
+        self._alarm, self._voted, self._pause = None, 0, _PAUSES[0]
+        self._loud.clear()
+        self._frozen.clear()
+        self._jumped.clear()
+        self.returned.clear()
+        for axes in self.axes.values():
+            axes.sums.clear()
+            axes.refused_from.clear()
+            axes.row = axes.value_row = axes.block_from = 0
+            for out in axes.out.values():
+                out.agreed_from = 0
+
+    @property
+    def out(self) -> Iterator[tuple[Axes, int, Out]]:
+        """All axes that are not believed."""
+        for axes in self.axes.values():
+            for axis, out in axes.out.items():
+                yield axes, axis, out
+
+    # One message
+
+    def correct(self, axes: Axes, event: Event, first: bool) -> Innovation:
+        """Let the filter use a message; `first` if it has not been used before. What is not believed of it becomes NaN
+        in the event, so that it is not believed when it happens again either."""
+        if first:
+            self._watch_values(axes, event)
+            if axes.out:
+                self._ask(axes, event)
+                event.value = axes.masked(event.value)
+        found = self._filter.correct(axes.channel.name, event.value, event.variance, axes.gate)
+        if found.nis > axes.gate:
+            return self._look_closer(axes, event, found, first)
+        if first:
+            axes.refused_from.clear()
+            self._keep(axes, event.stamp, found.whitened)
+        return found
+
+    def _look_closer(self, axes: Axes, event: Event, found: Innovation, first: bool) -> Innovation:
+        """Use a message axis by axis, as one of them, or all together, are far from what was expected."""
+        seen = Innovation(found.whitened.copy(), found.factor.copy(), found.nis, accepted=False)
+        value, used, now = event.value.copy(), 0, event.stamp
+        for axis in np.flatnonzero(np.isfinite(value)).tolist():
+            alone = np.full_like(value, np.nan)
+            alone[axis] = value[axis]
+            found = self._filter.correct(axes.channel.name, alone, event.variance, axes.gate)
+            if found.accepted:
+                used += 1
+                axes.refused_from.pop(axis, None)
+                continue
+            event.value = event.value.copy()
+            event.value[axis] = np.nan
+            if not first:
+                continue
+            far = abs(found.nis) ** 0.5
+            self._tell(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
+            begin, last, count = axes.refused_from.get(axis, (now, now, 0))
+            if now - last > _STREAK:
+                begin, count = now, 0
+            axes.refused_from[axis] = begin, now, count + 1
+            if now - begin >= _REFUSED and count + 1 >= _REFUSALS and self._others_there():
+                self._take_out(axes, axis, begin, "jumped away from all others")
+        limit = axes.channel.limit
+        return seen._replace(nis=min(seen.nis, limit) if used else max(seen.nis, 1.01 * limit), accepted=used > 0)
+
+    def _keep(self, axes: Axes, stamp: int, whitened: Array) -> None:
+        row = axes.row
+        axes.whitened[row] = whitened
+        axes.row = row = row + 1
+        if stamp - axes.block_from >= _BLOCK or row == _ROWS:
+            part = axes.whitened[:row]
+            total, count = np.nansum(part, axis=0), np.isfinite(part).sum(axis=0)
+            axes.sums.append((total, count))
+            axes.there = count > 0
+            jump = np.abs(total) / np.sqrt(np.maximum(count, 1))
+            if jump.max() > _JUMP and self._others_there():
+                self._jumped.append((axes, int(jump.argmax())))
+            axes.row, axes.block_from = 0, stamp
+            blocks = list(axes.sums)
+            for window in _WINDOWS:
+                total, count = (np.sum(parts, axis=0) for parts in zip(*blocks[-window:], strict=True))
+                if np.any(np.abs(total) > _ALARM * np.sqrt(count)):
+                    self._sound(stamp, stamp - window * _BLOCK)
+                    break
+
+    def measured(self, index: int, stamp: int, nis: float, components: int) -> None:
+        """The normalized innovation squared of a measurement of another sensor."""
+        mean, before = self._loud.get(index, (1.0, stamp))
+        share = min(max(stamp - before, 0) * 1e-9, 1.0)
+        mean += share * (min(nis, 100.0) / components - mean)
+        self._loud[index] = mean, stamp
+        if mean > _LOUD:
+            self._sound(stamp, stamp - _LOOK_BACK)
+
+    def _sound(self, now: int, since: int) -> None:
+        """Raise the alarm, or keep it up."""
+        if self._alarm is None or now - self._heard > _PAUSES[1]:
+            self._alarm, self._pause = since - _BEFORE, _PAUSES[0]
+        self._heard = now
+
+    def _watch_values(self, axes: Axes, event: Event) -> None:
+        """Whether an axis is frozen."""
+        axes.values[axes.value_row] = event.value
+        axes.value_row += 1
+        if axes.value_row < _ROWS:
+            return
+        values = axes.values
+        same = values[1:] == values[:-1]
+        frozen = np.all(same[1 - _FROZEN :], axis=0)
+        for axis in np.flatnonzero(frozen & axes.lively).tolist():
+            if axis not in axes.out and self._moving():
+                self._frozen.append((axes, axis, float(values[-1, axis])))
+        axes.lively |= same.mean(axis=0) < _LIVELY
+        axes.values[: _FROZEN - 1] = values[1 - _FROZEN :]
+        axes.value_row = _FROZEN - 1
+
+    def froze(self, index: int, value: Array) -> None:
+        """All of a sensor has said this for so long that it is frozen."""
+        axes = self.axes[index]
+        for axis in np.flatnonzero(np.isfinite(value)).tolist():
+            if axis not in axes.out:
+                self._frozen.append((axes, axis, float(value[axis])))
+
+    # Out, and in again
+
+    def _take_out(self, axes: Axes, axis: int, since: int, why: str) -> None:
+        axes.out[axis] = Out(since, why)
+        axes.refused_from.pop(axis, None)
+        axes.sums.clear()
+        axes.row = 0
+        self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
+
+    def _ask(self, axes: Axes, event: Event) -> None:
+        """What those that are out would say, and whether they agree by now."""
+        now = event.stamp
+        if now - axes.asked < _ASKED:
+            return
+        axes.asked = now
+        for axis, out in list(axes.out.items()):
+            alone = np.full_like(event.value, np.nan)
+            alone[axis] = event.value[axis]
+            out.same = out.same + 1 if alone[axis] == out.value else 0
+            out.value = alone[axis]
+            if not np.isfinite(alone[axis]) or out.same >= _SAME:
+                out.agreed_from = 0
+                continue
+            found = self._filter.correct(axes.channel.name, alone, event.variance, -1.0)
+            if not out.agreed_from or not found.nis <= axes.gate:
+                out.agreed_from, out.count, out.squares, out.total = now, 0, 0.0, 0.0
+                continue
+            out.count += 1
+            out.squares += found.nis
+            out.total += float(found.whitened[axis] * found.factor[axis, axis])
+            wait = axes.wait.get(axis, _AGREED)
+            if now - out.agreed_from < wait:
+                continue
+            if out.squares > _AGREES * out.count:
+                out.agreed_from = 0
+                continue
+            del axes.out[axis]
+            axes.wait[axis] = min(2 * wait, _LONGEST)
+            self.returned.append((axes.index, axis, abs(out.total) / out.count))
+
+    # A vote
+
+    def due(self, now: int) -> bool:
+        """Whether something is to be decided."""
+        return bool(self._frozen or self._jumped) or (
+            self._alarm is not None
+            and self._heard > self._voted
+            and now - self._voted >= self._pause
+            and self._others_there()
+        )
+
+    def decide(self, timeline: Timeline) -> None:
+        """Go back to before an axis froze; or take a vote, and if an axis is wrong, go back to before it was
+        believed."""
+        now = timeline.stamp
+        for axes, axis, value in self._frozen:
+            self._take_out(axes, axis, now, "is frozen")
+            self._undo(timeline, now - _LOOK_BACK, axes, axis, value)
+        for axes, axis in self._jumped:
+            self._take_out(axes, axis, now - _JUST_NOW, "jumped away from all others")
+            self._undo(timeline, now - _JUST_NOW, axes, axis)
+        if self._frozen or self._jumped:
+            self._frozen.clear()
+            self._jumped.clear()
+            return
+        since = max(self._alarm or 0, now - _LOOK_BACK)
+        self._pause, self._voted = min(2 * self._pause, _PAUSES[1]), now
+        self.votes += 1
+        everybody = self._scores(timeline, since, None)
+        if everybody is None:
+            return
+        gains: list[tuple[float, Axes, int]] = []
+        for axes in self.axes.values():
+            within = [a for a in np.flatnonzero(axes.there).tolist() if a not in axes.out]
+            if self._gain(timeline, since, everybody, axes, within) < _WORTH_A_VOTE:
+                continue
+            gains += [(self._gain(timeline, since, everybody, axes, [a]), axes, a) for a in within]
+        if not gains:
+            return
+        gain, axes, axis = max(gains, key=lambda one: one[0])
+        if gain > _SUSPECT:
+            self._pause = _PAUSES[0]
+        if gain < _GAIN:
+            return
+        self._alarm = None
+        self._take_out(axes, axis, since, "contradicts the others")
+        self._undo(timeline, since, axes, axis)
+
+    def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
+        """Go on from a time as if an axis had not said anything, or not this value."""
+        for event in timeline.rewind(since):
+            if event.sensor == axes.index and (value is None or event.value[axis] == value):
+                event.value = event.value.copy()
+                event.value[axis] = np.nan
+
+    def _gain(self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]) -> float:
+        """Δ of leaving out some axes of a sensor."""
+        without = self._scores(timeline, since, (axes.index, left))
+        if without is None:
+            return -np.inf
+        total = 0.0
+        for index, score in everybody.items():
+            difference = score - without[index]
+            if index == axes.index:
+                difference = np.delete(difference, left)
+            total += float(difference.sum())
+        return total
+
+    def _scores(self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None) -> dict[int, Array] | None:
+        """Σ (w² + 2 ln d) of each component of each sensor since a time, if some axes of one had not been there."""
+        scores: dict[int, Array] = {}
+
+        def act(event: Event) -> None:
+            channel = timeline.channels[event.sensor]
+            if channel.by_hand:
+                self._by_hand(event)
+                return
+            if channel.first_input is not None:
+                self._filter.give(Given(channel.first_input, event.value))
+                return
+            value, axes = event.value, self.axes.get(event.sensor)
+            if without is not None and event.sensor == without[0]:
+                value = value.copy()
+                value[without[1]] = np.nan
+            limit = channel.limit if axes is None else axes.gate
+            found = self._filter.correct(channel.name, value, event.variance, limit)
+            score = scores.setdefault(event.sensor, np.zeros(len(value)))
+            if axes is None or not found.nis > limit:
+                _score(score, found)
+                return
+            for axis in np.flatnonzero(np.isfinite(value)).tolist():
+                alone = np.full_like(value, np.nan)
+                alone[axis] = value[axis]
+                _score(score, self._filter.correct(channel.name, alone, event.variance, limit))
+
+        return scores if timeline.again(since, act) else None
+
+
+def _score(score: Array, found: Innovation) -> None:
+    if found.nis < 0:
+        return
+    whitened, deviation = found.whitened, found.factor.diagonal()
+    there = whitened == whitened
+    score[there] += np.minimum(whitened[there] ** 2, 36.0) + 2 * np.log(np.maximum(deviation[there], 1e-9))
