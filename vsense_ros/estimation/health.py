@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from vsense_ros.estimation.source import Source
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 
-PATIENCE = 50  # refusals in a row after which a sensor is listened to again, with a variance to match
+PATIENCE = 2_000_000_000  # [ns] of refusals in a row, after which it may be the filter that is wrong, and
+_REFUSALS = 5  # at least so many
 _RECENT = 512  # stamps kept, to tell a repeated message from one that was overtaken
 _PERIODS = 10.0  # without a message, after which a sensor is silent, but not before
 _SHORTEST = 0.15  # [s], in which an operating system, or the end of a recording, may well hold messages back
@@ -22,6 +23,8 @@ class Health:
     used: int = 0
     refused: int = 0  # by the gate
     refused_in_a_row: int = 0
+    refused_from: int = 0  # stamp of the first of these, and
+    refused_to: int = 0  # of the last [ns]
     late: int = 0  # re-propagated
     too_late: int = 0
     invalid: int = 0
@@ -59,6 +62,11 @@ class Health:
         """Keep a problem of the newest message."""
         self.problem, self.problem_at = why, self.last_received
 
+    @property
+    def contradicts(self) -> bool:
+        """Whether it was refused for so long that it may be the filter that is wrong."""
+        return self.refused_in_a_row >= _REFUSALS and self.refused_to - self.refused_from >= PATIENCE
+
     def diagnostic(self, name: str, sensor: Source, now: int) -> Diagnostic:
         """One line; `now` [ns] on the clock of arrivals."""
         values = {
@@ -81,7 +89,7 @@ class Health:
         if not self.last_stamp:
             return Diagnostic(name, Level.STALE, f"no usable message on {sensor.topic}: {self.problem}", values)
         if self.problem and abs(self.last_received - self.problem_at) < 2e9:
-            level = Level.ERROR if self.refused_in_a_row >= PATIENCE else Level.WARN
+            level = Level.ERROR if self.contradicts else Level.WARN
             return Diagnostic(name, level, self.problem, values)
         if doubted:
             return Diagnostic(name, Level.WARN, f"back after a silence, for {(now - self.back) * 1e-9:.1f} s", values)

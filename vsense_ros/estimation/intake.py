@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from vsense_ros.estimation.health import PATIENCE, Health
+from vsense_ros.estimation.health import Health
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.estimation.source import Source
 from vsense_ros.estimation.timeline import Event
@@ -156,11 +156,14 @@ class Intake(Generic[Sensor]):
         else:
             health.refused += 1
             health.refused_in_a_row += 1
+            health.refused_to = event.stamp
+            if health.refused_in_a_row == 1:
+                health.refused_from = event.stamp
             health.complain(f"innovation {abs(nis) ** 0.5:.1f} standard deviations, limit {limit**0.5:.1f}")
 
     def out_of_patience(self, index: int, nis: float, limit: float) -> bool:
-        """Whether so many measurements were refused that it may be the filter that is wrong."""
-        return not nis <= limit and self.health[index].refused_in_a_row >= PATIENCE and isfinite(nis)
+        """Whether measurements were refused for so long that it may be the filter that is wrong."""
+        return not nis <= limit and self.health[index].contradicts and isfinite(nis)
 
 
 def by_topic(sensors: Sequence[Source]) -> dict[str, list[int]]:

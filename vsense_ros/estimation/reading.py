@@ -16,10 +16,13 @@ from vsense_ros.messages.recording import Recording, Sample
 Array = NDArray[np.float64]
 
 _LARGEST_VALUE = 1e7  # no quantity here is larger in SI units
+_HEIGHTS = -500.0, 9000.0  # [m] of roads, with a margin
+_NOWHERE = 1e-3  # [deg] from latitude and longitude 0, where receivers are that know nothing
 
 
 class Map:
-    """East and north of a fixed origin (latitude, longitude [deg], height [m]), which by default is the first fix."""
+    """East and north of a fixed origin (latitude, longitude [deg], height [m]), which by default is the first fix that
+    can be one: with a status that says so, on a road of this earth."""
 
     def __init__(self, origin: tuple[float, float, float] | None) -> None:
         self.origin = origin
@@ -28,13 +31,22 @@ class Map:
         """Fields of a NavSatFix with `east`, `north` and `up` [m] added; NaN for what is no place on earth."""
         latitude, longitude, height = (float(values[k][0]) for k in ("latitude", "longitude", "altitude"))
         east = north = up = float("nan")
-        if abs(latitude) <= 90 and abs(longitude) <= 360:
-            if self.origin is None:
-                self.origin = (latitude, longitude, height if np.isfinite(height) else 0.0)
+        nowhere = abs(latitude) < _NOWHERE and abs(longitude) < _NOWHERE
+        if self.origin is None and not nowhere:
+            self._begin(values, latitude, longitude, height)
+        if abs(latitude) <= 90 and abs(longitude) <= 360 and not nowhere and self.origin is not None:
             east, north, _ = pymap3d.geodetic2enu(latitude, longitude, self.origin[2], *self.origin)
             up = height - self.origin[2]  # which follows the curvature of the earth, as a road does
         places = {"east": east, "north": north, "up": up}
         return {**values, **{name: np.array([float(place)]) for name, place in places.items()}}
+
+    def _begin(self, values: Mapping[str, Array], latitude: float, longitude: float, height: float) -> None:
+        """Lay the origin, if these may be it."""
+        status = values.get("status")
+        fixed = status is None or not len(status) or status[0] >= 0
+        high = np.isfinite(height)
+        if fixed and abs(latitude) <= 90 and abs(longitude) <= 360 and (not high or _HEIGHTS[0] < height < _HEIGHTS[1]):
+            self.origin = (latitude, longitude, height if high else 0.0)
 
     def latitude_longitude(self, east: float, north: float) -> tuple[float, float]:
         """Of a place on the map [deg]. Raises `ValueError` where there has been no fix yet."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.estimation.health import PATIENCE
 from vsense_ros.estimation.intake import Intake
 from vsense_ros.estimation.timeline import Event, Timeline
 from vsense_ros.model.coordinates import SPIN, YAW, X, Y
@@ -67,7 +66,7 @@ class Alignment:
         same = np.any(np.abs(own - speed) < _SAME_SPEED * speed)
         health = self._intake.health
         seen = (h for i, h in enumerate(health) if self._sensors[i].on_map and self._intake.sends(i))
-        return bool(same and all(h.refused_in_a_row >= PATIENCE for h in seen))
+        return bool(same and all(h.contradicts for h in seen))
 
     def align(self, event: Event) -> bool:
         """Take the heading from a measurement, if it tells one; True if that has just been done."""

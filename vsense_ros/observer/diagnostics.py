@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.observer.placement import Place
 from vsense_ros.observer.spi import Spi
 
 if TYPE_CHECKING:
     from vsense_ros.observer.observer import Observer
 
+_NEWS = 5_000_000_000  # [ns] for which a reset is told
 _ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
 
 
@@ -59,6 +61,18 @@ def _own(observer: Observer) -> Diagnostic:
         return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
     text = "converged" if observer.converged else "converging"
     doubts = [f"without {axes.name(axis)}" for axes, axis, _ in observer.vote.out]
+    if observer.placement is not None:
+        place = observer.placement.at(observer.stamp)
+        values["place"] = place.value
+        if place in (Place.RECKONED, Place.LOST):
+            values["without position"] = f"{observer.placement.age(observer.stamp):.1f} s"
+        if place is not Place.TOLD:
+            doubts.append(place.value)
+    if observer.resets.told:
+        stamp, sentence = observer.resets.told[-1]
+        values["resets"] = str(len(observer.resets.told))
+        if observer.stamp - stamp < _NEWS:
+            doubts.append(sentence)
     level = Level.OK if observer.converged and not doubts else Level.WARN
     return Diagnostic("observer", level, ", ".join([text, *doubts]), values)
 

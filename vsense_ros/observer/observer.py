@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Given, Innovation, largest_nis
-from vsense_ros.estimation.health import PATIENCE
 from vsense_ros.estimation.intake import FROZEN, Intake, Timing, by_topic
 from vsense_ros.estimation.reading import Map
 from vsense_ros.estimation.timeline import Channel, Event, Timeline
@@ -30,6 +29,8 @@ from vsense_ros.observer.beginning import Beginning, Start
 from vsense_ros.observer.catalogue import MakeFilter, default_filter
 from vsense_ros.observer.estimate import BALANCE, Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.observer.placement import Placement
+from vsense_ros.observer.resets import Resets
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
 from vsense_ros.observer.vote import REMEMBERED, Vote
@@ -103,6 +104,9 @@ class Observer:
             afterwards=self._look_up_road,
             fault=self._recover,
         )
+        places = any("position" in sensor.tells for sensor in self.sensors.values())
+        self.placement = Placement() if places else None
+        self.resets = Resets(self.car, self.intake)
         self._alignment = Alignment(self.filter, self._timeline, self.intake)
         self.balance = Balance(vehicle, self.sensors)
         self._beginning = Beginning(vehicle, self.intake, self.car.largest[FORWARD])
@@ -168,6 +172,8 @@ class Observer:
 
     def _settle(self) -> None:
         """Do what the sensors' vote asks for."""
+        for element, by, deviation in self.resets.asked():
+            self._shift(element, by, deviation)
         vote = self.vote
         if vote.due(self.stamp):
             vote.decide(self._timeline)
@@ -207,6 +213,9 @@ class Observer:
             self.monitor.forget()
         self._timeline.clear()
         self.vote.forget()
+        self.resets.forget()
+        if self.placement is not None:
+            self.placement.forget()
         filter.linearize()
         self._alignment.start(events)
         self._timeline.begin(start.stamp)
@@ -252,11 +261,19 @@ class Observer:
         if not event.counted:
             event.counted = True
             self._count(event, nis, innovation)
-        if not self.intake.out_of_patience(event.sensor, nis, channel.limit):
+        if not nis <= channel.limit and innovation is not None:
+            self._contradicted(event, channel, innovation)
+
+    def _contradicted(self, event: Event, channel: Channel, innovation: Innovation) -> None:
+        """A measurement was refused. If that goes on for long, it may be the filter that is wrong."""
+        self.resets.refused(event, innovation)
+        if not self.intake.out_of_patience(event.sensor, innovation.nis, channel.limit):
             return
-        if not (self._alignment.astray(event) and self._alignment.begin_anew(event)):
-            # Refused for so long, it may be the filter that is wrong: let the measurement pull at the gate's edge.
-            pull = nis / channel.limit
+        if self._alignment.astray(event) and self._alignment.begin_anew(event):
+            self.resets.tell(self.stamp, f"heading and velocity begun anew as {channel.name} tells them")
+        elif self.resets.is_alone(event.sensor) and not self.resets.ask(event, self.stamp, channel.name):
+            # Let the measurement pull at the gate's edge.
+            pull = innovation.nis / channel.limit
             self.filter.correct(channel.name, event.value, event.variance, 2 * channel.limit, pull)
 
     def _count(self, event: Event, nis: float, innovation: Innovation | None) -> None:
@@ -267,16 +284,16 @@ class Observer:
             self.monitor.measured(event.sensor, nis, self.stamp, whitened)
         measured = channel.first_input is None
         self.intake.count(event, nis, channel.limit, measured=measured)
+        place = self.placement
+        if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].tells:
+            place.believed(event.stamp)
         if measured and event.sensor not in self.vote.axes:
-            self.vote.measured(event.sensor, self.stamp, nis, len(event.value))
+            self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
 
     def _others_there(self) -> bool:
         """Whether something measures the car's motion besides inertial sensors."""
         return any(
-            not sensor.is_input
-            and i not in self.vote.axes
-            and self.health[i].refused_in_a_row < PATIENCE
-            and self.intake.sends(i)
+            not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
             for i, sensor in enumerate(self.intake.sensors)
         )
 

@@ -4,7 +4,7 @@ The filter is where sensors meet: it predicts what each of them measures from wh
 the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged by three tests.
 
 1. *A jump.* An innovation of more than `gate` standard deviations is refused as ever, but of the axis alone. If it is
-   refused for `_REFUSED`, or the innovations of `_BLOCK` add up to `_JUMP` standard deviations, it is out.
+   refused for `_REFUSED`, or if its innovations add up to `_JUMP` standard deviations within 40 ms, it is out.
 2. *No noise.* An axis that repeats its value, and used to be noisy, is frozen. It is out from the first repetition on.
 3. *A contradiction* that is too small, or grows too slowly, for a gate. If a filter is right, its whitened innovations
    have zero mean and unit variance (Mehra 1970): their sum over n messages, divided by √n, is a standard normal
@@ -25,7 +25,6 @@ bias that is not known any more, since it may have jumped.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -40,11 +39,12 @@ Array = NDArray[np.float64]
 _REFUSED = 20_000_000  # [ns] of refusals in a row, and
 _REFUSALS = 3  # at least so many, after which an axis has jumped: no single outlier does that
 _STREAK = 50_000_000  # [ns] after which a refusal does not belong to those before
-_BLOCK = 50_000_000  # [ns] in which innovations are summed
-_WINDOWS = (4, 20)  # blocks of the sums that are looked at
+_BLOCK = 20_000_000  # [ns] in which innovations are summed
+_WINDOWS = np.array([1, 2, 10, 50])  # blocks of the sums that are looked at: the first two for jumps
 _ALARM = 4.5  # standard deviations of such a sum
-_JUMP = 9.0  # the same, of one block: the axis has jumped away from what all others say
+_JUMP = 9.5  # the same, of one block or two: the axis has jumped away from what all others say
 _JUST_NOW = 200_000_000  # [ns] that are done again then
+_CALM = 3.0  # the same of a sensor that agrees
 _LOUD = 6.0  # mean normalized innovation squared per component of other sensors, within a second, that is an alarm
 _PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to the next: twice as long each time
 _BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
@@ -61,6 +61,44 @@ _AGREED = 1_000_000_000  # [ns] that it has to agree for the first time
 _LONGEST = 60_000_000_000  # [ns] after which an axis that agrees returns in any case
 _AGREES = 4.0  # mean normalized innovation squared meanwhile
 REMEMBERED = 2.5  # [s] that a timeline has to keep for votes
+
+
+class Sums:
+    """Of the whitened innovations of a sensor with m components over the last blocks: `totals` and `counts` (4, m) of
+    each of `_WINDOWS`."""
+
+    def __init__(self, m: int) -> None:
+        self._rows, self._row, self._from = np.zeros((_ROWS, m)), 0, 0
+        self._blocks, self._block = np.zeros((_WINDOWS[-1], 2, m)), 0
+        self._windows = np.zeros((len(_WINDOWS), 2, m))
+        self.totals, self.counts = self._windows[:, 0], self._windows[:, 1]
+        self.begun = False
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._row, self._blocks[:], self._windows[:], self.begun = 0, 0.0, 0.0, False
+
+    def add(self, stamp: int, whitened: Array) -> bool:
+        """Take in a message (m,), NaN where a component was absent; True at the end of a block."""
+        self._rows[self._row] = whitened
+        self._row += 1
+        if stamp - self._from < _BLOCK and self._row < _ROWS:
+            return False
+        rows, blocks = self._rows[: self._row], self._blocks
+        total, count = rows.sum(axis=0), np.full(rows.shape[1], float(self._row))
+        if not np.isfinite(total).all():
+            there = rows == rows
+            total, count = np.where(there, rows, 0.0).sum(axis=0), there.sum(axis=0)
+        self._windows -= blocks[(self._block - _WINDOWS) % len(blocks)]
+        blocks[self._block] = total, count
+        self._windows += blocks[self._block]
+        self._block = (self._block + 1) % len(blocks)
+        self._row, self._from, self.begun = 0, stamp, True
+        return True
+
+    def far(self) -> Array:
+        """How far each sum is from zero (4, m) [standard deviations]."""
+        return np.asarray(np.abs(self.totals) / np.sqrt(np.maximum(self.counts, 1.0)))
 
 
 @dataclass
@@ -88,19 +126,16 @@ class Axes:
     out: dict[int, Out] = field(default_factory=dict)
     wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
     refused_from: dict[int, tuple[int, int, int]] = field(default_factory=dict)  # first, last [ns], how many
-    whitened: Array = field(init=False)  # of the present block, a row for each message
+    sums: Sums = field(init=False)
     values: Array = field(init=False)
-    row: int = 0
-    block_from: int = 0
     value_row: int = 0
     asked: int = 0
     lively: NDArray[np.bool_] = field(init=False)
     there: NDArray[np.bool_] = field(init=False)  # what came of late
-    sums: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=_WINDOWS[-1]))
 
     def __post_init__(self) -> None:
         m = len(self.words)
-        self.whitened, self.values = np.full((_ROWS, m), np.nan), np.full((_ROWS, m), np.nan)
+        self.sums, self.values = Sums(m), np.full((_ROWS, m), np.nan)
         self.lively, self.there = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
 
     def masked(self, value: Array) -> Array:
@@ -112,7 +147,9 @@ class Axes:
     @property
     def absent(self) -> list[str]:
         """What did not come of late."""
-        return [word for word, there in zip(self.words, self.there.tolist(), strict=True) if not there and self.sums]
+        return [
+            word for word, there in zip(self.words, self.there.tolist(), strict=True) if not there and self.sums.begun
+        ]
 
     def name(self, axis: int) -> str:
         """Of an axis, with that of its sensor."""
@@ -150,19 +187,21 @@ class Vote:
         self._loud: dict[
             int, tuple[float, float]
         ] = {}  # of other sensors: mean normalized innovation squared, and when
+        self._no_vote: set[int] = set()
         self.votes = 0
 
     def forget(self) -> None:
         """The filter begins anew; what is out stays out."""
         self._alarm, self._voted, self._pause = None, 0, _PAUSES[0]
         self._loud.clear()
+        self._no_vote.clear()
         self._frozen.clear()
         self._jumped.clear()
         self.returned.clear()
         for axes in self.axes.values():
             axes.sums.clear()
             axes.refused_from.clear()
-            axes.row = axes.value_row = axes.block_from = 0
+            axes.value_row = 0
             for out in axes.out.values():
                 out.agreed_from = 0
 
@@ -219,28 +258,29 @@ class Vote:
         return seen._replace(nis=min(seen.nis, limit) if used else max(seen.nis, 1.01 * limit), accepted=used > 0)
 
     def _keep(self, axes: Axes, stamp: int, whitened: Array) -> None:
-        row = axes.row
-        axes.whitened[row] = whitened
-        axes.row = row = row + 1
-        if stamp - axes.block_from >= _BLOCK or row == _ROWS:
-            part = axes.whitened[:row]
-            total, count = np.nansum(part, axis=0), np.isfinite(part).sum(axis=0)
-            axes.sums.append((total, count))
-            axes.there = count > 0
-            jump = np.abs(total) / np.sqrt(np.maximum(count, 1))
-            if jump.max() > _JUMP and self._others_there():
-                self._jumped.append((axes, int(jump.argmax())))
-            axes.row, axes.block_from = 0, stamp
-            blocks = list(axes.sums)
-            for window in _WINDOWS:
-                total, count = (np.sum(parts, axis=0) for parts in zip(*blocks[-window:], strict=True))
-                if np.any(np.abs(total) > _ALARM * np.sqrt(count)):
-                    self._sound(stamp, stamp - window * _BLOCK)
-                    break
+        if not axes.sums.add(stamp, whitened):
+            return
+        far = axes.sums.far()
+        axes.there = axes.sums.counts[0] > 0
+        if far.max() < _ALARM:
+            return
+        if far[:2].max() > _JUMP and self._others_there():
+            self._jumped.append((axes, int(far[:2].max(axis=0).argmax())))
+        for window, furthest in zip(_WINDOWS[2:].tolist(), far[2:].max(axis=1).tolist(), strict=True):
+            if furthest > _ALARM:
+                self._sound(stamp, stamp - window * _BLOCK)
+                break
 
-    def measured(self, index: int, stamp: int, nis: float, components: int) -> None:
-        """The normalized innovation squared of a measurement of another sensor."""
+    def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
+        """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
+        agreement with all just before, has jumped itself: it has no vote."""
         mean, before = self._loud.get(index, (1.0, stamp))
+        if nis <= limit:
+            self._no_vote.discard(index)
+        elif mean < _CALM:
+            self._no_vote.add(index)
+        if index in self._no_vote:
+            return
         share = min(max(stamp - before, 0) * 1e-9, 1.0)
         mean += share * (min(nis, 100.0) / components - mean)
         self._loud[index] = mean, stamp
@@ -282,7 +322,6 @@ class Vote:
         axes.out[axis] = Out(since, why)
         axes.refused_from.pop(axis, None)
         axes.sums.clear()
-        axes.row = 0
         self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
 
     def _ask(self, axes: Axes, event: Event) -> None:
@@ -378,6 +417,8 @@ class Vote:
             return -np.inf
         total = 0.0
         for index, score in everybody.items():
+            if index in self._no_vote:
+                continue
             difference = score - without[index]
             if index == axes.index:
                 difference = np.delete(difference, left)
