@@ -96,4 +96,42 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     say(f"Written to {calibrate}.")
 
 
-COMMANDS = (tune, monitor)
+@click.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/faults.json"), show_default=True, help="File."
+)
+@click.option("--only", metavar="WORDS", default="", help="Only faults whose name has these words in it.")
+def faults(out: Path, only: str) -> None:
+    """Let sensors fail, one way after the other, and look at what the observer makes of it.
+
+    Jumps, drifts, frozen and absent axes of inertial sensors, GNSS that jumps, lies or is gone, on the generated bags
+    and the RAV4's drive. Takes about a minute.
+
+    \b
+    Examples:
+      vsense faults
+      vsense faults --only gyro
+    """
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import faults as job
+
+    chosen = [case for case in job.CASES if only in case.title]
+    if not chosen:
+        raise InputError(f"no fault has {only!r} in its name; `vsense faults` without --only lists them all")
+    outcomes, left_out = [], {}
+    with progress("faults") as done:
+        for i, case in enumerate(chosen):
+            try:
+                outcomes.append(job.examine(case))
+            except InputError as error:
+                left_out[case.drive] = str(error)
+            done((i + 1) / len(chosen))
+    job.write(outcomes, out)
+    console().print(job.table(outcomes))
+    for name, why in left_out.items():
+        say(f"Without {name}: {why}")
+    say(f"{sum(one.holds for one in outcomes)} of {len(outcomes)} hold. Written to {out}.")
+
+
+COMMANDS = (faults, tune, monitor)

@@ -63,11 +63,10 @@ def _own(observer: Observer) -> Diagnostic:
     doubts = [f"without {axes.name(axis)}" for axes, axis, _ in observer.vote.out]
     if observer.placement is not None:
         place = observer.placement.at(observer.stamp)
-        values["place"] = place.value
-        if place in (Place.RECKONED, Place.LOST):
-            values["without position"] = f"{observer.placement.age(observer.stamp):.1f} s"
         if place is not Place.TOLD:
             doubts.append(place.value)
+        if place in (Place.RECKONED, Place.LOST):
+            values["without position"] = f"{observer.placement.age(observer.stamp):.1f} s"
     if observer.resets.told:
         stamp, sentence = observer.resets.told[-1]
         values["resets"] = str(len(observer.resets.told))

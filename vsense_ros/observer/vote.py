@@ -46,15 +46,18 @@ _JUMP = 9.5  # the same, of one block or two: the axis has jumped away from what
 _JUST_NOW = 200_000_000  # [ns] that are done again then
 _CALM = 3.0  # the same of a sensor that agrees
 _LOUD = 6.0  # mean normalized innovation squared per component of other sensors, within a second, that is an alarm
-_PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to the next: twice as long each time
+_PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to the next: the first, and twice as long
+_URGENT = 1_000_000_000  # [ns] after the alarm each time, to the second
 _BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
 _LOOK_BACK = 2_000_000_000  # [ns] that this is at most
 _GAIN = 80.0  # twice a logarithm of likelihoods
-_WORTH_A_VOTE = 10.0  # the same, of leaving out the whole sensor
+_WORTH_A_VOTE = 0.0  # the same, of leaving out the whole sensor
 _SUSPECT = 30.0  # the same, of an axis that is asked about again soon
-_FROZEN = 50  # equal values in a row, of an axis that has noise
+_FROZEN = 20  # equal values in a row, of an axis that has noise
+_LOOKS = 10  # values from one look for frozen axes to the next
 _LIVELY = 0.2  # share of values that equal the one before, up to which an axis has noise
-_ROWS = 128
+_SHARE = 0.03  # of the newest such share in their mean
+_ROWS = 128  # messages in a block at most
 _ASKED = 10_000_000  # [ns] from one innovation of an axis that is out, to the next
 _SAME = 10  # times that it may say the same
 _AGREED = 1_000_000_000  # [ns] that it has to agree for the first time
@@ -77,6 +80,10 @@ class Sums:
     def clear(self) -> None:
         """Forget everything."""
         self._row, self._blocks[:], self._windows[:], self.begun = 0, 0.0, 0.0, False
+
+    def forget(self, component: int) -> None:
+        """All that a component has said."""
+        self._rows[:, component] = self._blocks[..., component] = self._windows[..., component] = 0.0
 
     def add(self, stamp: int, whitened: Array) -> bool:
         """Take in a message (m,), NaN where a component was absent; True at the end of a block."""
@@ -130,13 +137,13 @@ class Axes:
     values: Array = field(init=False)
     value_row: int = 0
     asked: int = 0
-    lively: NDArray[np.bool_] = field(init=False)
+    held: Array = field(init=False)  # share of values that equal the one before
     there: NDArray[np.bool_] = field(init=False)  # what came of late
 
     def __post_init__(self) -> None:
         m = len(self.words)
-        self.sums, self.values = Sums(m), np.full((_ROWS, m), np.nan)
-        self.lively, self.there = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+        self.sums, self.values = Sums(m), np.full((_FROZEN - 1 + _LOOKS, m), np.nan)
+        self.held, self.there = np.ones(m), np.zeros(m, dtype=bool)
 
     def masked(self, value: Array) -> Array:
         """A measurement without what is out."""
@@ -234,12 +241,14 @@ class Vote:
         """Use a message axis by axis, as one of them, or all together, are far from what was expected."""
         seen = Innovation(found.whitened.copy(), found.factor.copy(), found.nis, accepted=False)
         value, used, now = event.value.copy(), 0, event.stamp
+        whitened = np.full_like(value, np.nan)
         for axis in np.flatnonzero(np.isfinite(value)).tolist():
             alone = np.full_like(value, np.nan)
             alone[axis] = value[axis]
             found = self._filter.correct(axes.channel.name, alone, event.variance, axes.gate)
             if found.accepted:
                 used += 1
+                whitened[axis] = found.whitened[axis]
                 axes.refused_from.pop(axis, None)
                 continue
             event.value = event.value.copy()
@@ -254,6 +263,8 @@ class Vote:
             axes.refused_from[axis] = begin, now, count + 1
             if now - begin >= _REFUSED and count + 1 >= _REFUSALS and self._others_there():
                 self._take_out(axes, axis, begin, "jumped away from all others")
+        if first:
+            self._keep(axes, now, whitened)
         limit = axes.channel.limit
         return seen._replace(nis=min(seen.nis, limit) if used else max(seen.nis, 1.01 * limit), accepted=used > 0)
 
@@ -295,18 +306,19 @@ class Vote:
 
     def _watch_values(self, axes: Axes, event: Event) -> None:
         """Whether an axis is frozen."""
-        axes.values[axes.value_row] = event.value
-        axes.value_row += 1
-        if axes.value_row < _ROWS:
-            return
         values = axes.values
+        values[axes.value_row] = event.value
+        axes.value_row += 1
+        if axes.value_row < len(values):
+            return
         same = values[1:] == values[:-1]
-        frozen = np.all(same[1 - _FROZEN :], axis=0)
-        for axis in np.flatnonzero(frozen & axes.lively).tolist():
-            if axis not in axes.out and self._moving():
-                self._frozen.append((axes, axis, float(values[-1, axis])))
-        axes.lively |= same.mean(axis=0) < _LIVELY
-        axes.values[: _FROZEN - 1] = values[1 - _FROZEN :]
+        frozen = same[1 - _FROZEN :].all(axis=0)
+        if frozen.any():
+            for axis in np.flatnonzero(frozen & (axes.held < _LIVELY)).tolist():
+                if axis not in axes.out and self._moving():
+                    self._frozen.append((axes, axis, float(values[-1, axis])))
+        axes.held += _SHARE * (same.mean(axis=0) - axes.held)
+        values[: _FROZEN - 1] = values[1 - _FROZEN :]
         axes.value_row = _FROZEN - 1
 
     def froze(self, index: int, value: Array) -> None:
@@ -321,7 +333,7 @@ class Vote:
     def _take_out(self, axes: Axes, axis: int, since: int, why: str) -> None:
         axes.out[axis] = Out(since, why)
         axes.refused_from.pop(axis, None)
-        axes.sums.clear()
+        axes.sums.forget(axis)
         self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
 
     def _ask(self, axes: Axes, event: Event) -> None:
@@ -381,7 +393,9 @@ class Vote:
             self._jumped.clear()
             return
         since = max(self._alarm or 0, now - _LOOK_BACK)
-        self._pause, self._voted = min(2 * self._pause, _PAUSES[1]), now
+        if now - since > _URGENT:
+            self._pause = min(2 * self._pause, _PAUSES[1])
+        self._voted = now
         self.votes += 1
         everybody = self._scores(timeline, since, None)
         if everybody is None:
