@@ -34,14 +34,23 @@ class Intake(Generic[Sensor]):
     """The messages of all sensors, in order of arrival; `health` (one for each) says what became of them.
 
     `moving()` tells whether the car moves, so that an inertial sensor of coarse resolution may not repeat itself.
+    Messages of such a sensor that come faster than one in `merge` [s] are averaged, and their mean counts as one.
     """
 
-    def __init__(self, sensors: Mapping[str, Sensor], on_map: Map, reach: float, moving: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        sensors: Mapping[str, Sensor],
+        on_map: Map,
+        reach: float,
+        moving: Callable[[], bool],
+        merge: float = 0.0,
+    ) -> None:
         self.sensors = tuple(sensors.values())
         self.health = [Health() for _ in self.sensors]
         self.newest_arrival = 0  # [ns]
         self._readers = [Reader(i, sensor, on_map) for i, sensor in enumerate(self.sensors)]
-        self._reach, self._moving = int(reach * 1e9), moving
+        self._reach, self._moving, self._merge = int(reach * 1e9), moving, int(merge * 1e9)
+        self._together: dict[int, list[Event]] = {}  # that are to be averaged
         self._jumps: dict[int, int] = {}  # where sensors went whose clocks left the others'
         self._silence = 0  # before the newest message [ns]
 
@@ -59,8 +68,28 @@ class Intake(Generic[Sensor]):
         else:
             if health.noise is None:
                 health.noise = self._readers[index].noise(event.variance)
-            return event
+            return event if health.period * 1e9 >= self._merge else self._averaged(index, event)
         return None
+
+    def _averaged(self, index: int, event: Event) -> Event | None:
+        """The mean of the messages of a sensor that is too fast, once they are as many as come within `merge`."""
+        health = self.health[index]
+        if not self.sensors[index].noisy or not health.period:
+            return event
+        together = self._together.setdefault(index, [])
+        if together and not 0 <= event.stamp - together[0].stamp < 2 * self._merge:
+            together.clear()
+        together.append(event)
+        if event.stamp - together[0].stamp < self._merge - 0.5e9 * health.period:
+            self.believe(index, event.stamp)
+            health.used += 1
+            return None
+        values, variances = (np.array([getattr(e, name) for e in together]) for name in ("value", "variance"))
+        count = np.isfinite(values).sum(axis=0)
+        mean = np.nansum(values, axis=0) / np.where(count, count, np.nan)
+        stamp = sum(e.stamp - together[0].stamp for e in together) // len(together) + together[0].stamp
+        together.clear()
+        return Event(index, stamp, mean, variances.max(axis=0))
 
     def _arrival(self, sample: Sample) -> int:
         """When a message arrived; where it does not tell, its stamp, as far as that goes on with the others."""

@@ -39,7 +39,7 @@ class Fault:
         channels = dict(recording.channels)
         for topic in self.topics:
             if topic in channels:
-                times = (channels[topic].stamp - recording.start) * 1e-9
+                times = np.asarray((channels[topic].stamp - recording.start) * 1e-9, dtype=np.float64)
                 hit = (times >= self.begin) & (times < self.end)
                 if hit.any():
                     channels[topic] = self.change(channels[topic], hit, times)

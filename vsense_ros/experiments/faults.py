@@ -87,7 +87,7 @@ def observe(recording: Recording, vehicle: Vehicle) -> Run:
             rows.append((e.stamp, e.velocity[1], *e.position[:2], *deviations))
     found = np.array(rows)
     reference = recording["reference/odometry"]
-    t, at = ((stamp - recording.start) * 1e-9 for stamp in (found[:, 0], reference.stamp))
+    t, at = (np.asarray((stamp - recording.start) * 1e-9) for stamp in (found[:, 0], reference.stamp))
     true = [
         np.interp(t, at, reference.columns[name][:, axis])
         for name, axis in (("linear", 1), ("position", 0), ("position", 1))
@@ -275,7 +275,7 @@ CASES: tuple[Case, ...] = (
     ),
     Case(
         "GNSS never there", LANE_CHANGE, (Fault("", _GNSS, faults.silent, 0.0),), "position",
-        ("says so", lambda run: _place_is(run, "no position", 12.0)), "GNSS",
+        ("says so", lambda run: _place_is(run, "until GNSS comes", 12.0)), "GNSS",
     ),
     Case(
         "IMU silent for 3 s", LANE_CHANGE, (Fault("", (IMU,), faults.silent, 4.0, 7.0),), "imu",

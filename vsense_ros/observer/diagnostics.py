@@ -57,7 +57,10 @@ def _own(observer: Observer) -> Diagnostic:
         return Diagnostic("observer", Level.WARN, text, values)
     if not observer.heading_known:
         moving = any(sensor.tells & {"course", "position"} for sensor in observer.sensors.values())
-        until = "the car moves" if moving else "two antennas tell it"
+        silent = all(
+            not observer.intake.sends(i) for i, sensor in enumerate(observer.sensors.values()) if sensor.on_map
+        )
+        until = "GNSS comes" if moving and silent else "the car moves" if moving else "two antennas tell it"
         return Diagnostic("observer", Level.WARN, f"heading unknown until {until}", values)
     text = "converged" if observer.converged else "converging"
     doubts = [f"without {axes.name(axis)}" for axes, axis, _ in observer.vote.out]

@@ -75,7 +75,13 @@ class Observer:
         on_map, settings = Map(map_origin), vehicle.observer
         self._road_map = RoadMap.of(vehicle, on_map)
         mean = self.car.mean
-        self.intake = Intake(self.sensors, on_map, settings.history, lambda: abs(mean[FORWARD]) > _MOVING)
+        self.intake = Intake(
+            self.sensors,
+            on_map,
+            settings.history,
+            lambda: abs(mean[FORWARD]) > _MOVING,
+            settings.merge_window,
+        )
         self.health = self.intake.health
         channels = [_channel(name, sensor) for name, sensor in self.sensors.items()]
         self.vote = Vote(

@@ -16,7 +16,7 @@ the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged by
 
    with w the whitened innovation and d its standard deviation: twice the logarithm of what the likelihood of all other
    measurements gains (Schweppe 1965). A right axis helps to predict the others, so that Δ is negative; Δ > `_GAIN` is
-   evidence of more than 10¹⁷ to 1. The filter then goes back to before the contradiction, and on without the axis.
+   evidence of more than 10¹⁹ to 1. The filter then goes back to before the contradiction, and on without the axis.
 
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
 asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,9 @@ _PAUSES = 100_000_000, 1_000_000_000  # [ns] from a vote that decided nothing to
 _URGENT = 1_000_000_000  # [ns] after the alarm each time, to the second
 _BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
 _LOOK_BACK = 2_000_000_000  # [ns] that this is at most
-_GAIN = 80.0  # twice a logarithm of likelihoods
+_GAIN = 90.0  # twice a logarithm of likelihoods
 _WORTH_A_VOTE = 0.0  # the same, of leaving out the whole sensor
+_DISAGREE = 3.5  # mean square of whitened innovations, beyond which a sensor does not agree with the others
 _SUSPECT = 30.0  # the same, of an axis that is asked about again soon
 _FROZEN = 20  # equal values in a row, of an axis that has noise
 _LOOKS = 10  # values from one look for frozen axes to the next
@@ -161,6 +163,16 @@ class Axes:
     def name(self, axis: int) -> str:
         """Of an axis, with that of its sensor."""
         return f"{self.channel.name} {self.words[axis]}"
+
+
+class Found(NamedTuple):
+    """What the others say without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
+    whitened innovations of that sensor which agrees least."""
+
+    gain: float
+    disagreement: float
+    axes: Axes
+    left: list[int]
 
 
 class Vote:
@@ -400,22 +412,27 @@ class Vote:
         everybody = self._scores(timeline, since, None)
         if everybody is None:
             return
-        gains: list[tuple[float, Axes, int]] = []
+        found: list[Found] = []
         for axes in self.axes.values():
             within = [a for a in np.flatnonzero(axes.there).tolist() if a not in axes.out]
-            if self._gain(timeline, since, everybody, axes, within) < _WORTH_A_VOTE:
+            if self._without(timeline, since, everybody, axes, within).gain < _WORTH_A_VOTE:
                 continue
-            gains += [(self._gain(timeline, since, everybody, axes, [a]), axes, a) for a in within]
-        if not gains:
+            found += [self._without(timeline, since, everybody, axes, [a]) for a in within]
+        if not found:
             return
-        gain, axes, axis = max(gains, key=lambda one: one[0])
-        if gain > _SUSPECT:
-            self._pause = _PAUSES[0]
-        if gain < _GAIN:
+        best = max(found, key=lambda one: one.gain)
+        if best.gain < _SUSPECT or best.disagreement > _DISAGREE:
             return
+        self._pause = _PAUSES[0]
+        if best.gain < _GAIN:
+            return
+        axes, axis = best.axes, best.left[0]
         self._alarm = None
         self._take_out(axes, axis, since, "contradicts the others")
         self._undo(timeline, since, axes, axis)
+        self._loud.clear()
+        for others in self.axes.values():
+            others.sums.clear()
 
     def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
         """Go on from a time as if an axis had not said anything, or not this value."""
@@ -424,23 +441,29 @@ class Vote:
                 event.value = event.value.copy()
                 event.value[axis] = np.nan
 
-    def _gain(self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]) -> float:
-        """Δ of leaving out some axes of a sensor."""
+    def _without(
+        self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
+    ) -> Found:
+        """What the others say without some axes of a sensor."""
         without = self._scores(timeline, since, (axes.index, left))
+        found = Found(-np.inf, np.inf, axes, left)
         if without is None:
-            return -np.inf
-        total = 0.0
+            return found
+        gain, disagreement = 0.0, 0.0
         for index, score in everybody.items():
             if index in self._no_vote:
                 continue
-            difference = score - without[index]
+            pair = np.array([score, without[index]])
             if index == axes.index:
-                difference = np.delete(difference, left)
-            total += float(difference.sum())
-        return total
+                pair = np.delete(pair, left, axis=2)
+            gain += float((pair[0, 0] - pair[1, 0]).sum())
+            _, squares, count = pair[1].sum(axis=1).tolist()
+            disagreement = max(disagreement, squares / max(count, 1.0))
+        return Found(gain, disagreement, axes, left)
 
     def _scores(self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None) -> dict[int, Array] | None:
-        """Σ (w² + 2 ln d) of each component of each sensor since a time, if some axes of one had not been there."""
+        """Of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, if some axes of one
+        sensor had not been there."""
         scores: dict[int, Array] = {}
 
         def act(event: Event) -> None:
@@ -457,7 +480,7 @@ class Vote:
                 value[without[1]] = np.nan
             limit = channel.limit if axes is None else axes.gate
             found = self._filter.correct(channel.name, value, event.variance, limit)
-            score = scores.setdefault(event.sensor, np.zeros(len(value)))
+            score = scores.setdefault(event.sensor, np.zeros((3, len(value))))
             if axes is None or not found.nis > limit:
                 _score(score, found)
                 return
@@ -474,4 +497,7 @@ def _score(score: Array, found: Innovation) -> None:
         return
     whitened, deviation = found.whitened, found.factor.diagonal()
     there = whitened == whitened
-    score[there] += np.minimum(whitened[there] ** 2, 36.0) + 2 * np.log(np.maximum(deviation[there], 1e-9))
+    squares = np.minimum(whitened[there] ** 2, 36.0)
+    score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))
+    score[1, there] += squares
+    score[2, there] += 1.0
