@@ -237,6 +237,7 @@ CASES: tuple[Case, ...] = (
     _imu("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, faults.added(GYRO, YAW, 0.5), 4.0, 1.0),
     _imu("gyro z +0.5 rad/s, 0.7 s", RAV4, faults.added(GYRO, YAW, 0.5), 20.0, 0.7),
     _imu("gyro z +1 rad/s, 1.5 s", RAV4, faults.added(GYRO, YAW, 1.0), 20.0, 1.5),
+    _imu("accelerometer y -2 m/s², 1 s", LANE_CHANGE, faults.added(ACCELEROMETER, SIDEWAYS, -2.0), 3.0, 1.0),
     _imu("gyros frozen", LANE_CHANGE, faults.held(GYRO, ALL), 4.0, 4.0),
     _imu("accelerometers frozen", LANE_CHANGE, faults.held(ACCELEROMETER, ALL), 4.0, 4.0),
     _imu("gyros absent", LANE_CHANGE, faults.replaced(GYRO, ALL, np.nan), 0.0),

@@ -55,6 +55,7 @@ _LOOK_BACK = 2_000_000_000  # [ns] that this is at most
 _GAIN = 90.0  # twice a logarithm of likelihoods
 _WORTH_A_VOTE = 0.0  # the same, of leaving out the whole sensor
 _DISAGREE = 3.5  # mean square of whitened innovations, beyond which a sensor does not agree with the others
+_NEARLY = 0.35  # of the largest gain, from which on another axis may be the wrong one
 _SUSPECT = 30.0  # the same, of an axis that is asked about again soon
 _FROZEN = 20  # equal values in a row, of an axis that has noise
 _LOOKS = 10  # values from one look for frozen axes to the next
@@ -430,10 +431,12 @@ class Vote:
         self._pause = _PAUSES[0]
         if best.gain < _GAIN:
             return
-        axes, axis = best.axes, best.left[0]
         self._alarm = None
-        self._take_out(axes, axis, since, "contradicts the others")
-        self._undo(timeline, since, axes, axis)
+        # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
+        for one in found:
+            if one.gain > max(_SUSPECT, _NEARLY * best.gain) and one.disagreement <= _DISAGREE:
+                self._take_out(one.axes, one.left[0], since, "contradicts the others")
+                self._undo(timeline, since, one.axes, one.left[0])
         self._loud.clear()
         for others in self.axes.values():
             others.sums.clear()
