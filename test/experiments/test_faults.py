@@ -18,6 +18,7 @@ from vsense_ros.files.vehicle import load_vehicle
 # What does not hold yet, by title and drive, and why.
 OPEN = {
     ("gyro z +0.1 rad/s, rising for 1 s", CIRCLE): "a rise is told from driving late: 0.46 m/s for a tenth of a second",
+    ("gyro z nothing but noise", LANE_CHANGE): "told from driving straight on late: 0.39 m/s for a tenth of a second",
     ("accelerometer y -2 m/s², 1 s", LANE_CHANGE): "less than its gate: found after 0.35 s, 0.51 m/s wrong until then",
     ("wheel speeds silent for 4 s", CIRCLE): "0.09 m/s, 3.2 standard deviations: the observer's car is too heavy",
     ("gyro x +0.1 rad/s, 2 s", RAV4): "3 standard deviations of this gyro: found after 1.6 s, 0.2 m/s wrong until then",
@@ -25,7 +26,6 @@ OPEN = {
 FAST = {
     ("accelerometers zero", CIRCLE),
     ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE),
-    ("gyro z nothing but noise", LANE_CHANGE),
     ("gyros frozen", LANE_CHANGE),
     ("position jumps by 20 m and stays", CIRCLE),
     ("fix lost", CIRCLE),
@@ -123,7 +123,7 @@ def test_no_axis_is_taken_out_on_laps_without_wheel_speeds(lap: str) -> None:
     from vsense_ros.bag.importers import genesis
 
     try:
-        recording = genesis.read(datasets.fetch("genesis_oxts_can") / lap)
+        recording = genesis.read(datasets.fetch("genesis_oxts_can").parent / lap)
     except InputError as error:
         pytest.skip(str(error))
     said = observe(recording, load_vehicle(vehicle_path("genesis_identified"))).said
