@@ -597,7 +597,10 @@ def test_an_observer_that_hears_no_sensor_any_more_says_that_its_estimate_is_old
             wheels.publish(message)
             message.name, message.velocity, message.position = ["steering_wheel"], [], [0.0]
             steering.publish(message)
-            return told() == (DiagnosticStatus.WARN, "heading unknown until GNSS comes")
+            return told() == (
+                DiagnosticStatus.ERROR,
+                "heading unknown until GNSS comes, without imu: no message on imu/data",
+            )
 
         client.until(drive)
         client.until(lambda: told()[0] == DiagnosticStatus.STALE)
