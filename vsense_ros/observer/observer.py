@@ -178,8 +178,9 @@ class Observer:
 
     def _settle(self) -> None:
         """Do what the sensors' vote asks for."""
-        for element, by, deviation in self.resets.asked():
-            self._shift(element, by, deviation)
+        if self.resets.waiting:
+            for element, by, deviation in self.resets.asked():
+                self._shift(element, by, deviation)
         vote = self.vote
         if vote.due(self.stamp):
             vote.decide(self._timeline)

@@ -47,6 +47,11 @@ class Resets:
         """Something was reset."""
         self.told.append((stamp, sentence))
 
+    @property
+    def waiting(self) -> bool:
+        """Whether anything is to be moved."""
+        return bool(self._asked)
+
     def asked(self) -> Iterator[tuple[int, float, float]]:
         """Elements of the state that are to be moved, by how much, and their standard deviations afterwards; once."""
         asked, self._asked = self._asked, []
