@@ -128,7 +128,6 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     made = estimate(recording, vehicle, progress)
     settled = made.t > SETTLED
     shares = CarBalance(vehicle.physics).shares(made.found.unbalanced[settled])
-    shares = shares[np.isfinite(shares).all(axis=1)]  # else an axis of the sensor was not believed
     vertical, front = (
         float(100 * np.sqrt(np.mean(shares[:, SHARES.index(name)] ** 2))) for name in ("vertical force", "front load")
     )

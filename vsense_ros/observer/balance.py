@@ -30,8 +30,8 @@ LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])  # as SHARES
 class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
-    Both are low-passed alike, so that what differs is not their delay. Without such a sensor, while it is silent, or
-    while an axis of it is not believed, the answer is NaN.
+    Both are low-passed alike, so that what differs is not their delay. Readings count as they came, whether the filter
+    believes them or not. Without such a sensor, or while it is silent, the answer is NaN.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
@@ -44,7 +44,8 @@ class Balance:
             mounting = sensors[self.sensor].mounting()
             self._arm = mounting[:3]
             self._to_car = Rotation.from_euler("xyz", mounting[3:6]).as_matrix()
-        self._event: Event | None = None
+        self._value: Array | None = None  # of the newest reading, as it came, and its stamp [ns]
+        self._heard = 0
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
@@ -52,16 +53,15 @@ class Balance:
     def measured(self, event: Event) -> None:
         """A reading of any sensor, of which those of the inertial one count."""
         if event.sensor == self._index and np.isfinite(event.value).all():
-            self._event = event
+            self._heard, self._value = event.stamp, event.value
 
     def residual(self, e: Estimate) -> Array:
         """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
-        heard = self._event is not None and abs(e.stamp - self._event.stamp) <= LONGEST_GAP * 1e9
-        if self._event is None or not heard or not np.isfinite(self._event.value).all():  # an axis may be out of use
+        if self._value is None or abs(e.stamp - self._heard) > LONGEST_GAP * 1e9:
             self._stamp = 0
             return np.full(6, np.nan)
         now = np.empty(14)
-        now[:3], now[3:6] = self._to_car @ self._event.value[:3], self._to_car @ self._event.value[3:6]
+        now[:3], now[3:6] = self._to_car @ self._value[:3], self._to_car @ self._value[3:6]
         now[6:12] = self._car.of_tyres(e.wheels, e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
         now[12], now[13] = e.state[ROLL], e.state[PITCH]
         passed = (e.stamp - self._stamp) * 1e-9
