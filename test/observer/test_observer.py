@@ -498,7 +498,7 @@ def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_cha
     assert done == sorted(done)
     assert result.realtime_factor > 0
     assert result.step_us_median > 0
-    expected = {"odometry", "acceleration", "road", "sideslip", "parameters", "wheel_torques"}
+    expected = {"odometry", "acceleration", "balance", "road", "sideslip", "parameters", "wheel_torques"}
     expected |= {f"wheel_{what}/{wheel}" for what in ("force", "slip") for wheel in ("fl", "fr", "rl", "rr")}
     assert set(result.output.channels) == {f"vsense/{name}" for name in expected}
     rows = {len(channel) for channel in result.output.channels.values()}

@@ -157,6 +157,7 @@ class Observer:
         filter.start_rolling(start.speed)
         for event in events.values():
             sensor = self.intake.sensors[event.sensor]
+            self.balance.measured(event)
             if sensor.inputs is not None:
                 filter.inputs[sensor.inputs] = np.nan_to_num(event.value)
             for place, velocity in sensor.first_velocities(event.value).items():
@@ -230,9 +231,10 @@ class Observer:
 
     def estimate(self) -> list[Sample]:
         """All output topics at the newest time; empty before the start."""
+        newest = self.output()
         if not self.started:
             return []
-        return [sample for sample in self.output() if sample.topic != BALANCE or np.isfinite(sample.values["force"][0])]
+        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(sample.values["force"][0])]
 
     def output(self) -> list[Sample]:
         """The same, also before the start, when it means nothing: the topics are those of any estimate."""
