@@ -13,6 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.mismatch.simulation import with_all_effects
 from vsense_ros.model.car.car import Car, car_of
 from vsense_ros.model.car.steps import advance_function, dynamics_function, linearize_function
+from vsense_ros.model.coordinates import DISTURBANCES
 from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run
 from vsense_ros.model.vehicle import Vehicle
 
@@ -29,7 +30,7 @@ def arguments(vehicle: Vehicle, name: str) -> list[np.ndarray]:
     q, u = np.zeros(14), np.zeros(14)
     q[2] = vehicle.physics.chassis.cog_height
     u[0], u[10:] = 20.0, 20.0 / 0.34
-    state = [q, u, np.zeros(14), np.zeros(4), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
+    state = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
     step = [np.array([0.01]), np.eye(14).ravel(), np.zeros(98)]
     return state + step if name == "advance" else state
 

@@ -22,7 +22,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.steps import model_functions
-from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.coordinates import DISTURBANCES, WHEELS
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
@@ -50,7 +50,7 @@ def vehicle() -> Vehicle:
 def test_forward_dynamics(benchmark: Any, vehicle: Vehicle) -> None:
     car = car_of(vehicle)
     q, u = rolling_straight(vehicle, SPEED)
-    arguments = [q, u, np.zeros(14), np.zeros(4), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
+    arguments = [q, u, np.zeros(14), np.zeros(len(DISTURBANCES)), np.zeros(5), vehicle.parameter_vector(), np.zeros(0)]
     kernel = Kernel(model_functions(car)["dynamics"], arguments)
     benchmark(kernel.call)
     assert np.isfinite(kernel.results[0]).all()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drives import IMU, SECOND, altered, changed, feed, messages
+from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.observer import Observer, run
 
@@ -65,3 +66,25 @@ def test_what_is_published_is_what_is_over(vehicle, lane_change):
     late = channel.seconds > 2.0
     felt = lane_change[IMU].columns["linear_acceleration"][:, 2].mean() * vehicle.physics.chassis.mass
     assert np.mean(over[late]) == pytest.approx(np.mean(loads[late]) - felt, abs=0.01 * felt)
+
+
+def test_with_an_inertial_sensor_that_lacks_axes_nothing_is_compared_and_that_is_said(vehicle, lane_change):
+    """As a car's own, which knows the yaw rate and two accelerations."""
+
+    def poorer(sample):
+        rates, force = (sample.values[name].copy() for name in ("angular_velocity", "linear_acceleration"))
+        rates[:2] = force[2] = np.nan
+        return changed(sample, angular_velocity=rates, linear_acceleration=force)
+
+    samples = altered(messages(lane_change, 3.0), lambda sample: sample.topic == IMU, poorer)
+    observer = estimated(Observer(vehicle, lane_change.map_origin), samples)
+    assert told(observer).message == "not compared: imu lacks an axis"
+    assert "vsense/balance" not in [sample.topic for sample in observer.estimate()]
+
+
+def test_a_reading_that_comes_late_does_not_take_the_place_of_a_newer_one(vehicle, lane_change):
+    """Else the comparison would be with one that is too old for any."""
+    observer = feed(Observer(vehicle, lane_change.map_origin), messages(lane_change, 4.0))
+    value, variance = np.array([0, 0, 0, 0, 0, 9.81]), np.ones(6)
+    observer.balance.measured(Event(observer.names.index("imu"), observer.stamp - SECOND, value, variance))
+    assert np.isfinite(observer.snapshot().unbalanced).all()

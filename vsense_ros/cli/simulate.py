@@ -24,7 +24,8 @@ def simulate(
 ) -> None:
     """Drive a MANOEUVRE with the 14-DOF car: what its sensors record, with the truth as reference.
 
-    An unknown name lists those there are, of manoeuvres as of receivers.
+    On roads that are not flat (hills, banked_oval, hill) it is the car with all its bodies, if the vehicle file has
+    linkages. An unknown name lists those there are, of manoeuvres as of receivers.
 
     \b
     Examples:

@@ -24,6 +24,7 @@ from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
 from vsense_ros.messages.topics import WHEELS
 from vsense_ros.model.car.balance import SHARES
 
+BEYOND = "Tyre forces beyond what is felt, of the weight or the load at rest"
 _OF_SHARES = (TRUTH, WHEEL_COLOURS["fl"], WHEEL_COLOURS["rr"])
 ROW_HEIGHT = 190  # of one interactive plot [px]
 INTERACTIVE = (
@@ -84,7 +85,9 @@ def score_cells(name: str, found: SignalScore) -> tuple[str, str, str, str]:
 def balance_in_words(found: Balance) -> str:
     """How far the tyre forces are from what the inertial sensor feels."""
     shares = ", ".join(f"{name} {share:.1f} %" for name, share in found.percent.items())
-    return f"Tyre forces against the inertial sensor below 2 Hz, RMS of what the car has at rest: {shares}"
+    return (
+        f"Tyre forces less what the inertial sensor feels, RMS below 2 Hz, of the weight or the load at rest: {shares}"
+    )
 
 
 def named(signals: Sequence[str]) -> str:
@@ -152,7 +155,10 @@ def _interactive(drive: Drive) -> str:
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.18 / len(rows),
-        subplot_titles=[*(label.capitalize() for label, _, _ in rows), *(["Tyre forces beyond what is felt"] * sums)],
+        subplot_titles=[
+            *(label.capitalize() for label, _, _ in rows),
+            *([BEYOND] * sums),
+        ],
     )
     explained: set[str] = set()
     for row, (_, unit, names) in enumerate(rows, start=1):

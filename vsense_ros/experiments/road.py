@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.evaluate.balance import Balance
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.progress import Progress, part
@@ -31,7 +32,7 @@ from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.hills import weaving
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.car.balance import SHARES, CarBalance
+from vsense_ros.model.car.balance import CarBalance
 from vsense_ros.model.coordinates import (
     BANK,
     FORCE_X,
@@ -96,7 +97,7 @@ class Estimates:
     """Of one recording, at `RATE`."""
 
     t: Array  # (n,) [s] after the first
-    stamp: Array  # (n,) [ns]
+    stamp: NDArray[np.int64]  # (n,) [ns]
     found: Estimate  # stacked
 
     @property
@@ -126,11 +127,7 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     """Figures of the RAV4's drive. Raises `InputError` where the recording is not here."""
     recording, vehicle = import_recording(datasets.fetch("comma2k19_rav4")), load_vehicle(vehicle_path("rav4"))
     made = estimate(recording, vehicle, progress)
-    settled = made.t > SETTLED
-    shares = CarBalance(vehicle.physics).shares(made.found.unbalanced[settled])
-    vertical, front = (
-        float(100 * np.sqrt(np.mean(shares[:, SHARES.index(name)] ** 2))) for name in ("vertical force", "front load")
-    )
+    sums = Balance(made.stamp, CarBalance(vehicle.physics).shares(made.found.unbalanced)).percent
     reference = recording["reference/odometry"]
     compared = reference.stamp > made.stamp[0] + SETTLED * 1e9
     own = Rotation.from_quat(made.found.orientation).as_euler("ZYX")
@@ -145,8 +142,8 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
     used = np.hypot(force_x, force_y) / np.maximum(load, 50.0)
     within = (made.t > LOOKED_AT[0]) & (made.t < LOOKED_AT[1])
     return {
-        "sum_fz_percent": vertical,
-        "front_load_percent": front,
+        "sum_fz_percent": sums["vertical force"],
+        "front_load_percent": sums["front load"],
         "pitch_rmse_deg": float(np.degrees(error[:, 0].std())),
         "roll_rmse_deg": float(np.degrees(error[:, 1].std())),
         "friction_20_30": float(used[within].max()),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +37,6 @@ MANOEUVRE = Manoeuvre(
     "hills of 2.5 m every 250 m and a bank that changes, at 72 km/h",
     24.0,
     SPEED,
-    lambda vehicle: weaving(SPEED, vehicle),
+    partial(weaving, SPEED),
     surface=lambda: HILLS,
 )

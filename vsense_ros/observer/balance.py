@@ -22,16 +22,17 @@ Array = NDArray[np.float64]
 CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
 MEMORY = 5.0  # [s] over which the root mean square of what is over is told
 LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
-_POLE = 1 / (2 * pi * CUTOFF / np.sqrt(np.sqrt(2) - 1))  # [s] of each of two, which together have this cutoff
+_TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
 # Root mean squares that are told, as SHARES: beyond the errors that the inertial sensor of a car leaves.
-LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])  # as SHARES
+LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])
 
 
 class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
     Both are low-passed alike, so that what differs is not their delay. Readings count as they came, whether the filter
-    believes them or not. Without such a sensor, or while it is silent, the answer is NaN.
+    believes them or not. Without such a sensor, while it is silent, or where it lacks one of its six axes, the answer
+    is NaN.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
@@ -43,17 +44,27 @@ class Balance:
             self._index = list(sensors).index(self.sensor)
             mounting = sensors[self.sensor].mounting()
             self._arm = mounting[:3]
+            self._by_turning = np.cross(self._arm, np.eye(3)).T  # r × ω̇
             self._to_car = Rotation.from_euler("xyz", mounting[3:6]).as_matrix()
         self._value: Array | None = None  # of the newest reading, as it came, and its stamp [ns]
         self._heard = 0
+        self._lacks_an_axis = False
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
 
+    def forget(self) -> None:
+        """The filter begins anew: no reading has come yet."""
+        self._value, self._stamp = None, 0
+
     def measured(self, event: Event) -> None:
-        """A reading of any sensor, of which those of the inertial one count."""
-        if event.sensor == self._index and np.isfinite(event.value).all():
+        """A reading of any sensor, of which the newest of the inertial one counts."""
+        if event.sensor != self._index or (self._value is not None and event.stamp < self._heard):
+            return
+        if np.isfinite(event.value).all():
             self._heard, self._value = event.stamp, event.value
+        elif self._value is None:
+            self._lacks_an_axis = True
 
     def residual(self, e: Estimate) -> Array:
         """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
@@ -69,12 +80,13 @@ class Balance:
             self._once[:] = self._twice[:] = now
             self._square[:], self._since, passed = 0.0, 0.0, 0.0
         self._stamp = e.stamp
-        share = 1 - exp(-passed / _POLE)
+        share = 1 - exp(-passed / _TIME_CONSTANT)
         self._once += share * (now - self._once)
         self._twice += share * (self._once - self._twice)
         low = self._twice
-        rates, turning = low[:3], (self._once[:3] - low[:3]) / _POLE
-        force = low[3:6] - _cross(turning, self._arm) - _cross(rates, _cross(rates, self._arm))
+        rates, turning = low[:3], (self._once[:3] - low[:3]) / _TIME_CONSTANT
+        # The lever arm's tangential and centripetal parts, ω × (ω × r) = ω (ω · r) - r ω².
+        force = low[3:6] + self._by_turning @ turning - rates * (rates @ self._arm) + self._arm * (rates @ rates)
         speed = e.velocity[0]
         found = low[6:12] - self._car.of_motion(force, turning, low[12], low[13], speed)
         self._since += passed
@@ -84,7 +96,9 @@ class Balance:
     def diagnostic(self) -> Diagnostic:
         """Whether the forces have added up in the last `MEMORY`."""
         if not self._stamp or not self._since:
-            return Diagnostic("balance of forces", Level.OK, "nothing to compare yet")
+            partial = self._value is None and self._lacks_an_axis
+            text = f"not compared: {self.sensor} lacks an axis" if partial else "nothing to compare yet"
+            return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
         values = {f"{name} [%]": f"{100 * share:.1f}" for name, share in zip(SHARES, mean.tolist(), strict=True)}
@@ -93,9 +107,3 @@ class Balance:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)
         return Diagnostic("balance of forces", Level.OK, f"tyre forces add up to what {self.sensor} feels", values)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Of two vectors (3,), in a fraction of the time that `numpy.cross` takes."""
-    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

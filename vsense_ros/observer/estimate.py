@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -132,7 +133,7 @@ class Estimate:
         """Standard deviations of the parameters, (k,)."""
         return np.sqrt(np.maximum(self.variance[..., DISTURB.start :], 0))
 
-    @property
+    @cached_property
     def wheels(self) -> Array:
         """As Car.wheel_outputs, lateral forces with the error that the filter found, (7, 4)."""
         steering = self.inputs[..., 0] - self.state[..., DISTURB.start + STEERING_OFFSET]

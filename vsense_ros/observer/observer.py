@@ -7,7 +7,6 @@ A measurement that arrives late is used at the time it was made (`estimation.tim
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +204,7 @@ class Observer:
     def _start(self, start: Start) -> None:
         filter, mean, events = self.filter, self.car.mean, start.events
         filter.start_rolling(start.speed)
+        self.balance.forget()
         for event in events.values():
             sensor = self.intake.sensors[event.sensor]
             self.balance.measured(event)
@@ -333,7 +333,9 @@ class Observer:
         if self.started and not self.filter.is_valid():
             self._recover()
         made = Estimate.of(self.stamp, self.filter)
-        return replace(made, unbalanced=self.balance.residual(made)) if self.started else made
+        if self.started:
+            made.unbalanced[:] = self.balance.residual(made)
+        return made
 
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Slow quantities by name: value and standard deviation."""

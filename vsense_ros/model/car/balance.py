@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
-from vsense_ros.model.coordinates import FORCE_X, FORCE_Y, FORCE_Z, MOMENT
+from vsense_ros.model.coordinates import FORCE_X, FORCE_Y, MOMENT
 from vsense_ros.model.vehicle import Physics
 
 Array = NDArray[np.float64]
@@ -29,32 +29,38 @@ class CarBalance:
         self.mass, self._height = chassis.mass, chassis.cog_height
         self._inertia = np.array([chassis.roll_inertia, chassis.pitch_inertia, chassis.yaw_inertia])
         self._to_front, self._to_rear = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
-        self._x = np.array([self._to_front] * 2 + [-self._to_rear] * 2)
+        x = np.array([self._to_front] * 2 + [-self._to_rear] * 2)
         half = physics.front.track / 2, physics.rear.track / 2
-        self._y = np.array([half[0], -half[0], half[1], -half[1]])
+        y = np.array([half[0], -half[0], half[1], -half[1]])
+        # What forces at the contacts along, across and up (4 each) and moments about the vertical add up to.
+        self._sums = np.zeros((16, 6))
+        for i, (force, about) in enumerate(((X, -y), (Y, x))):
+            self._sums[4 * i : 4 * i + 4, [force, ABOUT_Z]] = np.column_stack([np.ones(4), about])
+        self._sums[8:12, [Z, ABOUT_X, ABOUT_Y]] = np.column_stack([np.ones(4), y, -x])
+        self._sums[12:, ABOUT_Z] = 1.0
         weight, base = self.mass * GRAVITY, self._to_front + self._to_rear
         front, rear = weight * self._to_rear / base, weight * self._to_front / base
         self._at_rest = np.array([weight, weight, weight, front, rear, weight * base])
 
     def of_tyres(self, wheels: Array, steering: Array | float) -> Array:
-        """Force [N] and moment [N m] of the tyres, (…, 6), from `Car.wheel_outputs` (…, 7, 4) and the steering angle of
-        the front wheels [rad] (…)."""
-        turn = np.zeros((*wheels.shape[:-2], 4))
-        turn[..., :2] = np.asarray(steering)[..., None]
-        c, s = np.cos(turn), np.sin(turn)
-        along, across = wheels[..., FORCE_X, :], wheels[..., FORCE_Y, :]
-        x, y, z = c * along - s * across, s * along + c * across, wheels[..., FORCE_Z, :]
-        about_z = self._x * y - self._y * x + wheels[..., MOMENT, :]
-        parts = (x, y, z, self._y * z, -self._x * z, about_z)
-        return np.stack([part.sum(axis=-1) for part in parts], axis=-1)
+        """Force [N] and moment [N m] of the tyres, (…, 6), from `Car.wheel_outputs` (…, 7, 4) and the mean steering
+        angle of the front wheels (…) [rad]."""
+        forces = wheels[..., : MOMENT + 1, :].copy()
+        along, across = wheels[..., FORCE_X, :2], wheels[..., FORCE_Y, :2]
+        c, s = np.cos(steering)[..., None], np.sin(steering)[..., None]
+        forces[..., FORCE_X, :2] = c * along - s * across
+        forces[..., FORCE_Y, :2] = s * along + c * across
+        return np.asarray(forces.reshape(*wheels.shape[:-2], 16) @ self._sums)
 
     def of_motion(self, force: Array, turning: Array, roll: Array | float, pitch: Array | float, speed: Array) -> Array:
         """What these must be, (…, 6), from the specific force at cog in the axes of the body (…, 3) [m/s²], the change
-        of its rates (…, 3) [rad/s²], its angles over the road [rad] and the speed [m/s], with the vehicle file's drag.
-        To first order in roll; the moments of inertia are those of the whole car about its axes."""
+        of its rates (…, 3) [rad/s²], its angles over the road (…) [rad] and the speed (…) [m/s], with the drag of the
+        vehicle file. A body that leans is taken to turn about the axes of the road, at the height of cog at rest."""
         x, y, z = (force[..., i] for i in range(3))
-        y, z = np.cos(roll) * y - np.sin(roll) * z, np.sin(roll) * y + np.cos(roll) * z
-        x, z = np.cos(pitch) * x + np.sin(pitch) * z, np.cos(pitch) * z - np.sin(pitch) * x
+        c, s = np.cos(roll), np.sin(roll)
+        y, z = c * y - s * z, s * y + c * z
+        c, s = np.cos(pitch), np.sin(pitch)
+        x, z = c * x + s * z, c * z - s * x
         drag = self._drag * speed * np.abs(speed)
         found = np.empty((*np.shape(x), 6))
         found[..., X], found[..., Y], found[..., Z] = self.mass * x + drag, self.mass * y, self.mass * z
@@ -72,11 +78,8 @@ class CarBalance:
 
     def shares(self, residual: Array) -> Array:
         """A difference of two such (…, 6), as `SHARES`, (…, 6)."""
-        parts = (
-            residual[..., X],
-            residual[..., Y],
-            residual[..., Z],
-            *self.axle_loads(residual),
-            residual[..., ABOUT_Z],
-        )
-        return np.stack(parts, axis=-1) / self._at_rest
+        found = np.empty_like(residual)
+        found[..., :3], found[..., 5] = residual[..., :3], residual[..., ABOUT_Z]
+        found[..., 3], found[..., 4] = self.axle_loads(residual)
+        found /= self._at_rest
+        return found

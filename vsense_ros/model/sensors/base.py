@@ -32,8 +32,7 @@ Position = tuple[Length, Length, Length]
 Attitude = tuple[Angle, Angle, Angle]
 Deviations = tuple[Deviation, Deviation, Deviation]
 NoiseFromMessage = Annotated[
-    bool,
-    Field(description="noise that messages state counts, of an inertial sensor only what is more than here"),
+    bool, Field(description="covariances of messages count; of an inertial sensor, those that are larger than here")
 ]
 
 # What a kind of sensor tells of the car, for whoever needs that from whichever kind:
