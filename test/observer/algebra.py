@@ -37,10 +37,12 @@ class _Returned:
 class RandomBlocks(CarBlocks):
     """`CarBlocks` of no car: linearisation and kinematics are given."""
 
-    def __init__(self, jacobians: list[Array], kinematics: list[Array], roughness: Array, covariance: Array) -> None:
+    def __init__(
+        self, jacobians: list[Array], kinematics: list[Array], levers: Array, roughness: Array, covariance: Array
+    ) -> None:
         self.udot, self.by_q, self.by_u, self.by_disturbances, self.by_q_rates = jacobians
         self.kinematics: Any = _Returned(kinematics)
-        self.roughness, self.road_map = roughness, np.zeros((5, 10))
+        self.levers, self.roughness, self.road_map = levers, roughness, np.zeros((5, 10))
         self.layout = Layout((BIASES,), ("",) * N, N)
         self.mean, self.covariance = np.zeros(N), covariance
         self.mean[FORWARD] = SPEED
@@ -101,7 +103,7 @@ class InC:
         self.whitened, self.factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS * COMPONENTS)
         self._padded = np.zeros((len(GAIN_COLUMNS), 16))
         self._arrays = [blocks.by_q, blocks.by_u, blocks.by_disturbances, blocks.by_q_rates]
-        self._arrays += [*blocks.kinematics.results, blocks.roughness, blocks.road_map]
+        self._arrays += [*blocks.kinematics.results, blocks.levers, blocks.roughness, blocks.road_map]
         self._arrays += [blocks.inverse, self._padded, blocks.covariance, blocks.error, blocks.udot]
         self._arrays += [self.whitened, self.factor]
         self._structure = ModelStructure(*(array.ctypes.data for array in self._arrays))
@@ -143,12 +145,13 @@ class Problem:
 
     jacobians: list[Array]
     kinematics: list[Array]
+    levers: Array
     roughness: Array
     covariance: Array
     random: np.random.Generator
 
     def build(self, kind: Any = WithFullMatrices) -> Any:
-        return kind(RandomBlocks(self.jacobians, self.kinematics, self.roughness, self.covariance.copy()))
+        return kind(RandomBlocks(self.jacobians, self.kinematics, self.levers, self.roughness, self.covariance.copy()))
 
     def sensed(self, m: int = 6, accelerations: bool = True) -> list[Array]:
         """What a sensor's function returns: expectation and Jacobians."""
@@ -187,4 +190,4 @@ def problem(seed: int) -> Problem:
     sizes = (6, 3), (6, 6), (6, 4), (3, 1), (3, 6), (3, 4)
     kinematics = [np.asfortranarray(random.normal(size=size)) for size in sizes]
     roughness = random.uniform(0.01, 1.0, (2, 3))
-    return Problem(jacobians, kinematics, roughness, covariance, random)
+    return Problem(jacobians, kinematics, random.normal(size=2), roughness, covariance, random)

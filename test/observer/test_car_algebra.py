@@ -43,6 +43,14 @@ def dense_transition(k: Any, h: float, decay: Array) -> Array:
     return f @ road @ coordinates @ velocities
 
 
+def beside(k: Any, noise: Array) -> Array:
+    """Covariances (n, n) beside the variances that a step adds: tyres turn the body about x and y, too."""
+    added = np.zeros((N, N))
+    for lever, turned, turning in zip(k.model.levers, (31, 32), (29, 28), strict=True):
+        added[[turned, turning], [turning, turned]] = lever * noise[turning - 28]
+    return added
+
+
 def noise_of_road(k: Any, h: float) -> Array:
     """Variances (n - 28,) that a step adds to what the slopes of the road change by."""
     added = np.zeros(N - 28)
@@ -114,6 +122,7 @@ def test_propagation_equals_the_dense_product(kind: Any, seed: int) -> None:
     f = dense_transition(k, 0.01, decay)
     expected = f @ p.covariance @ f.T
     expected[range(28, N), range(28, N)] += noise + noise_of_road(k, 0.01)
+    expected += beside(k, noise)
     k.propagate(0.01, decay, noise)
     assert_close(k.covariance, expected, 1e-11)
     assert np.array_equal(k.covariance, k.covariance.T)
@@ -182,6 +191,7 @@ def test_on_a_linear_system_the_error_filter_is_the_kalman_filter(kind: Any) -> 
     oracle.F = dense_transition(k, 0.01, decay)
     oracle.Q = np.zeros((N, N))
     oracle.Q[range(28, N), range(28, N)] = noise + noise_of_road(k, 0.01)
+    oracle.Q += beside(k, noise)
     oracle.x, oracle.P = state[:, None].copy(), p.covariance.copy()
     variance = np.full(6, 0.5)
     oracle.R = np.diag(variance)

@@ -30,7 +30,7 @@ def test_on_a_drive_without_faults_they_do(vehicle, lane_change):
     assert all(float(share) < 8 for share in told(observer).values.values())
 
 
-@pytest.mark.parametrize(("axis", "what"), [(1, "lateral force"), (2, "vertical force")])
+@pytest.mark.parametrize(("axis", "what"), [(0, "longitudinal force"), (2, "vertical force")])
 def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane_change, axis, what):
     """From the middle of the drive on, too slowly for the gate to refuse it."""
 

@@ -98,6 +98,8 @@ class TestLinearCase:
             joint = f @ joint
             spread = f @ spread @ f.T
             spread[range(28, N), range(28, N)] += noise
+            for lever, turned, turning in zip(kalman.model.levers, (31, 32), (29, 28), strict=True):
+                spread[[turned, turning], [turning, turned]] += lever * noise[turning - 28]
             for i, (rate, changing, _) in enumerate(kalman.model.roughness):
                 spread[44 + i, 44 + i] += changing * (1 - 1 / (1 + h * SPEED * rate) ** 2)
             spread[range(N, N + 2), range(N, N + 2)] += drift * h

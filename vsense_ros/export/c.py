@@ -289,7 +289,7 @@ class _Contents:
         start, moving = (rolling_state(self.vehicle, speed) for speed in (0.0, 1.0))
         tables = [start, moving, self.vehicle.parameter_vector(), prior.deviation]
         tables += [prior.rate[U.stop :], prior.density[U.stop :], prior.reversion_mean[U.stop :]]
-        tables += [prior.roughness, largest_state(self.layout.size)]
+        tables += [prior.levers, prior.roughness, largest_state(self.layout.size)]
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": self.vehicle.name.replace("*/", "* /"),
@@ -316,6 +316,7 @@ class _Contents:
             "decay_rate": _table(prior.rate[U.stop :]),
             "density": _table(prior.density[U.stop :]),
             "reversion_mean": _table(prior.reversion_mean[U.stop :]),
+            "levers": _table(prior.levers),
             "roughness": _table(prior.roughness.ravel()),
             "largest": _table(largest_state(self.layout.size)),
             "survey": self._survey(prior),

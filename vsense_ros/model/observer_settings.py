@@ -12,13 +12,15 @@ _FORMER = frozenset({"grade_time_constant", "bank_time_constant"})
 
 
 class ForceErrors(Part):
-    """How far the model's generalized forces may be wrong, as the standard deviation of the acceleration they cause."""
+    """How far the model's generalized forces may be wrong, as the standard deviation of the acceleration they cause.
+
+    What is wrong along and across the car are the forces of the tyres: they act on the road, and turn the body too."""
 
     longitudinal: float = parameter("m/s²", "along x", ge=0, default=0.5)
     lateral: float = parameter("m/s²", "along y", ge=0, default=0.5)
-    vertical: float = parameter("m/s²", "along z", ge=0, default=0.3)
-    roll: float = parameter("rad/s²", "about x", ge=0, default=0.3)
-    pitch: float = parameter("rad/s²", "about y", ge=0, default=0.3)
+    vertical: float = parameter("m/s²", "along z", ge=0, default=0.1)
+    roll: float = parameter("rad/s²", "about x, besides what the lateral one turns", ge=0, default=0.1)
+    pitch: float = parameter("rad/s²", "about y, besides what the longitudinal one turns", ge=0, default=0.1)
     yaw: float = parameter("rad/s²", "about z", ge=0, default=0.3)
     suspension: float = parameter("m/s²", "on the travel of each wheel", ge=0, default=1.0)
     wheel_spin: float = parameter("rad/s²", "on the spin of each wheel where its torque is unknown", ge=0, default=30.0)

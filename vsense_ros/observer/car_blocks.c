@@ -26,6 +26,7 @@ struct model {
     const double *by_q, *by_u, *by_disturbances, *by_q_rates; /* 14 x 7, 14, 4, 14 */
     double *by_angles, *by_velocity, *by_road;                /* 6 x 3, 6 x 6, 6 x 4: rates of the pose */
     double *road_rate, *road_by_velocity, *road_by_road;      /* 3, 3 x 6, 3 x 4: of slopes and height of the road */
+    const double *levers;    /* 2: see add_noise */
     const double *roughness; /* what is known of roads, 2 x 3: see road_map */
     double *road_map;        /* ROAD x FOLLOWED: the road under the car by where it was and by how the car moved */
     double *inverse;                                          /* 14 x 14, column-major: (I - gamma h J)^-1 */
@@ -264,6 +265,20 @@ static void propagate_road(const struct model *model) {
     memcpy(p + first * n, rows, sizeof rows);
 }
 
+/* Variances of the states behind the velocities, n - SLOW. Errors of the forces along and across the car are the tyres',
+ * which act on the road below cog: they turn the body too, by `levers` about x and y [rad/m]. */
+static void add_noise(const struct model *model, const double *noise) {
+    double *const p = model->covariance + SLOW * (n + 1);
+    const int turning[] = {1, 0};
+    for (int i = SLOW; i < n; i++) model->covariance[i * n + i] += noise[i - SLOW];
+    for (int i = 0; i < 2; i++) {
+        const int turned = 3 + i;
+        const double shared = model->levers[i] * noise[turning[i]];
+        p[turned * n + turning[i]] += shared;
+        p[turning[i] * n + turned] += shared;
+    }
+}
+
 /* Covariance after the step; `decay` and `noise` (n - SLOW) belong to the states behind the velocities, of which the
  * road under the car has its own. */
 static void propagate(const struct model *model, double h, double speed, const double *decay, const double *noise) {
@@ -277,7 +292,7 @@ static void propagate(const struct model *model, double h, double speed, const d
         const double own = one[i];
         for (int j = i < SLOW ? SLOW : 0; j < n; j++) p[i * n + j] *= own * one[j];
     }
-    for (int i = SLOW; i < n; i++) p[i * n + i] += noise[i - SLOW];
+    add_noise(model, noise);
     for (int i = 0; i < 2; i++) p[(3 * MODEL + 2 + i) * (n + 1)] += changes[i];
 }
 

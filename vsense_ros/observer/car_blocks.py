@@ -53,6 +53,7 @@ from vsense_ros.observer.state import (
     Prior,
     Q,
     U,
+    couple,
     largest_state,
     layout,
     rolling_state,
@@ -148,7 +149,7 @@ class CarBlocks:
         self.inverse = np.zeros((COORDINATES, COORDINATES), order="F")  # (I - γ h J)⁻¹, which the model's step needs
         self.gain = np.zeros((COORDINATES, len(GAIN_COLUMNS)))  # errors of the velocities by those before the step
         self.error, self.h = np.zeros(n), np.zeros(1)
-        self.roughness = self.prior.roughness.copy()
+        self.roughness, self.levers = self.prior.roughness.copy(), self.prior.levers.copy()
         self.road_map = np.zeros((ROADS, len(FOLLOWED)))  # the road by how the car moves and by what it was before
 
     def _bind(self, car: Car, sensors: dict[str, SensorBase]) -> None:
@@ -207,7 +208,7 @@ class CarBlocks:
     def rolling(self, speed: float) -> Gaussian:
         """A car that rolls straight ahead at `speed` [m/s], known as little as before any measurement."""
         mean = np.concatenate([rolling_state(self.vehicle, speed), self.prior.reversion_mean[_SLOW:]])
-        return Gaussian(mean, np.diag(self.prior.deviation**2))
+        return Gaussian(mean, self.prior.covariance)
 
     def start(self, belief: Gaussian) -> None:
         """Begin at a mean and a covariance."""
@@ -298,10 +299,15 @@ class CarBlocks:
 
     def propagate(self, f: Array, noise: Array) -> None:
         """Covariance after a step; `noise` (k,) are the variances that it adds to the last k states."""
-        n = self.layout.size
         moved = f.dot(self.covariance).dot(f.T)
         np.multiply(0.5, moved + moved.T, out=self.covariance)
+        self.add_noise(noise)
+
+    def add_noise(self, noise: Array) -> None:
+        """Add variances (k,) to those of the last k states, and what belongs beside them."""
+        n = self.layout.size
         self.covariance.reshape(-1)[(n - len(noise)) * (n + 1) :: n + 1] += noise
+        couple(self.covariance, noise, n - len(noise), self.levers)  # of the velocities, or of the forces
 
     def move(self, coordinates: Array, velocities: Array, h: float, process: Process) -> None:
         """Take the state after a step of `h` [s]; the slow states go back towards their means."""

@@ -32,7 +32,7 @@ class ModelStructure(ctypes.Structure):
         (name, ADDRESS)
         for name in (
             *("by_q", "by_u", "by_disturbances", "by_q_rates", "by_angles", "by_velocity", "by_road"),
-            *("road_rate", "road_by_velocity", "road_by_road", "roughness", "road_map"),
+            *("road_rate", "road_by_velocity", "road_by_road", "levers", "roughness", "road_map"),
             *("inverse", "gain", "covariance", "error", "udot", "whitened", "factor"),
         )
     ]
@@ -216,6 +216,7 @@ def _filter(car: CarBlocks, whitened: Array, factor: Array) -> tuple[_Filter, li
         car.by_disturbances,
         car.by_q_rates,
         *kinematics,
+        car.levers,
         car.roughness,
         car.road_map,
         car.inverse,

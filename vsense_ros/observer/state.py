@@ -45,6 +45,7 @@ ROAD_STATES = slice(DISTURB.start + coordinates.ROAD.start, DISTURB.start + coor
 FORM = slice(DISTURB.start + coordinates.SURFACE.start, DISTURB.start + coordinates.SURFACE.stop)  # of the road
 TWIST = slice(U.start + coordinates.TWIST.start, U.start + coordinates.TWIST.stop)  # velocity and rates of the body
 FORWARD, LATERAL, YAW_RATE = (U.start + i for i in (SPEED_X, SPEED_Y, coordinates.YAW_RATE))
+TURNED, TURNING = [ROLL, PITCH], [Y, X]  # what errors of the tyres' forces turn, and which
 _HEIGHT = 100.0  # [m] standard deviation of a height of which nothing is known
 _PLACED = 1e-6  # [m], [rad] deviations of a place and a heading that are known
 # Errors that those of the velocities depend on after a step.
@@ -83,6 +84,9 @@ class Prior:
     rate: Array  # (n,) [1/s] at which errors decay, 0: not at all
     density: Array  # (n,) variance added in one second where they do not
     reversion_mean: Array  # (n,) what the state goes back to, and where that behind the velocities starts
+    # (2,) roll acceleration per lateral one, and pitch acceleration per longitudinal one [rad/m], of errors of forces:
+    # they are the tyres', and act on the road below cog
+    levers: Array
     # (2, 3) of grade and bank: one over the distance along which their change is forgotten [1/m], its variance
     # [rad²/m²], and what their own distance from the mean adds to its own rate [1/m²]
     roughness: Array
@@ -105,6 +109,10 @@ class Prior:
         if not any(sensor.on_map for sensor in sensors.values()):
             deviation[[X, Y, YAW]] = _PLACED  # the map is laid by where the car is at start
         deviation[FORCE] = body + [errors.suspension] * 4 + spin
+        chassis = vehicle.physics.chassis
+        by_lever = chassis.mass * chassis.cog_height
+        levers = np.array([by_lever / chassis.roll_inertia, -by_lever / chassis.pitch_inertia])
+        deviation[FORCE][TURNED] = np.hypot(deviation[FORCE][TURNED], levers * deviation[FORCE][TURNING])
         deviation[DISTURB] = [
             *(around.grade, around.bank, *np.sqrt(_roughness(around)[:, 1])),
             *(_PLACED, around.steering_offset, around.radius_error),
@@ -124,13 +132,29 @@ class Prior:
         reversion_mean = np.zeros(where.size)
         reversion_mean[SLOPES] = np.sum([effect.mean_slope for effect in vehicle.physics.effects.present()], axis=0)
         density = np.where(np.isinf(time_constant), drift**2, 0.0)
-        return cls(deviation, 1 / time_constant, density, reversion_mean, _roughness(around))
+        return cls(deviation, 1 / time_constant, density, reversion_mean, levers, _roughness(around))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the errors at start, (n, n)."""
+        found = np.diag(self.deviation**2)
+        couple(found, found.diagonal()[FORCE].copy(), FORCE.start, self.levers)
+        return found
 
     def placed(self) -> Prior:
         """The same where place and heading are known at start: the map is laid by them."""
         deviation = self.deviation.copy()
         deviation[[X, Y, YAW]] = _PLACED
         return replace(self, deviation=deviation)
+
+
+def couple(covariance: Array, added: Array, first: int, levers: Array) -> None:
+    """Where variances `added` (k,) of the forces' errors were added to a covariance (n, n), from row `first` on, add
+    what belongs beside them, as `Prior.levers` has it."""
+    for lever, turned, turning in zip(levers.tolist(), TURNED, TURNING, strict=True):
+        i, j, shared = first + turned, first + turning, lever * float(added[turning])
+        covariance[i, j] += shared
+        covariance[j, i] += shared
 
 
 def _roughness(around: Disturbances) -> Array:

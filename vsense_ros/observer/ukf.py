@@ -80,7 +80,7 @@ class Ukf(Ekf, CarFilter):
         self.mean[:] = points.mean(axis=0)
         apart = (points - self.mean)[:, self.kept]
         self.covariance[self._block] = apart.T @ apart / self._count
-        self.covariance.reshape(-1)[U.start * (len(self.mean) + 1) :: len(self.mean) + 1] += noise
+        car.add_noise(noise)
         car.linearize()
 
     def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
