@@ -13,7 +13,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
-from vsense_ros.model.coordinates import DISTURBANCES
+from vsense_ros.model.coordinates import BANK, BANK_CHANGE, DISTURBANCES, YAW
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -78,7 +78,9 @@ def driven(
     around = np.zeros((len(t), len(DISTURBANCES)))
     motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
     if bank is not np.zeros_like:  # of places where the car has been without it, which is metres beside them
-        around[:, 1] = bank(motion.q[:, 0])
+        way = motion.q[:, 0]
+        around[:, BANK] = bank(way)
+        around[:, BANK_CHANGE] = (bank(way + 0.5) - bank(way - 0.5)) * np.cos(motion.q[:, YAW])
         motion = loop.run(*rolling_straight(vehicle, speed), Inputs(STEP, inputs, around), parameters)
     trajectory = Trajectory(motion.t, motion.q, motion.u, motion.udot, np.zeros((len(t), 7, 4)), inputs, around)
     return record(trajectory, vehicle, seed, name=manoeuvre, biased=False)

@@ -10,7 +10,7 @@ from vsense_ros.identify.free_parameter import FreeParameter, added, scaled
 from vsense_ros.identify.parameter_set import Values
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
-from vsense_ros.model.effects.base import Effect, RoadEffect, bounds, role
+from vsense_ros.model.effects.base import RoadEffect, bounds, role
 from vsense_ros.model.sensors import words_of
 from vsense_ros.model.vehicle import Vehicle
 
@@ -58,12 +58,6 @@ UNKNOWN_TORQUES = tuple(
     FreeParameter(f"share of the front wheels in {what}", "-", deviation, -start, 1 - start, added(name))
     for (name, start), what, deviation in zip(TORQUE_SHARES.items(), ("driving", "braking"), (0.5, 0.1), strict=True)
 )
-
-
-# How fast the body of the car tilts where the road does, over how fast the road tilts from place to place: 1 on a road,
-# 0 where gravity alone is tilted, as a simulation or a sensor may have it. Fitted once a profile of the road is.
-FOLLOWED = "road.followed"
-FOLLOWING = FreeParameter("share of the road's tilting in the body's", "-", 0.5, 0.0, 1.0, added(FOLLOWED))
 
 
 def base_parameters(
@@ -120,8 +114,7 @@ def _size(effect: str, field: str, values: Values, form: str = "") -> FreeParame
 def shapes(candidate: Candidate, values: Values) -> tuple[FreeParameter, ...]:
     """What is fitted besides its sizes once an effect is found: the numbers that give it its shape."""
     id, kind = candidate.effect, EVERY[candidate.effect]
-    found = tuple(_size(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
-    return (*found, FOLLOWING) if candidate.along_road and kind.slope is not Effect.slope else found
+    return tuple(_size(id, name, values) for name, field in kind.model_fields.items() if role(field) == "shape")
 
 
 def out_of_reach(kinds: Collection[str]) -> dict[str, str]:

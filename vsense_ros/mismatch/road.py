@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from vsense_ros.model.effects.base import SPACING
 
@@ -25,6 +26,8 @@ TURNED = 0.6  # [rad] between directions of one road
 SURE = 6  # points in a row that begin or end a stretch that was driven before
 STEADY = 20  # points over which the shift between two passes is averaged
 AGAIN = 60.0  # [m] after which a car may come to a place again
+STANDING = 1e-3  # [m] from one instant to the next, below which a slope has no change per metre
+TURNING = 100  # instants over which a course is averaged before it is differentiated
 STRETCH = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
 
 
@@ -140,6 +143,27 @@ def _smooth(values: Array) -> Array:
         return values
     padded = np.pad(values, 2, mode="reflect", reflect_type="odd")
     return np.convolve(padded, np.ones(5) / 5, mode="valid")
+
+
+def bending(along: Array, across: Array, place: Array, turned: Array) -> tuple[Array, Array]:
+    """What grade and bank of a surface change by along the way [rad/m], as `GRADE_CHANGE` and `BANK_CHANGE`, (n,) each,
+    from the slopes (n,) [rad] along and across a car at abscissae `place` (n,) [m] that has `turned` [rad].
+
+    The axes in which the slopes are told turn with the car (a Darboux frame on the surface): what they change by on a
+    plane that the car turns on is no bend of it, and a bend of constant bank is a cone, which is bent. Zero where the
+    abscissa jumps from one stretch of road to another, and where the car hardly moves.
+    """
+    if len(place) < 2:
+        return np.zeros(len(place)), np.zeros(len(place))
+    moved = np.gradient(place)
+    on_one_road = (np.abs(moved) < POINT) & (np.abs(moved) > STANDING)
+    per_metre = np.where(on_one_road, 1 / np.where(on_one_road, moved, 1.0), 0.0)
+    # The course comes from GNSS, whose noise between neighbours is no turn.
+    turning = np.gradient(uniform_filter1d(turned, min(TURNING, len(turned)), mode="nearest"))
+    return (
+        (np.gradient(along) - across * turning) * per_metre,
+        (np.gradient(across) + along * turning) * per_metre,
+    )
 
 
 def point(size: str, abscissa: float) -> str:

@@ -14,8 +14,8 @@ from scipy.ndimage import uniform_filter1d
 from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.identify.parameter_set import ParameterSet
-from vsense_ros.mismatch.candidates import FOLLOWED, TORQUE_SHARES, size_of
-from vsense_ros.mismatch.road import POINT, place_of, profile
+from vsense_ros.mismatch.candidates import TORQUE_SHARES, size_of
+from vsense_ros.mismatch.road import bending, place_of, profile
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.mismatch.windows import (
     HOLDING_TIME,
@@ -29,7 +29,19 @@ from vsense_ros.mismatch.windows import (
 )
 from vsense_ros.model.car.car import Car, car_of, motion_of
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.coordinates import DISTURBANCES, SPEED_X, SPIN, STEERING, TORQUES, YAW, X, Y
+from vsense_ros.model.coordinates import (
+    BANK,
+    BANK_CHANGE,
+    DISTURBANCES,
+    GRADE,
+    GRADE_CHANGE,
+    SPIN,
+    STEERING,
+    TORQUES,
+    YAW,
+    X,
+    Y,
+)
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
 from vsense_ros.model.effects.base import bounds
@@ -66,7 +78,7 @@ def parameters_of(vehicle: Vehicle) -> ParameterSet:
     """One car on one road: physical parameters by name, effects that the vehicle file does not have with size zero, and
     what is assumed of unknown torques. A search adds by the names of `road.point` what a size is at places along the
     road, beyond what it is everywhere."""
-    return ParameterSet({**with_all_effects(vehicle).values(), **TORQUE_SHARES, FOLLOWED: 0.0})
+    return ParameterSet({**with_all_effects(vehicle).values(), **TORQUE_SHARES})
 
 
 def effect_of(parameter_set: ParameterSet, id: str, varying: Mapping[str, Array] | None = None) -> Effect:
@@ -105,8 +117,7 @@ class _Driving:
     parameters: Array
     shares: Sequence[float]  # as TORQUE_SHARES
     delays: tuple[float, float, float]  # of steering, torques and what gives the speed [s]
-    around: Array  # (n, 4) as model.car.DISTURBANCES
-    tilting: Array  # (n, 2) how fast the road under the car tilts along and across it, from place to place [rad/s]
+    around: Array  # (n, 7) as model.coordinates.DISTURBANCES
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
@@ -267,26 +278,24 @@ class Predictor:
         """What the motion in a window depends on."""
         turned, place = self._way[index]
         varying = varying_sizes(parameter_set.values, profiles, place)
-        around, tilting = np.zeros((len(place), len(DISTURBANCES))), np.zeros((len(place), 2))
+        around = np.zeros((len(place), len(DISTURBANCES)))
         for id in _SLOPING:
             along, across = effect_of(parameter_set, id, varying).slope(turned)
-            around[:, 0] += along
-            around[:, 1] += across
-            if (size := size_of(id)) in varying:
-                on_one_road = np.abs(np.gradient(place)) < POINT
-                changing = {size: np.where(on_one_road, np.gradient(varying[size], STEP), 0.0)}
-                tilting += np.column_stack(np.broadcast_arrays(*effect_of(parameter_set, id, changing).slope(turned)))
+            around[:, GRADE] += along
+            around[:, BANK] += across
+        if around.any():
+            changes = bending(around[:, GRADE], around[:, BANK], place, turned)
+            around[:, GRADE_CHANGE], around[:, BANK_CHANGE] = changes
         late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
         speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
         steering, torques = (self._telling(sensors, what) or "" for what in INPUTS)
         delays = late.get(steering, 0.0), late.get(torques, 0.0), speed
         parameters = np.array([parameter_set.values[name] for name in self.names])
         mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
-        tilting *= parameter_set.values[FOLLOWED]
         felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
-        road = (around.tobytes(), tilting.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
+        road = (around.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
         shares = [parameter_set.values[name] for name in TORQUE_SHARES]
-        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, tilting, felt)
+        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, felt)
 
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
@@ -390,10 +399,6 @@ class Predictor:
                 continue
             stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
             value = sensing(motion, way.around[::KEEP], now.mounting()) + now.offsets() - base.offsets()
-            if way.tilting.any():
-                along, across = way.tilting[::KEEP].T
-                besides = now.on_bent_road(along, across, motion.u[:, SPEED_X])
-                value = value if besides is None else value + besides
             at = stamps - (now.latency - base.latency) - window.begin
             read = np.column_stack([np.interp(at, motion.t, column) for column in value.T])
             read[~np.isfinite(window.readings[name].in_own_axes.value)] = np.nan

@@ -308,11 +308,6 @@ class SensorBase(Part):
         """The same for the columns of a recorded channel: those that change."""
         return {}
 
-    def on_bent_road(self, along: Vector, across: Vector, speed: Vector) -> Vector | None:
-        """What it reads besides, (n, m), where the road tilts the car along and across itself (n,) [rad/s] at a speed
-        (n,) [m/s]; None for nothing."""
-        return None
-
 
 class JointSensor(SensorBase):
     """A sensor of as many numbers as it has `joints`, all in one field of a JointState; any of them may be absent."""

@@ -159,13 +159,6 @@ class Imu(SensorBase):
             return {}
         return {field: self._turned(columns[field]) for field in ("angular_velocity", "linear_acceleration")}
 
-    def on_bent_road(self, along: Vector, across: Vector, speed: Vector) -> Vector | None:
-        """Rates, and what keeps the car on a path that is bent upwards."""
-        flat = np.zeros_like(along)
-        rates, force = np.column_stack([across, -along, flat]), np.column_stack([flat, flat, speed * along])
-        to_car = self._to_axes_of_car()
-        return np.hstack([rates @ to_car, force @ to_car])
-
     def _to_axes_of_car(self) -> Vector:
         """What turns vectors (3) in the axes of the sensor into those of the car, (3, 3)."""
         return np.asarray(Rotation.from_euler("xyz", self.attitude).as_matrix())
