@@ -38,7 +38,7 @@ def command(case: Path, report: Path, *options: str) -> list[str]:
     line += ["--vehicle", str(case / "vehicle.yaml")]
     for name in recordings["held_out"]:
         line += ["--hold-out", str(case / name)]
-    return [*line, "--report", str(report), *options]
+    return [*line, "--no-observer", "--report", str(report), *options]
 
 
 def explain(case: Path, report: Path, *options: str, hidden: Path | None) -> Answer:

@@ -279,7 +279,9 @@ def test_a_recording_that_spoils_what_the_others_say_is_left_out_with_its_reason
     folder_of(tmp_path, "car", "lap", "lap_2", "held_out/lap")
     (member,) = fleet.members(tmp_path)
 
-    def explain(training: list[Recording], car: Vehicle, held_out: list[Recording], progress: Progress) -> Explanation:
+    def explain(
+        training: list[Recording], car: Vehicle, held_out: list[Recording], progress: Progress, observe: bool
+    ) -> Explanation:
         if any(recording.name == "lap_2" for recording in training):
             spun = "Nothing can be said: the car spins in lap_2."
             return Explanation(finding("not_assessable", sentence=spun, remarks=[]))

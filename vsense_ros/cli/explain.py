@@ -19,6 +19,12 @@ from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, HoldsOut, distinct_nam
     metavar="PART",
     help="For comparison, the method without a part: no_refit, no_projection, chi2_thresholds.",
 )
+@click.option(
+    "--observer/--no-observer",
+    "observe",
+    default=True,
+    help="Run the observer with what was found, and fit its noise levels; on by default.",
+)
 @click.option("--fleet", type=EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
@@ -30,6 +36,7 @@ def explain(
     held_out: tuple[Path, ...],
     assume: tuple[str, ...],
     ablation: str | None,
+    observe: bool,
     fleet: Path | None,
     scheduler: str | None,
     workers: int | None,
@@ -69,7 +76,9 @@ def explain(
         raise click.UsageError("expected --vehicle and RECORDINGS, or --vehicle and --next, or --fleet")
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
-    verdict = _explain(recordings, vehicle, held_out, assume, ablation or "", report) if recordings else "ambiguous"
+    verdict = (
+        _explain(recordings, vehicle, held_out, assume, ablation or "", observe, report) if recordings else "ambiguous"
+    )
     if verdict == "ambiguous":
         try:
             _design(vehicle, report)
@@ -87,6 +96,7 @@ def _explain(
     held_out: tuple[Path, ...],
     assume: tuple[str, ...],
     ablation: str,
+    observe: bool,
     report: Path,
 ) -> str:
     """The verdict."""
@@ -101,7 +111,13 @@ def _explain(
     with progress("searching") as done:
         steps = iter(range(STAGES))
         found = explain_recordings(
-            train, car, proof, assume, ablation, lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES))
+            train,
+            car,
+            proof,
+            assume,
+            ablation,
+            lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)),
+            observe=observe,
         )
     found.write(report)
     printed(found.answer, console())

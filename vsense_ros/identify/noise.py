@@ -212,7 +212,10 @@ Evaluate = Callable[[Sequence[Array], Progress | None], list[list[Innovations]]]
 
 
 def maximise(
-    evaluate: Evaluate, free_parameters: Sequence[FreeParameter], progress: Progress | None = None
+    evaluate: Evaluate,
+    free_parameters: Sequence[FreeParameter],
+    progress: Progress | None = None,
+    iterations: int = ITERATIONS,
 ) -> tuple[Array, Array]:
     """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, and their standard
     deviations (k,).
@@ -232,8 +235,8 @@ def maximise(
     def value(offsets: Array, found: Sequence[Innovations]) -> float:
         return _minus_twice_log_likelihood(found, credible) + float(np.sum((offsets / deviations) ** 2))
 
-    for iteration in range(ITERATIONS):
-        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, ITERATIONS))
+    for iteration in range(iterations):
+        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, iterations))
         equations = _equations(free_parameters, here, now, nearby, credible)
         change = _scoring_step(equations, here)
         if -0.5 * equations.gradient @ change < LEAST_GAIN * count:

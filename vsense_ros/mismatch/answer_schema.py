@@ -244,6 +244,64 @@ class BaseParameter(_Part):
     )
 
 
+class SensorFigures(_Part):
+    """How one sensor agrees with what an observer expects of it."""
+
+    messages: int = _field("Number of messages that are no outliers.", "-")
+    log_likelihood: float = _field("Log-likelihood per message, given all before it.", "nat")
+    innovation: float = _field(
+        "Size of the innovations, over that with the vehicle file as it was (root mean squares of the components, "
+        "averaged by their logarithms).",
+        "-",
+    )
+    nis: float = _field("Normalized innovation squared per component; 1 for an observer that is right.", "-")
+
+
+class ObserverError(_Part):
+    """Root mean square error of an estimate against the reference of a recording."""
+
+    unit: str = _field("Unit of the signal.")
+    rmse: float = _field("With the reference mounted as the vehicle file says.", "as `unit` says")
+    without_constant: float = _field(
+        "With the reference mounted as the recording says (see `reference`), and without the mean of roll and pitch.",
+        "as `unit` says",
+    )
+
+
+class ReferencePlace(_Part):
+    """Where the reference is mounted, fitted to its velocity and the estimated one."""
+
+    x: float = _field("Ahead of the centre of gravity.", "m")
+    y: float = _field("To the left of the centre of gravity.", "m")
+    yaw: float = _field("Its forward axis is turned to the left by so much.", "rad")
+
+
+class ObserverFigures(_Part):
+    """How the observer fares with one vehicle file."""
+
+    log_likelihood: float = _field("Log-likelihood of the measurements per message.", "nat")
+    sensors: dict[str, SensorFigures] = _field("By sensor.")
+    errors: dict[str, ObserverError] = _field("Errors by signal; empty without a reference.")
+    reference: ReferencePlace | None = _field("The mounting of the reference; null where none tells it.")
+
+
+class ObserverComparison(_Part):
+    """Whether the observer is better with what was found."""
+
+    recordings: tuple[str, ...] = _field("The recordings that it was judged on.")
+    held_out: bool = _field("Whether these were held out of all fits.")
+    messages: int = _field("Number of messages that were judged.", "-")
+    improved: bool = _field(
+        "Whether measurements are likelier with the extended file, not by other noise levels alone (with these alone "
+        "they are less likely, or the side slip is further off a reference), and neither side slip nor lateral "
+        "velocity is worse against a reference."
+    )
+    sentence: str = _field("The comparison in words.")
+    as_it_was: ObserverFigures = _field("With the vehicle file as it was.")
+    retuned: ObserverFigures = _field("With the noise levels alone fitted to the recordings.")
+    extended: ObserverFigures = _field("With the extended vehicle file, whose noise levels were fitted as well.")
+
+
 class Answer(_Part):
     """What `vsense explain` found about a car and its recordings."""
 
@@ -280,6 +338,10 @@ class Answer(_Part):
         "Root mean square of all residuals in training with the base parameters fitted, in multiples of what a good "
         "model leaves.",
         "-",
+        default=None,
+    )
+    observer: ObserverComparison | None = _field(
+        "How the observer fares with the extended vehicle file; absent where nothing is named, or it could not run.",
         default=None,
     )
     cpu_s: float = _field("Time of computing.", "s")

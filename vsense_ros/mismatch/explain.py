@@ -31,6 +31,7 @@ from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, can
 from vsense_ros.mismatch.data_quality import hindrance, misfit
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
+from vsense_ros.mismatch.observed import comparison
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
@@ -107,12 +108,15 @@ def explain_recordings(
     assume: Sequence[str] = (),
     ablation: str = "",
     progress: Callable[[], None] = lambda: None,
+    *,
+    observe: bool = False,
 ) -> Explanation:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    switched off, to see what it is worth. Which test would tell an ambiguous answer apart, `design` finds. Raises
-    `InputError` for an unknown id or ablation.
+    switched off, to see what it is worth. With `observe` the observer is run with what was found, which tells whether
+    it is better with it, and gives the extended vehicle noise levels that fit it. Which test would tell an ambiguous
+    answer apart, `design` finds. Raises `InputError` for an unknown id or ablation.
     """
     if unknown := [name for name in assume if name not in BY_ID]:
         raise InputError(f"no effect {', '.join(unknown)}; the library has {', '.join(sorted(BY_ID))}")
@@ -138,7 +142,23 @@ def explain_recordings(
         found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
+    if observe and found.extended is not None:
+        found = _observed(found, recordings, held_out, dataset, vehicle, progress)
     return replace(found, answer=found.answer.with_(cpu_s=time.process_time() - begun))
+
+
+def _observed(
+    found: Explanation, recordings: Sequence[Recording], held_out: Sequence[Recording], fitted: Dataset,
+    vehicle: Vehicle, progress: Callable[[], None],
+) -> Explanation:  # fmt: skip
+    """What was found, with how the observer fares with it, and the noise levels that fit it."""
+    assert found.extended is not None
+    try:
+        compared, tuned = comparison(recordings, held_out, fitted, vehicle, found.extended, progress)
+    except (InputError, FloatingPointError) as error:
+        remark = f"whether the observer is better with what was found is not known: {error}"
+        return replace(found, answer=found.answer.with_(remarks=(*found.answer.remarks, remark)))
+    return replace(found, answer=found.answer.with_(observer=compared), extended=tuned)
 
 
 def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -314,7 +314,7 @@ def _explained(member: Member, car: Vehicle, progress: Callable[[float], None]) 
         training, held_out = (
             [read[name] for name in names if name in read] for names in (member.training, member.held_out)
         )
-        return explain_recordings(training, car, held_out, progress=step)
+        return explain_recordings(training, car, held_out, progress=step, observe=True)
 
     try:
         found = explained()

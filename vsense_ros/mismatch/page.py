@@ -16,6 +16,7 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.mismatch.answer_schema import Answer, Errors, Force, Region, SignalErrors
 from vsense_ros.mismatch.picture import Trace, before_and_after, most_affected, other_signals, road_profile, when
 from vsense_ros.mismatch.tables import (
+    OBSERVER_COLUMNS,
     TOGETHER,
     EffectRow,
     ErrorChange,
@@ -24,7 +25,9 @@ from vsense_ros.mismatch.tables import (
     effect_rows,
     fitted_with,
     next_test_in_words,
+    observer_rows,
     proven,
+    reference_in_words,
     signal_rows,
 )
 from vsense_ros.mismatch.words import (
@@ -64,6 +67,9 @@ def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
         next_test=next_test_in_words(answer),
         used=_used(answer),
         unused=_unused(answer),
+        observer=observer_rows(answer.observer) if answer.observer else [],
+        observer_columns=OBSERVER_COLUMNS,
+        mounting=reference_in_words(answer.observer) if answer.observer else "",
         out_of_reach=[(heading(one.id), one.reason) for one in answer.out_of_reach],
         **_where(answer),
         **_pictures(answer, traces),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import inf
+from math import degrees, inf
 
-from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, Errors
+from vsense_ros.mismatch.answer_schema import Answer, BaseParameter, EffectEntry, Errors, ObserverComparison
 from vsense_ros.mismatch.candidates import UNKNOWN_TORQUES
 from vsense_ros.mismatch.words import (
     SIGNAL_UNITS,
@@ -256,6 +256,64 @@ def proven(answer: Answer) -> bool:
 def changed(answer: Answer) -> bool:
     """Whether something was added to the model, so that there is an error after beside the one before."""
     return any(row.training.changed for row in signal_rows(answer))
+
+
+OBSERVER_COLUMNS = ("file as it was", "noise levels alone fitted", "extended file")
+
+
+@dataclass(frozen=True)
+class ObserverRow:
+    """A figure of the observer with each of the `OBSERVER_COLUMNS`."""
+
+    what: str
+    cells: tuple[str, ...]
+
+
+def observer_rows(found: ObserverComparison) -> list[ObserverRow]:
+    """How the observer fares, in words."""
+    columns = (found.as_it_was, found.retuned, found.extended)
+    rows = [ObserverRow("log-likelihood per message", tuple(_three_digits(one.log_likelihood) for one in columns))]
+    for name in found.as_it_was.sensors:
+        sensors = [one.sensors[name] for one in columns]
+        rows.append(
+            ObserverRow(
+                f"{label(name)}: size of the innovations", ("1", *(f"{one.innovation:.2f} ×" for one in sensors[1:]))
+            )
+        )
+        rows.append(
+            ObserverRow(f"{label(name)}: log-likelihood", tuple(_three_digits(one.log_likelihood) for one in sensors))
+        )
+    for name, first in found.as_it_was.errors.items():
+        errors = [one.errors[name] for one in columns]
+        unit, factor = SIGNAL_UNITS.get(first.unit, (first.unit, 1.0))
+        for words, values in (
+            ("error", [error.rmse for error in errors]),
+            ("error, constant fitted", [error.without_constant for error in errors]),
+        ):
+            cells = tuple(f"{shown_number(value * factor)}{behind(unit)}" for value in values)
+            rows.append(ObserverRow(f"{label(name)}: {words}", cells))
+    return rows
+
+
+def _three_digits(value: float) -> str:
+    return f"{value:.3f}".replace("-", "−")
+
+
+def reference_in_words(found: ObserverComparison) -> str:
+    """Where the recordings say that their reference is mounted; empty without one."""
+    places = [one.reference for one in (found.as_it_was, found.extended)]
+    if places[0] is None or places[1] is None:
+        return ""
+    said = [
+        f"{place.x:+.2f} m ahead and {place.y:+.2f} m to the left of the centre of gravity, turned by "
+        f"{degrees(place.yaw):+.2f}°".replace("-", "−")
+        for place in places
+        if place is not None
+    ]
+    return (
+        f"Where the reference is mounted is fitted for errors without a constant: {said[0]}; with the extended file "
+        f"{said[1]}."
+    )
 
 
 def next_test_in_words(answer: Answer) -> str:

@@ -7,7 +7,16 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.mismatch.answer_schema import Answer
-from vsense_ros.mismatch.tables import changed, effect_rows, next_test_in_words, proven, signal_rows
+from vsense_ros.mismatch.tables import (
+    OBSERVER_COLUMNS,
+    changed,
+    effect_rows,
+    next_test_in_words,
+    observer_rows,
+    proven,
+    reference_in_words,
+    signal_rows,
+)
 from vsense_ros.mismatch.words import badge_of
 
 PRINTED_SIGNALS = 6
@@ -18,10 +27,13 @@ def printed(answer: Answer, console: Console) -> None:
     console.print()
     console.print(Text(f"{answer.vehicle}: {badge_of(answer).badge}", style="bold"))
     console.print(Text(answer.sentence))
+    if answer.observer is not None:
+        console.print(Text(answer.observer.sentence, style="" if answer.observer.improved else "bold yellow"))
     if test := next_test_in_words(answer):
         console.print(Text(f"Next test: {test}.", style="bold"))
     _print_effects(answer, console)
     _print_signals(answer, console)
+    _print_observer(answer, console)
     for remark in answer.remarks:
         console.print(Text(f"Note: {remark}", style="yellow"))
     for reason in dict.fromkeys(one.reason for one in answer.out_of_reach):
@@ -56,6 +68,17 @@ def _print_signals(answer: Answer, console: Console) -> None:
     console.print(table)
     if len(rows) > PRINTED_SIGNALS:
         console.print(Text(f"The report shows {len(rows)} signals.", style="dim"))
+
+
+def _print_observer(answer: Answer, console: Console) -> None:
+    if answer.observer is None:
+        return
+    table = _table("observer", *(f">{heading}" for heading in OBSERVER_COLUMNS))
+    for row in observer_rows(answer.observer):
+        _add(table, row.what, *row.cells)
+    console.print(table)
+    if place := reference_in_words(answer.observer):
+        console.print(Text(place))
 
 
 def _table(*headings: str) -> Table:

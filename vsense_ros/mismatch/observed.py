@@ -1,0 +1,325 @@
+"""Whether the observer is better with what was found: on recordings that no fit has seen.
+
+An observer lives with a model that is a little wrong: it doubts it, by its noise levels. So each vehicle is judged with
+noise levels that fit it, found on the recordings that were fitted. How likely the measurements of the held-out
+recordings are to it, each given all before it, needs no reference (Schweppe 1965); where a recording has a reference,
+errors against it are told besides, with the reference where the vehicle file puts it, and where the recording does: how
+a reference is mounted is nothing that an observer can know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lstsq
+
+from vsense_ros.estimation.innovations import Innovations
+from vsense_ros.evaluate.metrics import SignalScore, align, compare
+from vsense_ros.evaluate.reference import at_reference
+from vsense_ros.evaluate.signals import SLOWEST_SIDE_SLIP, read_signals
+from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
+from vsense_ros.identify.noise import BOUND, DIGITS, PRIOR, maximise, noise_numbers
+from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
+from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.answer_schema import (
+    ObserverComparison,
+    ObserverError,
+    ObserverFigures,
+    ReferencePlace,
+    SensorFigures,
+)
+from vsense_ros.mismatch.windows import Dataset
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer import run
+from vsense_ros.observer.innovations import innovations
+
+Array = NDArray[np.float64]
+
+TUNED_ON = 150.0  # [s] of what was fitted, from which noise levels are found: more tells hardly more of a dozen numbers
+JUDGED_ON = 900.0  # [s] of what was held out
+ITERATIONS = 3  # of that search: beyond them levels change by less than they matter
+BODY = ("vertical", "roll", "pitch", "suspension")  # force errors that change together
+ALONG = ("longitudinal", "wheel_spin", "grade", "grade_change")  # what acts along the car
+NOTEWORTHY = 0.003  # [nat] per message by which likelihoods differ for more than rounding
+WORSE = 1.05  # of an error against the reference, from where on it has grown
+TOLD = ("side_slip", "lateral_velocity", "yaw_rate", "roll", "pitch", "speed")  # signals of which errors are told
+PROVING = ("side_slip", "lateral_velocity")  # those for which observers are run
+TURNS = 3  # steps of Newton's method to the mounting of a reference, which is linear but for a small angle
+CONSTANT = ("roll", "pitch")  # whose constant the mounting of a reference shifts
+
+
+def comparison(
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    dataset: Dataset,
+    vehicle: Vehicle,
+    extended: Vehicle,
+    progress: Callable[[], None] = lambda: None,
+) -> tuple[ObserverComparison, Vehicle]:
+    """How the observer fares with the vehicle and with the extended one, on what was held out, or where nothing was on
+    the recordings themselves; and the extended vehicle with the noise levels that fit it.
+
+    `dataset` says which stretches of the recordings were fitted. Raises `InputError` where the observer does not start.
+    """
+    pieces = _pieces(recordings, dataset)
+    judged = [_shortened(one, JUDGED_ON / len(held_out)) for one in held_out] or pieces
+    tuned = {}
+    for name, car in (("retuned", vehicle), ("extended", extended)):
+        tuned[name] = with_fitting_noise(car, pieces, progress)
+    cars = {"as_it_was": vehicle, **tuned}
+    found = {name: [innovations(one, car) for one in judged] for name, car in cars.items()}
+    progress()
+    # What an outlier is, is the same for all.
+    credible = [{s: one.credible() for s, one in of.items()} for of in found["as_it_was"]]
+    outputs = {name: _against_reference(judged, car) for name, car in cars.items()}
+    progress()
+    figures = {
+        name: ObserverFigures(
+            log_likelihood=_per_message(of, credible),
+            sensors=_by_sensor(of, found["as_it_was"], credible),
+            errors=outputs[name].errors,
+            reference=outputs[name].place,
+        )
+        for name, of in found.items()
+    }
+    result = ObserverComparison(
+        recordings=tuple(one.name for one in judged), held_out=bool(held_out), messages=_messages(credible),
+        improved=False, sentence="", **figures,
+    )  # fmt: skip
+    verdict, sentence = _judged(result)
+    return result.with_(improved=verdict, sentence=sentence), tuned["extended"]
+
+
+def with_fitting_noise(
+    vehicle: Vehicle, recordings: Sequence[Recording], progress: Callable[[], None] = lambda: None
+) -> Vehicle:
+    """The vehicle with the noise levels of its model under which the recordings are likeliest: as `vsense tune` finds
+    them, with fewer numbers."""
+    estimating = vehicle.observer.parameters
+    known = vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
+    free_parameters = [_free(name, group) for name, group in noise_levels(vehicle).items()]
+    nominal = of_vehicle(known)
+
+    def evaluate(points: Sequence[Array], _: object) -> list[list[Innovations]]:
+        found = []
+        for point in points:
+            car = with_values(known, with_offsets(nominal, free_parameters, point), EXACT)
+            found.append([one for recording in recordings for one in innovations(recording, car).values()])
+            progress()
+        return found
+
+    offsets, _ = maximise(evaluate, free_parameters, iterations=ITERATIONS)
+    tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), DIGITS)
+    return tuned.model_copy(update={"observer": tuned.observer.model_copy(update={"parameters": estimating})})
+
+
+def noise_levels(vehicle: Vehicle) -> dict[str, tuple[str, ...]]:
+    """Groups of noise numbers, each of which is fitted as one factor: how far the model's forces may be wrong, and what
+    is known of the road's slopes.
+
+    The noise of sensors stays as the file has it: a better model changes nothing of it. Fitted, it would fall to what
+    is white of it, where sensors that filter and send faster than they measure have most of their error in what lasts.
+    Nor does what acts along the car, where wheel torques are not measured: that is the driver, and no model.
+    """
+    driven = any(sensor.kind == "wheel_torques" for sensor in vehicle.sensors.values())
+    groups: dict[str, list[str]] = {}
+    for path in noise_numbers(vehicle):
+        where, _, last = path.rpartition(".")
+        if path.startswith("sensors.") or (last in ALONG and not driven):
+            continue
+        groups.setdefault(f"{where}.body" if last in BODY else path, []).append(path)
+    return {name: tuple(paths) for name, paths in groups.items()}
+
+
+def _free(name: str, paths: Sequence[str]) -> FreeParameter:
+    return FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied(dict.fromkeys(paths, 1.0)))
+
+
+def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording]:
+    """Of each recording that was fitted a stretch, from where its first window begins on."""
+    fitted = [windows[0] for windows in dataset.by_recording()]
+    return [
+        _shortened(recordings[window.recording], TUNED_ON / len(fitted), max(0.0, window.begin - 5.0))
+        for window in fitted
+    ]
+
+
+def _shortened(recording: Recording, duration: float, begin: float = 0.0) -> Recording:
+    """What was measured of a recording during so many seconds."""
+    first = recording.first_stamp + round(begin * 1e9)
+    last = first + round(duration * 1e9)
+    channels = {
+        topic: channel.select((channel.stamp >= first) & (channel.stamp <= last))
+        for topic, channel in recording.channels.items()
+    }
+    return replace(recording, channels={topic: channel for topic, channel in channels.items() if len(channel)})
+
+
+_Found = Sequence[Mapping[str, Innovations]]  # by recording and sensor
+_Credible = Sequence[Mapping[str, NDArray[np.bool_]]]
+
+
+def _messages(credible: _Credible) -> int:
+    return sum(int(of.sum()) for one in credible for of in one.values())
+
+
+def _per_message(found: _Found, credible: _Credible) -> float:
+    """Log-likelihood of the measurements [nat], per message."""
+    whole = sum(
+        float(one[sensor].log_density()[of].sum())
+        for one, rows in zip(found, credible, strict=True)
+        for sensor, of in rows.items()
+    )
+    return whole / max(_messages(credible), 1)
+
+
+def _by_sensor(found: _Found, before: _Found, credible: _Credible) -> dict[str, SensorFigures]:
+    names = dict.fromkeys(sensor for one in credible for sensor in one)
+    result = {}
+    for name in names:
+        parts = [
+            (one[name], was[name], rows[name])
+            for one, was, rows in zip(found, before, credible, strict=True)
+            if name in rows
+        ]
+        count = sum(int(of.sum()) for *_, of in parts)
+        density = sum(float(one.log_density()[of].sum()) for one, _, of in parts)
+        whitened = np.concatenate([one.whitened[of] for one, _, of in parts])
+        squares = np.nansum(np.concatenate([_sizes(one, of) ** 2 for one, _, of in parts]), axis=0)
+        squares_before = np.nansum(np.concatenate([_sizes(was, of) ** 2 for _, was, of in parts]), axis=0)
+        told = (squares > 0) & (squares_before > 0)
+        ratio = np.sqrt(squares[told] / squares_before[told])
+        result[name] = SensorFigures(
+            messages=count,
+            log_likelihood=density / max(count, 1),
+            innovation=float(np.exp(np.mean(np.log(ratio)))) if told.any() else 1.0,
+            nis=float(np.nanmean(whitened**2)),
+        )
+    return result
+
+
+def _sizes(one: Innovations, of: NDArray[np.bool_]) -> Array:
+    """Innovations in the units of the sensor (n, m)."""
+    return np.asarray(one.whitened[of] * one.deviation[of])
+
+
+@dataclass(frozen=True)
+class _Against:
+    """Errors against references by signal, and where the recordings say that the reference is."""
+
+    errors: dict[str, ObserverError]
+    place: ReferencePlace | None
+
+
+def _against_reference(recordings: Sequence[Recording], vehicle: Vehicle) -> _Against:
+    referenced = [one for one in recordings if any(topic.startswith("reference/") for topic in one.channels)]
+    if not referenced:
+        return _Against({}, None)
+    outputs = [run(one, vehicle).output for one in referenced]
+    place = _fitted_place(outputs, referenced, vehicle)
+    stated = [compare(at_reference(o, vehicle), r) for o, r in zip(outputs, referenced, strict=True)]
+    moved = vehicle
+    if place is not None:
+        mounting = vehicle.reference.model_copy(
+            update={"position": (place.x, place.y, vehicle.reference.position[2]), "yaw": place.yaw}
+        )
+        moved = vehicle.model_copy(update={"reference": mounting})
+    fitted = [compare(at_reference(o, moved), r) for o, r in zip(outputs, referenced, strict=True)]
+    errors = {}
+    for name in TOLD:
+        both = [(one[name], two[name]) for one, two in zip(stated, fitted, strict=True) if name in one and name in two]
+        if both:
+            errors[name] = ObserverError(
+                unit=both[0][0].unit,
+                rmse=_joined([one for one, _ in both], constant=False),
+                without_constant=_joined([two for _, two in both], constant=name in CONSTANT),
+            )
+    return _Against(errors, place)
+
+
+def _joined(scores: Sequence[SignalScore], *, constant: bool) -> float:
+    """Root mean square of the errors of several recordings, without the constant that they share if asked."""
+    count = np.array([score.n for score in scores])
+    square = float(np.average([score.rmse**2 for score in scores], weights=count))
+    mean = float(np.average([score.bias for score in scores], weights=count)) if constant else 0.0
+    return float(np.sqrt(max(square - mean**2, 0.0)))
+
+
+def _fitted_place(
+    outputs: Sequence[Recording], recordings: Sequence[Recording], vehicle: Vehicle
+) -> ReferencePlace | None:
+    """Where on the car the reference is, and how far its axes are turned, by what it says of the car's velocity: by
+    linear least squares. None where it tells none."""
+    parts = []
+    for output, recording in zip(outputs, recordings, strict=True):
+        estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
+        names = ("longitudinal_velocity", "lateral_velocity")
+        if not all(name in estimates and name in truths for name in (*names, "yaw_rate")):
+            continue
+        ahead, aside, turning = (align(estimates[name], truths[name]) for name in (*names, "yaw_rate"))
+        stamps = np.intersect1d(np.intersect1d(ahead.stamp, aside.stamp), turning.stamp)
+        x, y, r = (one.estimate[np.isin(one.stamp, stamps), 0] for one in (ahead, aside, turning))
+        true_x, true_y = (one.truth[np.isin(one.stamp, stamps), 0] for one in (ahead, aside))
+        moving = x > SLOWEST_SIDE_SLIP
+        parts.append(np.array([x, y, r, true_x, true_y])[:, moving])
+    if not sum(part.shape[1] for part in parts):
+        return None
+    x, y, r, true_x, true_y = np.concatenate(parts, axis=1)
+    place, zero = np.zeros(3), np.zeros_like(r)
+    for _ in range(TURNS):
+        # The velocity v + ω × position, in axes that are turned by what is known of the yaw.
+        cos, sin = np.cos(place[2]), np.sin(place[2])
+        there_x, there_y = cos * true_x - sin * true_y, sin * true_x + cos * true_y
+        own_x, own_y = x - r * place[1], y + r * place[0]
+        rows = np.block([[zero[:, None], -r[:, None], own_y[:, None]], [r[:, None], zero[:, None], -own_x[:, None]]])
+        change, *_ = lstsq(rows, np.concatenate([there_x - own_x, there_y - own_y]))
+        place += change
+    return ReferencePlace(x=float(place[0]), y=float(place[1]), yaw=float(place[2]))
+
+
+def _judged(found: ObserverComparison) -> tuple[bool, str]:
+    """Whether the observer is better with the extended file, and a sentence that says so."""
+    was, retuned, extended = found.as_it_was, found.retuned, found.extended
+    on = "held-out recordings" if found.held_out else "the fitted recordings, as none was held out"
+    gained, by_noise = (one.log_likelihood - was.log_likelihood for one in (extended, retuned))
+    rises = gained > NOTEWORTHY
+    by_model = gained - by_noise > NOTEWORTHY or _changed(extended, retuned) < 1 / WORSE
+    grown = [
+        name.replace("_", " ")
+        for name in PROVING
+        if name in extended.errors
+        and extended.errors[name].without_constant > WORSE * was.errors[name].without_constant
+    ]
+    told = (
+        f"on {on} the log-likelihood per message changes by {_signed(gained)}; other noise levels alone change it by "
+        f"{_signed(by_noise)}"
+    )
+    if "side_slip" in extended.errors and "side_slip" in was.errors:
+        before, after = (np.degrees(one.errors["side_slip"].without_constant) for one in (was, extended))
+        alone = np.degrees(retuned.errors["side_slip"].without_constant)
+        told += (
+            f"; the side slip is wrong by {after:.3f}° instead of {before:.3f}° (with other noise levels alone by "
+            f"{alone:.3f}°), the mounting of the reference fitted"
+        )
+    if rises and by_model and not grown:
+        return True, f"The observer is better with the extended file: {told}."
+    if grown:
+        worse = f"its {' and '.join(grown)} {'is' if len(grown) == 1 else 'are'} worse"
+    else:
+        worse = "other noise levels alone do as much for it" if rises else "measurements are no likelier to it"
+    return False, f"The observer is not better with the extended file, as {worse}: {told}."
+
+
+def _changed(extended: ObserverFigures, retuned: ObserverFigures) -> float:
+    """The side slip's error with the extended file over that with other noise levels alone; 1 without a reference."""
+    name = PROVING[0]
+    if name not in extended.errors or name not in retuned.errors:
+        return 1.0
+    return extended.errors[name].without_constant / max(retuned.errors[name].without_constant, 1e-12)
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.3f}".replace("-", "−")
