@@ -15,7 +15,7 @@ from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
-from vsense_ros.mismatch.data_quality import hindrance, misfit
+from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import build_dataset
@@ -310,3 +310,30 @@ def test_a_mass_or_several_parameters_out_of_bounds_are_of_another_car_and_one_s
     found = misfit(base, SimpleNamespace(level=Residuals.level))
     assert bool(found) == refused
     assert all(name in found for name in outside) or not refused
+
+
+def spoilt_for_a_while(recording: Recording) -> Recording:
+    """The yaw rate at the end of its range for a second and a half, and a car that is thrown about for one."""
+    columns = recording["imu/data"].columns
+    t = recording["imu/data"].seconds
+    rates = columns[RATES].copy()
+    end = rates[:, 2].max()
+    rates[:, 2] = np.where((t > 14.0) & (t < 15.5), end, rates[:, 2])
+    rates[:, 2] = np.where((t > 30.0) & (t < 31.0), 0.99 * end, rates[:, 2])  # not at the end, and keeps changing
+    return changed("imu/data", RATES, lambda _: rates)(recording)
+
+
+def test_a_stretch_that_is_spoilt_is_cut_out_and_told_and_the_rest_is_looked_at():
+    recording = spoilt_for_a_while(driven(prototype(), "sweep", duration=40.0))
+    whole, kept = build_dataset([recording], prototype()), without_spoilt([recording], prototype())
+    assert all(w.end < 14.0 or w.begin > 15.4 for w in kept.windows)
+    assert 0.5 * whole.driven < kept.driven < whole.driven - 1.4
+    (told,) = (remark for remark in kept.remarks if remark.startswith("cut out: the yaw rate is at the end"))
+    assert "13.5 to 16.0 s" in told
+    assert hindrance([recording], kept, build_dataset([], prototype()), prototype()) == ""
+
+
+def test_a_recording_of_which_little_would_be_left_is_kept_whole_and_refused():
+    frozen = changed("imu/data", RATES, held(2, 0, 100_000))(driven(prototype(), "slalom"))
+    kept = without_spoilt([frozen], prototype())
+    assert "the yaw rate is frozen" in hindrance([frozen], kept, build_dataset([], prototype()), prototype())

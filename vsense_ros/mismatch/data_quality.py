@@ -1,8 +1,8 @@
 """Recordings of which nothing can be said, with the reason, before anything is fitted to them.
 
 A spin, a sensor that is frozen or at the end of its range, a wrong unit or another car spoil every figure that follows,
-and some effect would still seem to explain them. One such recording is enough for no answer; without it the user gets
-one about the others.
+and some effect would still seem to explain them. What lasts for a while is cut out and told. What is wrong with a whole
+recording is enough for no answer; without it the user gets one about the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
+from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Spoilt, Window, build_dataset
 from vsense_ros.model.sensors import Response, SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -27,6 +27,10 @@ from vsense_ros.model.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 LEAST = 10.0  # [s] of driving
+KEPT = 0.5  # of the driving of a recording that has to be left for a stretch of it to be cut out
+ROUNDS = 3  # of looking for what is spoilt, as what is cut out hides less
+MANY = 4  # stretches that a remark lists
+AROUND = 0.5  # [s] that are cut out before and after a stretch
 GENTLE = 0.15  # [m/s²] lateral and longitudinal, below which nothing can be said
 SPIN = 13.0  # [m/s²] speed times yaw rate that no car on a road has
 SLIDE = 0.7  # [rad] by which nobody's side slip changes …
@@ -57,16 +61,69 @@ def _hindrances(recordings: Sequence[Recording], fitted: Dataset, unseen: Datase
     yield from _twins(sensors)
     drives = [*fitted.by_recording(), *unseen.by_recording()]
     for windows in drives:
-        yield from _standing_still(windows, sensors)
-        yield from _saturated(windows, sensors)
-        yield from _clipped(windows, sensors)
-        yield from _spinning(windows, sensors)
+        yield from (stretch.reason for stretch in _spoilt(windows, sensors))
     yield from _units(recordings, sensors, float(np.mean(rolling_radii(vehicle))))
     means = [(windows[0].name, _Drive.of(windows, sensors, vehicle)) for windows in drives]
     yield from _too_little(fitted, [drive for _, drive in means[: len(fitted.by_recording())]])
     for name, drive in means:
         yield from _unrelated(drive, name)
     yield from _unlike(means)
+
+
+def without_spoilt(recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None) -> Dataset:
+    """The windows of recordings outside of stretches that would spoil every figure, with remarks that say which these
+    are; all windows where little would be left of a recording, as then the fault is the whole recording's."""
+    whole = kept = build_dataset(recordings, vehicle, seen)
+    cut: list[Spoilt] = []
+    for _ in range(ROUNDS):
+        new = [stretch for windows in kept.by_recording() for stretch in _spoilt(windows, kept.sensors)]
+        if not new:
+            break
+        cut += new
+        kept = build_dataset(recordings, vehicle, seen, cut)
+    before, after = ({w[0].recording: _duration(w) for w in of.by_recording()} for of in (whole, kept))
+    lost = {index for index, duration in before.items() if after.get(index, 0.0) < KEPT * duration}
+    if lost:
+        cut = [stretch for stretch in cut if stretch.recording not in lost]
+        kept = build_dataset(recordings, vehicle, seen, cut) if cut else whole
+    return replace(kept, remarks=(*kept.remarks, *_cut_in_words(cut)))
+
+
+def _cut_in_words(cut: Sequence[Spoilt]) -> Iterator[str]:
+    by_reason: dict[str, list[Spoilt]] = {}
+    for stretch in cut:
+        by_reason.setdefault(stretch.reason, []).append(stretch)
+    for reason, stretches in by_reason.items():
+        spans: list[tuple[float, float]] = []
+        for one in sorted(stretches, key=lambda one: one.begin):
+            if spans and one.begin <= spans[-1][1]:
+                spans[-1] = spans[-1][0], max(spans[-1][1], one.end)
+            else:
+                spans.append((one.begin, one.end))
+        when = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:MANY])
+        more = f" and {len(spans) - MANY} more" if len(spans) > MANY else ""
+        yield f"cut out: {reason} ({when}{more})"
+
+
+def _duration(windows: Sequence[Window]) -> float:
+    return sum(window.end - window.begin for window in windows)
+
+
+def _spoilt(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
+    """Stretches of one recording that would spoil every figure."""
+    windows = [_without_margins(window) for window in windows]
+    yield from _standing_still(windows, sensors)
+    yield from _saturated(windows, sensors)
+    yield from _clipped(windows, sensors)
+    yield from _spinning(windows, sensors)
+
+
+def _without_margins(window: Window) -> Window:
+    """The window with what was measured inside of it alone: what is cut out stays in the margins of its neighbours."""
+    inside = {
+        name: found.rows((found.t >= window.begin) & (found.t <= window.end)) for name, found in window.readings.items()
+    }
+    return replace(window, readings={name: found for name, found in inside.items() if len(found.t) >= 2})
 
 
 def misfit(base: Fit, residuals: Residuals) -> str:
@@ -180,7 +237,7 @@ def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Reco
     return replace(recording, channels=channels)
 
 
-def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """Signals that do not change although the car moves."""
     for window in windows:
         for name, readings in window.readings.items():
@@ -196,14 +253,17 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
                 coarse = 1 < len(np.unique(value)) < COARSE
                 if length[long] >= 10 and duration >= sensor.longest(coarse=coarse):
                     begin = t[first[long]]
-                    yield f"the {component.words} is frozen for {duration:.1f} s from {begin:.1f} s on in {window.name}"
+                    yield _stretch(
+                        window, begin, begin + duration,
+                        f"the {component.words} is frozen for {duration:.1f} s from {begin:.1f} s on in {window.name}",
+                    )  # fmt: skip
             if sensor.response is not None:
                 yield from _input_still(window, readings, sensor.response, sensors)
 
 
 def _input_still(
     window: Window, driven: Readings, expected: Response, sensors: Mapping[str, SensorBase]
-) -> Iterator[str]:
+) -> Iterator[Spoilt]:
     """A driver may well hold wheel and pedals still, but then the motion of the car does not change."""
     imu = _telling(window, sensors, "rates and forces")
     present = np.isfinite(driven.value).all(axis=1)
@@ -224,57 +284,70 @@ def _input_still(
         if end - begin < INPUT_STILL or not inside.any():
             continue
         if np.ptp(response[inside]) > expected.least and np.ptp(shape[inside]) > 0.5 * np.max(np.abs(shape)):
-            yield f"{expected.words} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
+            reason = f"{expected.words} frozen for {end - begin:.1f} s from {begin:.1f} s on in {window.name}"
+            yield _stretch(window, begin, end, reason)
 
 
-def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+def _stretch(window: Window, begin: float, end: float, reason: str) -> Spoilt:
+    return Spoilt(window.recording, begin - AROUND, end + AROUND, reason)
+
+
+def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """Signals that stay at their largest or smallest value as at no other."""
-    for name in {name for window in windows for name in window.readings if sensors[name].saturates}:
+    for name in sorted({name for window in windows for name in window.readings if sensors[name].saturates}):
         for column, component in enumerate(sensors[name].components):
-            parts = [_present(w.readings[name].in_own_axes, column)[0] for w in windows if name in w.readings]
-            parts = [part for part in parts if len(part)]
-            if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
+            parts = [(w, *_present(w.readings[name].in_own_axes, column)) for w in windows if name in w.readings]
+            parts = [part for part in parts if len(part[1])]
+            if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
                 continue
-            at_end, elsewhere = {}, []
-            for end in (max(p.max() for p in parts), min(p.min() for p in parts)):
-                at_end[float(end)] = 0
-            for part in parts:
-                first, length = _runs(part)
-                for end in at_end:
-                    at_end[end] = max(at_end[end], int(length[part[first] == end].max(initial=0)))
-                elsewhere.append(length[~np.isin(part[first], list(at_end))])
-            usual = float(np.percentile(np.concatenate(elsewhere), 99)) if any(map(len, elsewhere)) else 1.0
-            for end, longest in at_end.items():
-                if longest >= SATURATED * usual:
-                    yield f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
+            ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
+            runs = [(window, value, t, *_runs(value)) for window, value, t in parts]
+            elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
+            usual = float(np.percentile(elsewhere, 99)) if len(elsewhere) else 1.0
+            for end in ends:
+                reason = f"the {component.words} is at the end of its range, {end:.4g}, in {windows[0].name}"
+                yield from _held_at(runs, end, SATURATED * usual, reason)
 
 
-def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+_Run = tuple[Window, Array, Array, NDArray[np.int64], NDArray[np.int64]]  # values, times, first and length of each
+
+
+def _held_at(runs: Sequence[_Run], end: float, least: float, reason: str) -> Iterator[Spoilt]:
+    """Where a signal has one value for so many samples."""
+    for window, value, t, first, length in runs:
+        for begin, count in zip(first, length, strict=True):
+            if value[begin] == end and count >= least:
+                yield _stretch(window, float(t[begin]), float(t[begin + count - 1]), reason)
+
+
+def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     """A steering angle that stays again and again at the ends of its range, and nowhere else."""
-    for name in {name for window in windows for name in window.readings if "steering" in sensors[name].tells}:
-        parts = [_present(w.readings[name], 0)[0] for w in windows if name in w.readings]
-        parts = [part for part in parts if len(part)]
-        if not parts or len(np.unique(np.concatenate(parts))) < COARSE:
+    for name in sorted({name for w in windows for name in w.readings if "steering" in sensors[name].tells}):
+        parts = [(w, *_present(w.readings[name], 0)) for w in windows if name in w.readings]
+        parts = [part for part in parts if len(part[1])]
+        if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
             continue
-        ends = max(part.max() for part in parts), min(part.min() for part in parts)
-        runs = [(part[first], length) for part in parts for first, length in [_runs(part)]]
-        value, length = (np.concatenate(joined) for joined in zip(*runs, strict=True))
-        held = np.isin(value, ends)
-        longest = int(length[~held].max(initial=1))
+        ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
+        runs = [(window, value, t, *_runs(value)) for window, value, t in parts]
+        elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
+        longest = int(elsewhere.max(initial=1))
         for end in ends:
-            if np.sum(length[value == end] >= SATURATED * longest) >= CLIPPED:
-                yield f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"
+            reason = f"the steering angle is at the end of its range, {end:.4g} rad, in {windows[0].name}"
+            held = list(_held_at(runs, end, SATURATED * longest, reason))
+            if len(held) >= CLIPPED:
+                yield from held
 
 
-def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[str]:
+def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> Iterator[Spoilt]:
     for window in windows:
         imu = _telling(window, sensors, "rates and forces")
         rate, t = (np.zeros(0), np.zeros(0)) if imu is None else _present(imu, 2)
         if len(t) < 2:
             continue
         speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
-        if float(np.max(np.abs(_averaged(t, rate * speed)))) > SPIN:
-            yield f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
+        fast = np.abs(_averaged(t, rate * speed)) > SPIN
+        reason = f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
+        yield from (_stretch(window, *span, reason) for span in _spans(t, fast))
         velocity = _telling(window, sensors, "course")
         if velocity is None:
             continue
@@ -286,8 +359,15 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
         slip = np.unwrap(np.arctan2(north, east)) - np.interp(at, t, heading)
         earlier = np.interp(at - SLIDE_TIME, at, slip)
         known = (at <= t[-1]) & (np.maximum(at - SLIDE_TIME, at[0]) >= t[0])  # how the car has turned
-        if float(np.max(np.abs(slip - earlier)[known], initial=0.0)) > SLIDE:
-            yield f"the car spins or slides sideways in {window.name}: its course and its yaw rate part"
+        reason = f"the car spins or slides sideways in {window.name}: its course and its yaw rate part"
+        for begin, end in _spans(at, (np.abs(slip - earlier) > SLIDE) & known):
+            yield _stretch(window, begin - SLIDE_TIME, end, reason)
+
+
+def _spans(t: Array, there: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Begin and end [s] of each stretch in which something is there."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+    return [(float(t[first]), float(t[last - 1])) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
 @dataclass(frozen=True)

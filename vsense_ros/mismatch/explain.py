@@ -28,7 +28,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.data_quality import hindrance, misfit
+from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.observed import comparison
@@ -41,7 +41,7 @@ from vsense_ros.mismatch.simulation import LOST, Predictor
 from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged, judge
-from vsense_ros.mismatch.windows import Dataset, build_dataset
+from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.effects import BY_ID
 from vsense_ros.model.vehicle import Vehicle
 
@@ -123,8 +123,8 @@ def explain_recordings(
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
-    dataset = build_dataset(recordings, vehicle)
-    unseen = build_dataset(held_out, vehicle, dataset)
+    dataset = without_spoilt(recordings, vehicle)
+    unseen = without_spoilt(held_out, vehicle, dataset)
     explainer = _Explainer(
         Answer(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,

@@ -134,9 +134,22 @@ class Dataset:
         return replace(self, windows=stay, remarks=(*self.remarks, *remarks), dropped=(*self.dropped, *gone))
 
 
-def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None) -> Dataset:
-    """Windows of all recordings in which the car drives and its steering angle and speed are known. Their places are
-    those of `seen` where the car comes there again, and what they turn is counted from the same way."""
+@dataclass(frozen=True)
+class Spoilt:
+    """A stretch of a recording that would spoil every figure, and why."""
+
+    recording: int
+    begin: float  # [s] since the recording's first stamp
+    end: float
+    reason: str  # with the name of the recording
+
+
+def build_dataset(
+    recordings: Sequence[Recording], vehicle: Vehicle, seen: Dataset | None = None, spoilt: Sequence[Spoilt] = ()
+) -> Dataset:
+    """Windows of all recordings in which the car drives and its steering angle and speed are known, outside of what is
+    `spoilt`. Their places are those of `seen` where the car comes there again, and what they turn is counted from the
+    same way."""
     road = Road() if seen is None else seen.road
     origins = [origin for recording in recordings if (origin := recording.map_origin) is not None]
     on_map = Map(origins[0] if origins else None) if seen is None else seen.on_map
@@ -174,8 +187,11 @@ def build_dataset(recordings: Sequence[Recording], vehicle: Vehicle, seen: Datas
         inertial = _of(readings, found_sensors, "rates and forces")
         stretches = [
             replace(window, yaw_rate=_yaw_rate(inertial, window.begin) if inertial is not None else 0.0)
-            for window in _windows(index, name, readings, found_sensors, speed, headed, turned, place)
-        ]
+            for window in _windows(
+                index, name, readings, found_sensors, speed, headed, turned, place,
+                [(cut.begin, cut.end) for cut in spoilt if cut.recording == index],
+            )
+        ]  # fmt: skip
         if not stretches:
             remarks.append(f"{name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap; {LEFT_OUT}")
         windows += stretches
@@ -308,11 +324,12 @@ def _windows(
     headed: Readings,
     turned: Readings,
     place: Readings,
+    spoilt: Sequence[tuple[float, float]],
 ) -> Iterable[Window]:
     inputs = [_of(readings, sensors, what) for what in INPUTS]
     torques = _of(readings, sensors, "torques") is not None
     needed = [speed, *(driving for driving in inputs if driving is not None)]
-    for begin, end in _driving(speed, needed):
+    for begin, end in _driving(speed, needed, spoilt):
         parts = max(1, int(np.ceil((end - begin - RUN_IN) / (LONGEST - RUN_IN))))
         length = (end - begin - RUN_IN) / parts
         for part in range(parts):
@@ -326,8 +343,10 @@ def _windows(
             )  # fmt: skip
 
 
-def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[float, float]]:
-    """Stretches above the slowest speed, in which no needed signal has a gap."""
+def _driving(
+    speed: Readings, needed: Sequence[Readings], spoilt: Sequence[tuple[float, float]]
+) -> Iterable[tuple[float, float]]:
+    """Stretches above the slowest speed, outside of what is spoilt, in which no needed signal has a gap."""
     grid = np.arange(speed.t[0], speed.t[-1], 0.05)
     good = np.interp(grid, speed.t, speed.value[:, 0]) > SLOWEST
     for found in needed:
@@ -335,6 +354,8 @@ def _driving(speed: Readings, needed: Sequence[Readings]) -> Iterable[tuple[floa
         if len(t) < 2:
             return
         good &= (grid >= t[0]) & (grid <= t[-1]) & _told(grid, t)
+    for first, last in spoilt:
+        good &= (grid < first) | (grid > last)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         begin, end = float(grid[first]), float(grid[last - 1])
