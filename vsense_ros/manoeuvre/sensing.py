@@ -63,6 +63,10 @@ def record(
             sampling = _sampling(usual, every)
             rows = np.arange(sampling.phase, len(trajectory.t), sampling.period)
             truth = _truth(trajectory, vehicle, sensor, rows)
+            older = np.round((sensor.ages() - sensor.latency) * 1e3).astype(int)  # [ms]
+            for age in set(older[older != 0].tolist()):
+                then = np.clip(rows - age, 0, len(trajectory.t) - 1)
+                truth[:, older == age] = _truth(trajectory, vehicle, sensor, then)[:, older == age]
             steps, limit = np.array(sampling.quantum), np.array(sampling.limit)
             place = position_on_map(trajectory.q[rows], _around(trajectory)[rows])
             drive = SimulatedDrive(truth, place, ORIGIN, rng, float(biased), steps, limit)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import FreeParameter
-from vsense_ros.identify.least_squares import Fit, cost
+from vsense_ros.identify.least_squares import DivergedError, Fit, cost
+from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     Answer,
@@ -29,7 +31,7 @@ from vsense_ros.mismatch.answer_schema import (
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.residuals import Residuals
+from vsense_ros.mismatch.residuals import OUTLIER, Residuals
 from vsense_ros.mismatch.road import STRETCH
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import grid
@@ -51,6 +53,9 @@ OWN_ROAD = (
     "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
     "follows from its neighbours, with the car as it was fitted"
 )
+DELAY = "sensor_delay"
+LAG_KNOWN = 0.1  # [s] by which a lag that correlation tells may be wrong
+SURE = 0.99  # confidence in a lag that all other sensors tell
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
     "driven as in the others; add another recording, or hold one out"
@@ -123,9 +128,64 @@ def _lever_arm(hypothesis: Hypothesis) -> float | None:
     return None
 
 
-def answer_set(judged: Judged) -> list[str]:
+def rivals(judged: Judged, late: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
+    """Ids of the effects of each explanation that remains; sensors that are `late` are part of each."""
+    delays = (DELAY,) if late else ()
+    found = [
+        (*hypothesis.effects, *(id for id in delays if id not in hypothesis.effects)) for hypothesis in judged.rivals
+    ]
+    if not found and judged.verdict == "no_mismatch" and delays:
+        found = [delays]
+    return tuple(dict.fromkeys(found))
+
+
+def answer_set(judged: Judged, late: Mapping[str, float] = MappingProxyType({})) -> list[str]:
     """Ids of the effects in the answer."""
-    return list(dict.fromkeys(id for hypothesis in judged.rivals for id in hypothesis.effects))
+    return list(dict.fromkeys(id for ids in rivals(judged, late) for id in ids))
+
+
+def with_ages(
+    effects: Sequence[EffectEntry], late: Mapping[str, float], shown: Fit, residuals: Residuals, validation: Validation
+) -> tuple[EffectEntry, ...]:
+    """The effects with the sensors that were found to be `late` before any fit, by field of `sensor_delay` [s]: by so
+    much more where the fit has found more. What they gain is what is lost without."""
+    found = list(effects)
+    for field, age in late.items():
+        at = next(
+            (i for i, one in enumerate(found) if one.id == DELAY and one.parameters[0].name == field and one.accepted),
+            None,
+        )
+        if at is not None:
+            size = found[at].parameters[0]
+            low, high = size.interval_90
+            whole = size.with_(value=size.value + age, interval_90=(low + age, high + age))
+            found[at] = found[at].with_(parameters=(whole, *found[at].parameters[1:]))
+            continue
+        name = f"effects.{DELAY}.{field}"
+        without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - age})
+        trained = _lost(residuals, shown.residuals, without)
+        unseen = None
+        if validation.residuals is not None:
+            unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
+        found.insert(
+            0,
+            EffectEntry(
+                id=DELAY, sentence=BY_ID[DELAY].sentence, sensor=field,
+                parameters=(Size(name=field, unit="s", value=age, interval_90=(age - LAG_KNOWN, age + LAG_KNOWN)),),
+                gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
+                confidence=SURE, objection="", accepted=True, answer_set=(DELAY,), would_separate=None,
+            ),
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -> float:
+    """By how much the squared error falls, relative, from that of other parameters."""
+    try:
+        before = cost(residuals(without, [np.full(len(r), OUTLIER / 2) for r in after]))
+    except DivergedError:
+        return 1.0
+    return float(1 - cost(after) / max(before, 1e-12))
 
 
 def effect_entries(judged: Judged, dataset: Dataset, validation: Validation) -> list[EffectEntry]:

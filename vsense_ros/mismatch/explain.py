@@ -26,6 +26,7 @@ from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, fit
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
+from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
 from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
@@ -124,7 +125,11 @@ def explain_recordings(
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
     dataset = without_spoilt(recordings, vehicle)
-    unseen = without_spoilt(held_out, vehicle, dataset)
+    late = ages(dataset, vehicle)
+    car = with_ages(vehicle, late)
+    if late:
+        dataset = without_spoilt(recordings, car)
+    unseen = without_spoilt(held_out, car, dataset)
     explainer = _Explainer(
         Answer(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
@@ -133,11 +138,12 @@ def explain_recordings(
             would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
             driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
         ),
-        vehicle,
+        car,
         progress,
+        late,
     )  # fmt: skip
     try:
-        if reason := hindrance([*recordings, *held_out], dataset, unseen, vehicle):
+        if reason := hindrance([*recordings, *held_out], dataset, unseen, car):
             raise NotAssessableError(reason)
         found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
@@ -170,8 +176,11 @@ class _Explainer:
     """The way to an answer. `answer` holds what is known so far, and stands if it turns out on the way that nothing
     can be said."""
 
-    def __init__(self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None]) -> None:
-        self.answer, self.vehicle, self.progress = unanswered, vehicle, progress
+    def __init__(
+        self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], late: Mapping[str, float]
+    ) -> None:
+        """`late` is by how much more sensors of `vehicle` are late than its file says, by field of `sensor_delay`."""
+        self.answer, self.vehicle, self.progress, self.late = unanswered, vehicle, progress, late
 
     def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:
         """The answer about recordings that can be assessed. Raises `NotAssessableError` where they cannot."""
@@ -245,13 +254,14 @@ class _Explainer:
     def _answered(self, search: Search, judged: Judged, validation: Validation, shown: Fit) -> None:
         residuals, base, leader = search.residuals, search.base, judged.leader
         effects = tuple(entries.effect_entries(judged, residuals.predictor.dataset, validation))
+        effects = entries.with_ages(effects, self.late, shown, residuals, validation)
         answer = self.answer.with_(
-            verdict=judged.verdict,
+            verdict="named" if self.late and judged.verdict == "no_mismatch" else judged.verdict,
             by_pieces=leader is not None and validation.by_pieces(leader.fit),
             located=entries.located(residuals, base, judged, validation, effects),
             effects=effects,
-            answer_set=entries.answer_set(judged),
-            rivals=tuple(dict.fromkeys(hypothesis.effects for hypothesis in judged.rivals)),
+            answer_set=entries.answer_set(judged, self.late),
+            rivals=entries.rivals(judged, self.late),
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
@@ -260,7 +270,7 @@ class _Explainer:
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""
-        if judged.leader is None or judged.verdict == "ambiguous":
+        if (judged.leader is None and not self.late) or judged.verdict == "ambiguous":
             return None
         return extended(self.vehicle, search.residuals.predictor.dataset, shown.parameter_set)
 

@@ -399,8 +399,11 @@ class Predictor:
                 continue
             stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
             value = sensing(motion, way.around[::KEEP], now.mounting()) + now.offsets() - base.offsets()
-            at = stamps - (now.latency - base.latency) - window.begin
-            read = np.column_stack([np.interp(at, motion.t, column) for column in value.T])
+            older = now.ages() - base.ages()
+            at = stamps - window.begin
+            read = np.column_stack(
+                [np.interp(at - age, motion.t, column) for age, column in zip(older, value.T, strict=True)]
+            )
             read[~np.isfinite(window.readings[name].in_own_axes.value)] = np.nan
             readings[name] = Readings(stamps, base.in_axes_of_car(read))
         return signals(window, readings, self.dataset.sensors, self.radius)

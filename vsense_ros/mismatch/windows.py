@@ -212,8 +212,24 @@ def _read(recording: Recording, sensor: SensorBase, on_map: Map) -> Readings | s
     order = np.argsort(stamps, kind="stable")
     order = order[np.concatenate([[True], np.diff(stamps[order]) > 0])]
     value = np.array([events[i].value for i in order])
+    t = (stamps[order] - recording.first_stamp) * 1e-9
+    value = _at_one_time(t, value, sensor.ages() - sensor.latency)
     of_car = sensor.in_axes_of_car(value)
-    return Readings((stamps[order] - recording.first_stamp) * 1e-9, of_car, None if of_car is value else value)
+    return Readings(t, of_car, None if of_car is value else value)
+
+
+def _at_one_time(t: Array, value: Array, older: Array) -> Array:
+    """Values (n, m) at times (n,), of which components were measured earlier than these say, by so much (m,) [s]."""
+    if not older.any():
+        return value
+    found = value.copy()
+    for column in np.flatnonzero(older):
+        present = np.isfinite(value[:, column])
+        if present.sum() >= 2:
+            at = t[present] - older[column]
+            found[:, column] = np.interp(t, at, value[present, column], np.nan, np.nan)
+            found[~present, column] = np.nan
+    return found
 
 
 def _of(readings: Mapping[str, Readings], sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, ClassVar
 
-from vsense_ros.model.effects.base import Effect, size
+from vsense_ros.model.effects.base import Effect, of_kind, size
 
 if TYPE_CHECKING:
-    from vsense_ros.model.sensors import SensorBase
+    from vsense_ros.model.sensors import Imu, SensorBase
     from vsense_ros.model.vehicle import Vehicle
+
+
+MOST = 3.0  # [s]
 
 
 class SensorDelay(Effect):
@@ -19,10 +23,12 @@ class SensorDelay(Effect):
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation",)
     each: ClassVar[str] = "sensor"
 
-    imu: float = size("s", "additional age of the inertial measurements", typical=0.03, low=-0.2, high=1.0)
-    steering: float = size("s", "additional age of the steering angle", typical=0.03, low=-0.2, high=1.0)
-    wheel_speeds: float = size("s", "additional age of the wheel speeds", typical=0.03, low=-0.2, high=1.0)
-    gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.2, high=1.0)
+    imu: float = size("s", "additional age of the inertial measurements", typical=0.03, low=-0.5, high=MOST)
+    gyro: float = size("s", "additional age of the gyros alone", typical=0.03, low=-0.5, high=MOST)
+    accelerometer: float = size("s", "additional age of the accelerometers alone", typical=0.03, low=-0.5, high=MOST)
+    steering: float = size("s", "additional age of the steering angle", typical=0.03, low=-0.5, high=MOST)
+    wheel_speeds: float = size("s", "additional age of the wheel speeds", typical=0.03, low=-0.5, high=MOST)
+    gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.5, high=MOST)
 
     @classmethod
     def prior(cls, vehicle: Vehicle) -> dict[str, float]:
@@ -36,7 +42,19 @@ class SensorDelay(Effect):
             "gnss_position": self.gnss,
             "gnss_velocity": self.gnss,
         }
-        return {
+        late = {
             name: sensor.model_copy(update={"latency": sensor.latency + ages.get(sensor.kind, 0.0)})
             for name, sensor in sensors.items()
         }
+
+        def apart(imu: Imu) -> dict[str, object]:
+            return {
+                "rate_latency": imu.rate_latency + self.gyro, "force_latency": imu.force_latency + self.accelerometer
+            }  # fmt: skip
+
+        return of_kind(late, "imu", apart)
+
+    def left_out_of_observer(self, sensors: Collection[SensorBase]) -> str:
+        if self.gyro != 0 or self.accelerometer != 0:
+            return "how much older the gyros are than the accelerometers, as both come in one message"
+        return super().left_out_of_observer(sensors)

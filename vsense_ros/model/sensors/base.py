@@ -178,7 +178,7 @@ class SensorBase(Part):
     kind: str = Field(description="what it is")
     topic: str = Field(description="topic of its messages")
     frame_id: str = Field(default="", description="expected frame of the messages; empty: any")
-    latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=2, default=0.0)
+    latency: float = parameter("s", "age of a measurement at its stamp", ge=-1, le=5, default=0.0)
     gate: float = parameter(
         "-", "a measurement is refused beyond this many standard deviations of its innovation", gt=0, default=6.0
     )
@@ -295,6 +295,10 @@ class SensorBase(Part):
         """Speeds of the car [m/s] that measurements (n, m) tell, (n,), NaN where absent; `radii` (4,) are the rolling
         radii of its wheels [m]. Of kinds that tell a speed."""
         raise NotImplementedError
+
+    def ages(self) -> Vector:
+        """Age of each component at its stamp [s], (m,)."""
+        return np.full(len(self.deviations()), self.latency)
 
     def mean_speed(self, value: Vector, radius: float) -> Vector:
         """The same with one rolling radius [m], and absent where any component is."""

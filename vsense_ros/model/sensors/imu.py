@@ -92,6 +92,10 @@ class Imu(SensorBase):
         "-", "roll of the sensor beyond the body's, per roll of the body; -1: its values are corrected for roll",
         default=0.0,
     )  # fmt: skip
+    rate_latency: float = parameter(
+        "s", "how much older the gyros' values are than `latency` says; for comparisons alone", ge=-5, le=5, default=0.0
+    )
+    force_latency: float = parameter("s", "the same of the accelerometers", ge=-5, le=5, default=0.0)
     rate_bias: float = parameter(
         "rad/s", "standard deviation of the rest of the gyro bias at start", ge=0, default=0.01
     )
@@ -115,6 +119,9 @@ class Imu(SensorBase):
 
     def offsets(self) -> Vector:
         return np.array([*self.rate_offset, *self.force_offset])
+
+    def ages(self) -> Vector:
+        return np.repeat([self.latency + self.rate_latency, self.latency + self.force_latency], 3)
 
     def read(self, names: Names, values: Values, out: Vector, variance: Vector) -> None:
         out[RATES] = values["angular_velocity"]
