@@ -337,3 +337,19 @@ def test_a_recording_of_which_little_would_be_left_is_kept_whole_and_refused():
     frozen = changed("imu/data", RATES, held(2, 0, 100_000))(driven(prototype(), "slalom"))
     kept = without_spoilt([frozen], prototype())
     assert "the yaw rate is frozen" in hindrance([frozen], kept, build_dataset([], prototype()), prototype())
+
+
+def beside(metres: float, recording: Recording) -> Recording:
+    """With the velocities of an antenna so far to the left of where it was."""
+    velocity, imu = recording["gps/velocity"], recording["imu/data"]
+    east, north = velocity.columns["linear"][:, :2].T
+    course = np.arctan2(north, east)
+    rate = np.interp(velocity.stamp, imu.stamp, imu.columns[RATES][:, 2])
+    slower = -metres * rate[:, None] * np.column_stack([np.cos(course), np.sin(course), np.zeros(len(course))])
+    return changed("gps/velocity", "linear", lambda v: v + slower)(recording)
+
+
+def test_an_antenna_beside_the_middle_of_a_car_in_a_bend_is_no_other_car():
+    straight, bend = driven(prototype(), "slalom"), beside(2.0, driven(prototype(), "bend"))
+    assert "larger than those of" not in reason(straight, bend)
+    assert "look like" not in reason(straight, bend)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from hidden import driven, having, prototype, wrong
 from vsense_ros.bag.mcap import write_bag
 from vsense_ros.cli import main
-from vsense_ros.cli.common import distinct_names
+from vsense_ros.cli.common import STRETCH, Stretch, distinct_names, import_named
+from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
+from vsense_ros.mismatch.explain import explain_recordings
 
 
 @pytest.fixture
@@ -46,7 +50,7 @@ def test_an_answer_that_leaves_something_open_says_which_test_would_tell(called,
     for name in ("sweep", "slalom"):
         write_bag(tmp_path / name, driven(rolling_hard, name))
     save_vehicle(tmp_path / "believed.yaml", wrong(prototype()))
-    result = called((), "sweep", "slalom", "--vehicle", "believed.yaml")
+    result = called((), "sweep", "slalom", "--vehicle", "believed.yaml", "--next")
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "answer/explain.json").read_text())
     assert {"rolling_resistance", "road_grade"} <= set(found["answer_set"])
@@ -94,3 +98,39 @@ def test_a_report_that_cannot_be_written_is_said_before_anything_is_searched(cal
 def test_recordings_that_are_called_alike_are_told_apart_by_their_folders():
     names = distinct_names([Path("monday/lap"), Path("tuesday/lap.mcap"), Path("tuesday/other")])
     assert names == {Path("monday/lap"): "monday/lap", Path("tuesday/lap.mcap"): "tuesday/lap.mcap"}
+
+
+@pytest.mark.parametrize(
+    ("given", "begin", "end"),
+    [("lap.mcap@207:310", 207.0, 310.0), ("lap.mcap@:12.5", None, 12.5), ("lap.mcap@3:", 3.0, None)],
+)
+def test_a_recording_may_be_a_part_of_one(given, begin, end, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("lap.mcap").touch()
+    Path("odd@name").touch()
+    assert STRETCH.convert(given, None, None) == Stretch(Path("lap.mcap"), begin, end)
+    assert STRETCH.convert("odd@name", None, None) == Stretch(Path("odd@name"))
+    for impossible in ("lap.mcap@a:b", "lap.mcap@5:2", "none.mcap@1:2"):
+        with pytest.raises(click.BadParameter):
+            STRETCH.convert(impossible, None, None)
+
+
+def test_of_a_part_of_a_recording_nothing_else_is_read(tmp_path):
+    path = tmp_path / "slalom"
+    write_bag(path, driven(prototype(), "slalom"))
+    (part,) = import_named([Stretch(path, 3.0, 9.0)], {})
+    assert part.name == "slalom@3:9"
+    assert part.duration == pytest.approx(6.0, abs=0.3)
+    with pytest.raises(InputError, match="nothing was recorded then; slalom lasts from 0 to 13"):
+        import_named([Stretch(path, 100.0, None)], {})
+
+
+def test_what_would_mend_a_recording_is_told_and_done_when_the_user_agrees(tmp_path):
+    recording = driven(prototype(), "sweep", duration=30.0)
+    imu = recording["imu/data"]
+    columns = {**imu.columns, "linear_acceleration": imu.columns["linear_acceleration"] * [1.0, -1.0, 1.0]}
+    wrong = replace(recording, channels={**recording.channels, "imu/data": replace(imu, columns=columns)})
+    refused = explain_recordings([wrong], prototype()).answer
+    assert refused.verdict == "not_assessable"
+    assert "left is −y" in refused.sentence
+    assert "--mend" in refused.sentence

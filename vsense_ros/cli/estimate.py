@@ -26,9 +26,17 @@ if TYPE_CHECKING:
 @click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
 @click.option("--smooth", is_flag=True, help="Each estimate in the light of the whole recording (GNSS/INS filters).")
 @click.option("--lag", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="… or of so much after it.")
+@click.option("--mend", is_flag=True, help="Apply what mends signs, axes and units that cannot be right.")
 @click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
 def run(
-    bag: Path, vehicle: str, out: Path | None, chosen: str | None, smooth: bool, lag: float | None, report: bool
+    bag: Path,
+    vehicle: str,
+    out: Path | None,
+    chosen: str | None,
+    smooth: bool,
+    lag: float | None,
+    mend: bool,
+    report: bool,
 ) -> None:
     """Estimate what BAG does not tell, and compare with its reference where it has one.
 
@@ -52,6 +60,7 @@ def run(
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
+    from vsense_ros.messages.mending import mended, mends
     from vsense_ros.messages.plausibility import findings
     from vsense_ros.model.sensors import unheard
     from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -64,6 +73,11 @@ def run(
     for sentence in unheard(recording.channels, car.sensors.values(), car.name):
         warn(sentence)
     radius = float(np.mean(rolling_radii(car)))
+    if mend:
+        todo = mends(recording, radius)
+        recording = mended(recording, todo)
+        for one in todo:
+            say(f"Mended: {one}.")
     for finding in findings(recording, radius):
         warn(f"{finding.topic}: {finding.text}")
     heading = [sensor.topic for sensor in car.sensors.values() if sensor.on_map]

@@ -6,18 +6,34 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, HoldsOut, distinct_names, import_named, load_car, warn
+from vsense_ros.cli.common import (
+    EXISTING,
+    STRETCH,
+    VEHICLE_HELP,
+    HoldsOut,
+    Stretch,
+    distinct_names,
+    import_named,
+    load_car,
+    warn,
+)
 
 
 @click.command(cls=HoldsOut)
-@click.argument("recordings", nargs=-1, type=EXISTING)
+@click.argument("recordings", nargs=-1, type=STRETCH)
 @click.option("--vehicle", metavar="FILE", help=VEHICLE_HELP)
-@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
+@click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=STRETCH, help="To prove it on.")
 @click.option("--assume", multiple=True, metavar="EFFECT", help="Fit this effect instead of searching; repeatable.")
 @click.option(
     "--ablation",
     metavar="PART",
     help="For comparison, the method without a part: no_refit, no_projection, chi2_thresholds.",
+)
+@click.option("--laps", "by_lap", is_flag=True, help="Cut each recording into its laps, which are found by position.")
+@click.option(
+    "--mend",
+    is_flag=True,
+    help="Apply what mends signs, axes and units that cannot be right; without it, it is told.",
 )
 @click.option(
     "--observer/--no-observer",
@@ -31,11 +47,13 @@ from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, HoldsOut, distinct_nam
 @click.option("--next", "design", is_flag=True, help="Say which test would tell the answer in --report apart.")
 @click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
 def explain(
-    recordings: tuple[Path, ...],
+    recordings: tuple[Stretch, ...],
     vehicle: str | None,
-    held_out: tuple[Path, ...],
+    held_out: tuple[Stretch, ...],
     assume: tuple[str, ...],
     ablation: str | None,
+    by_lap: bool,
+    mend: bool,
     observe: bool,
     fleet: Path | None,
     scheduler: str | None,
@@ -55,9 +73,12 @@ def explain(
     files, is not done again; what cannot be used is listed with its reason. Writes into --report, outside of DIR, a
     folder for each vehicle, fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
 
-    After an ambiguous answer generated manoeuvres are driven with each effect of the answer set at its fitted size, and
-    ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the answer in the folder
-    of --report.
+    With --next, after an ambiguous answer, generated manoeuvres are driven with each effect of the answer set at its
+    fitted size, and ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the
+    answer in the folder of --report.
+
+    A recording may be a part of one, as `lap.mcap@207:310` [s since its first stamp]. Recordings whose signs, axes or
+    units cannot be right are refused with the transformation that mends them, which --mend applies.
 
     \b
     Examples:
@@ -77,9 +98,13 @@ def explain(
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
     verdict = (
-        _explain(recordings, vehicle, held_out, assume, ablation or "", observe, report) if recordings else "ambiguous"
+        _explain(recordings, vehicle, held_out, assume, ablation or "", by_lap, mend, observe, report)
+        if recordings
+        else "ambiguous"
     )
-    if verdict == "ambiguous":
+    if verdict == "ambiguous" and not design:
+        click.echo(f"vsense explain --next --vehicle {vehicle} --report {report} says which test would tell more.")
+    elif verdict == "ambiguous":
         try:
             _design(vehicle, report)
         except Exception as error:  # the answer is there without the next test
@@ -91,16 +116,19 @@ def explain(
 
 
 def _explain(
-    recordings: tuple[Path, ...],
+    recordings: tuple[Stretch, ...],
     vehicle: str,
-    held_out: tuple[Path, ...],
+    held_out: tuple[Stretch, ...],
     assume: tuple[str, ...],
     ablation: str,
+    by_lap: bool,
+    mend: bool,
     observe: bool,
     report: Path,
 ) -> str:
     """The verdict."""
     from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.messages.laps import laps
     from vsense_ros.mismatch.explain import STAGES, explain_recordings
     from vsense_ros.mismatch.terminal import printed
 
@@ -108,6 +136,8 @@ def _explain(
     report.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before it is searched for
     names = distinct_names([*recordings, *held_out])
     train, proof = (import_named(paths, names) for paths in (recordings, held_out))
+    if by_lap:
+        train, proof = ([lap for one in every for lap in laps(one)] for every in (train, proof))
     with progress("searching") as done:
         steps = iter(range(STAGES))
         found = explain_recordings(
@@ -117,6 +147,7 @@ def _explain(
             assume,
             ablation,
             lambda: done(min(1.0, (next(steps, STAGES) + 1) / STAGES)),
+            mend=mend,
             observe=observe,
         )
     found.write(report)

@@ -116,12 +116,16 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
     from vsense_ros.messages.inspect import inspect
+    from vsense_ros.messages.mending import mends
     from vsense_ros.model.sensors import known_topics
 
     options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
     with waiting(f"reading {bag.name}"):
-        inspection = inspect(import_recording(bag, **options), known_topics())
+        recording = import_recording(bag, **options)
+        inspection = inspect(recording, known_topics())
     show_inspection(inspection, console())
+    for mend in mends(recording):
+        click.echo(f"What would mend it: {mend} (`vsense run` and `vsense explain` do it with --mend).")
 
 
 @click.group(invoke_without_command=True, cls=Commands)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,9 @@ _HARD = 4.0  # [m/s²] of braking from which on wheels may lock
 _FIXES = 10  # before and behind a step of the position
 _SWAY = 3.0  # [s] over which a change has to happen to tell a lag
 _TRACK = 1.5  # [m] about that of any car
+_ANTENNA = 2.0  # [m] that an antenna may be beside the middle of a car
+_BESIDE = 0.01  # of the speed by which it may then be faster
+STANDARD_RADIUS = 0.32  # [m] about the rolling radius of any car
 
 
 @dataclass(frozen=True)
@@ -263,11 +266,23 @@ def _spread(values: Array) -> float:
     return float(np.std(good)) if len(good) > 10 else 0.0
 
 
+def relations_of(recording: Recording) -> Relations | None:
+    """The motion of a recording as each of its sensors tells it; None where nothing of it can be compared."""
+    motion = _Motion.of(recording)
+    if motion is None:
+        return None
+    relations = Relations(motion, recording.start)
+    relations.derive()
+    return relations if relations.speed is not None else None
+
+
 _BODY_AXES = "it looks like the axes of the car (forward, left), expected east, north, up"
 
 
-class _Relations:
+class Relations:
     """The contradictions between the sensors of one drive."""
+
+    STEP: ClassVar[float] = _STEP
 
     def __init__(self, motion: _Motion, begin: int | None = None) -> None:
         self.m = motion
@@ -691,6 +706,29 @@ class _Relations:
             return
         self._plane(expected, felt, power)
 
+    def turning_told_by_others(self, *, wheels: bool = True, steering: bool = True, gyro: bool = False) -> Array | None:
+        """How fast the car turns [rad/s], by the best that tells it besides an inertial sensor: the course of GNSS, the
+        wheels, a steered wheel; None where nobody does, or the car hardly turns."""
+        names = ("gnss", *(("gyro",) if gyro else ()), *(("wheels",) if wheels else ()),
+                 *(("road_wheel_front", "steering_wheel") if steering else ()))  # fmt: skip
+        told = (self.turns[name] for name in names if name in self.turns)
+        return next((turn for turn in told if _spread(turn) > 0.02), None)
+
+    def motion_told_by_others(self) -> tuple[Array, Array] | None:
+        """Accelerations along the car and to its left [m/s²] by those besides an accelerometer, in means over
+        `gnss_span`; None where they do not tell both."""
+        push = self.pushes.get("gnss", self.pushes.get("wheels"))
+        names = [name for name in ("gnss", "wheels", "gyro") if name in self.turns]
+        if push is None or not names or self.speed is None:
+            return None
+        turn = self.turns[names[0]]
+        side = self.m.smooth(self.speed, self.gnss_span) * (
+            turn if names[0] == "gnss" else self.m.smooth(turn, self.gnss_span)
+        )
+        along = push if "gnss" in self.pushes else self.m.smooth(push, self.gnss_span)
+        slow = ~(self.speed > _SLOW)
+        return np.where(slow, np.nan, along), np.where(slow, np.nan, side)
+
     def _blames(self, name: str) -> bool:
         return self._TOPIC_OF[name] in self.blamed and any(
             f.topic == self._TOPIC_OF[name] and f.fault in ("sign", "axes", "frame") for f in self.found
@@ -912,7 +950,7 @@ def clock_offset(reference: Recording, other: Recording) -> tuple[float, float] 
     motions = [_Motion.of(recording) for recording in (reference, other)]
     if motions[0] is None or motions[1] is None:
         return None
-    relations = [_Relations(motion) for motion in motions if motion is not None]
+    relations = [Relations(motion) for motion in motions if motion is not None]
     for relation in relations:
         relation.velocity_and_fix()
         relation.derive()
@@ -1211,7 +1249,7 @@ def findings(recording: Recording, radius: float | None = None) -> list[Finding]
     """All doubts about a recording; the rolling `radius` [m] is that of the car, if it is known."""
     old = [Finding(topic, _fault(text), text) for topic, texts in doubts(recording, radius).items() for text in texts]
     motion = _Motion.of(recording)
-    relations = [] if motion is None else _Relations(motion, recording.start).run()
+    relations = [] if motion is None else Relations(motion, recording.start).run()
     frames = {f.topic for f in relations if f.fault in ("frame", "axes", "unit", "sign") and f.topic.startswith("gps/")}
     if frames:
         # What was judged by a GNSS velocity that is wrong itself.
@@ -1332,11 +1370,15 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
     wheels = wheels.select(np.flatnonzero(np.isfinite(wheels.columns["velocity"]).any(axis=1)))
     if not len(wheels):
         return
-    stamp, speed, _ = motion
+    stamp, speed, course = motion
     turning = _at(stamp, wheels, np.nanmean(wheels.columns["velocity"], axis=1))
     moving = (speed > 3.0) & np.isfinite(turning) & (np.abs(turning) > 0.1)
     if moving.sum() < 10:
         return
+    # In bends an antenna beside the middle of the car is faster or slower than its wheels.
+    straight = moving & (_ANTENNA * np.abs(np.gradient(course, (stamp - stamp[0]) * 1e-9)) < _BESIDE * speed)
+    known_well = straight.sum() >= 10
+    moving = straight if known_well else moving
     radius = float(np.median(speed[moving] / turning[moving]))
     if radius < 0:
         yield "turn backwards while GNSS moves: is the sign wrong?"
@@ -1344,6 +1386,8 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
         return
     guesses = {"m/s": 1.0, "km/h": 1 / 3.6, "rpm": 2 * np.pi / 60 * 0.32, "deg/s": np.pi / 180 * 0.32}
     for unit, ratio in guesses.items():
+        if unit == "km/h" and not known_well:
+            continue  # which is near the radius of a small wheel
         tolerance = 0.03 if unit in ("m/s", "km/h") else 0.4
         if abs(abs(radius) / ratio - 1.0) < tolerance:
             yield f"look like {unit}, expected rad/s: GNSS speed is {abs(radius):.4f} times their values"

@@ -185,6 +185,22 @@ class Recording:
             return None
         return (latitude, longitude, height) if np.isfinite((latitude, longitude, height)).all() else None
 
+    def between(self, begin: float | None, end: float | None) -> Recording:
+        """What was measured between two times [s since the first stamp]; all from the beginning, or to the end, where
+        one is None."""
+        first = self.first_stamp
+        low, high = (None if limit is None else first + round(limit * 1e9) for limit in (begin, end))
+        channels = {}
+        for topic, channel in self.channels.items():
+            rows = np.ones(len(channel), dtype=bool)
+            if low is not None:
+                rows &= channel.stamp >= low
+            if high is not None:
+                rows &= channel.stamp <= high
+            if rows.any():
+                channels[topic] = channel.select(rows)
+        return replace(self, channels=channels)
+
     def digest(self, topics: Iterable[str] | None = None) -> bytes:
         """What tells copies from other recordings: SHA-256 of stamps and values, on all topics or those."""
         found = sha256()

@@ -37,18 +37,14 @@ APART = 0.4  # [s] from a lag to another one
 LEAST = 8.0  # [s] that are compared
 TURNING, PUSHING = 0.02, 0.2  # [rad/s], [m/s²] that tell a lag, as standard deviations
 
+GROUPS, WHOLE = ("gyro", "accelerometer"), "imu"  # of an inertial sensor, which may be late apart or together
 Source = str  # of a motion: gyro, accelerometer, or the kind of a sensor
-FIELDS: Mapping[Source, str] = {
-    "gyro": "gyro",
-    "accelerometer": "accelerometer",
-    "steering": "steering",
-    "wheel_speeds": "wheel_speeds",
-    "gnss_velocity": "gnss",
-}  # of the effect sensor_delay
+DELAY = next(effect for effect in EVERY.values() if effect.delays)
+FIELDS = DELAY.delays
 
 
 def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
-    """By field of the effect `sensor_delay`, how much older a sensor is than its stamps say beyond what the vehicle
+    """By size of the effect that sensors are late, how much older one is than its stamps say beyond what the vehicle
     file knows [s]: those that all recordings agree in, of which no more is known than a tenth of a second."""
     found = [_late(_lags(windows, dataset.sensors, vehicle)) for windows in dataset.by_recording()]
     result = {}
@@ -56,25 +52,21 @@ def ages(dataset: Dataset, vehicle: Vehicle) -> dict[str, float]:
         told = [one[source] for one in found if source in one]
         if told and max(map(abs, told)) >= LATE and np.ptp(told) < AGREED:
             result[field] = round(float(np.median(told)), 2)
-    if {"gyro", "accelerometer"} <= result.keys() and abs(result["gyro"] - result["accelerometer"]) < AGREED:
-        result["imu"] = round((result.pop("gyro") + result.pop("accelerometer")) / 2, 2)
-    info = EVERY["sensor_delay"].model_fields
+    groups = [FIELDS[group] for group in GROUPS]
+    if result.keys() >= set(groups) and np.ptp([result[group] for group in groups]) < AGREED:
+        result[FIELDS[WHOLE]] = round(float(np.mean([result.pop(group) for group in groups])), 2)
+    info = DELAY.model_fields
     return {field: age for field, age in result.items() if bounds(info[field])[0] < age < bounds(info[field])[1]}
 
 
 def with_ages(vehicle: Vehicle, older: Mapping[str, float]) -> Vehicle:
-    """The vehicle whose sensors are older than their stamps say by so much more, by field of `sensor_delay` [s]."""
+    """The vehicle whose sensors are older than their stamps say by so much more, by size of
+    the effect [s]."""
     effects = vehicle.physics.effects
-    known = effects.sensor_delay or EVERY["sensor_delay"]()  # type: ignore[attr-defined]
+    known = getattr(effects, DELAY.id) or DELAY()
     late = known.model_copy(update={field: getattr(known, field) + age for field, age in older.items()})
-    physics = vehicle.physics.model_copy(update={"effects": effects.model_copy(update={"sensor_delay": late})})
+    physics = vehicle.physics.model_copy(update={"effects": effects.model_copy(update={DELAY.id: late})})
     return vehicle.model_copy(update={"physics": physics})
-
-
-def lagging(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> dict[Source, float]:
-    """Who is late in one recording, and by how much [s]."""
-    late = _late(_lags(windows, sensors, vehicle))
-    return {source: age for source, age in late.items() if abs(age) >= LATE}
 
 
 def best_lag(one: Array, other: Array, step: float) -> tuple[float, float, float] | None:
@@ -182,10 +174,11 @@ def _motions(
 
     turns: dict[Source, Array] = {}
     pushes: dict[Source, Array] = {}
+    gyro, accelerometer = GROUPS
     if (inertial := of("rates and forces")) is not None:
-        turns["gyro"] = _smooth(t, inertial[2], 2)
-        turns["accelerometer"] = _smooth(t, inertial[2], 4) / fast
-        pushes["accelerometer"] = _smooth(t, inertial[2], 3)
+        turns[gyro] = _smooth(t, inertial[2], 2)
+        turns[accelerometer] = _smooth(t, inertial[2], 4) / fast
+        pushes[accelerometer] = _smooth(t, inertial[2], 3)
     if (steering := of("steering")) is not None:
         turns[steering[0]] = _smooth(t, steering[2], 0) * fast / wheelbase
     if (course := of("course")) is not None:

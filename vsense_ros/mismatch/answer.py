@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, cost
 from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch.ages import DELAY
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     Answer,
@@ -53,7 +54,6 @@ OWN_ROAD = (
     "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
     "follows from its neighbours, with the car as it was fitted"
 )
-DELAY = "sensor_delay"
 LAG_KNOWN = 0.1  # [s] by which a lag that correlation tells may be wrong
 SURE = 0.99  # confidence in a lag that all other sensors tell
 ALONE = (
@@ -130,7 +130,7 @@ def _lever_arm(hypothesis: Hypothesis) -> float | None:
 
 def rivals(judged: Judged, late: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
     """Ids of the effects of each explanation that remains; sensors that are `late` are part of each."""
-    delays = (DELAY,) if late else ()
+    delays = (DELAY.id,) if late else ()
     found = [
         (*hypothesis.effects, *(id for id in delays if id not in hypothesis.effects)) for hypothesis in judged.rivals
     ]
@@ -147,12 +147,16 @@ def answer_set(judged: Judged, late: Mapping[str, float] = MappingProxyType({}))
 def with_ages(
     effects: Sequence[EffectEntry], late: Mapping[str, float], shown: Fit, residuals: Residuals, validation: Validation
 ) -> tuple[EffectEntry, ...]:
-    """The effects with the sensors that were found to be `late` before any fit, by field of `sensor_delay` [s]: by so
+    """The effects with the sensors that were found to be `late` before any fit, by size of that effect [s]: by so
     much more where the fit has found more. What they gain is what is lost without."""
     found = list(effects)
     for field, age in late.items():
         at = next(
-            (i for i, one in enumerate(found) if one.id == DELAY and one.parameters[0].name == field and one.accepted),
+            (
+                i
+                for i, one in enumerate(found)
+                if one.id == DELAY.id and one.parameters[0].name == field and one.accepted
+            ),
             None,
         )
         if at is not None:
@@ -161,7 +165,7 @@ def with_ages(
             whole = size.with_(value=size.value + age, interval_90=(low + age, high + age))
             found[at] = found[at].with_(parameters=(whole, *found[at].parameters[1:]))
             continue
-        name = f"effects.{DELAY}.{field}"
+        name = f"effects.{DELAY.id}.{field}"
         without = shown.parameter_set.changed({name: shown.parameter_set.values[name] - age})
         trained = _lost(residuals, shown.residuals, without)
         unseen = None
@@ -170,10 +174,10 @@ def with_ages(
         found.insert(
             0,
             EffectEntry(
-                id=DELAY, sentence=BY_ID[DELAY].sentence, sensor=field,
+                id=DELAY.id, sentence=DELAY.sentence, sensor=field,
                 parameters=(Size(name=field, unit="s", value=age, interval_90=(age - LAG_KNOWN, age + LAG_KNOWN)),),
                 gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
-                confidence=SURE, objection="", accepted=True, answer_set=(DELAY,), would_separate=None,
+                confidence=SURE, objection="", accepted=True, answer_set=(DELAY.id,), would_separate=None,
             ),
         )  # fmt: skip
     return tuple(found)

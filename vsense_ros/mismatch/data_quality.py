@@ -16,7 +16,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.inspect import doubts
+from vsense_ros.messages.mending import Mend, mends
 from vsense_ros.messages.recording import Recording
+from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE, best_lag
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Spoilt, Window, build_dataset
@@ -45,6 +47,7 @@ RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
 STRANGE = 2.0  # standard deviations left over, from which on the recordings may be of several cars
 CONSTANT = ("mass", "tyre radius")  # what neither road nor driver changes …
 CONSTANT_APART = 1.7  # … and its standard deviation over recordings of several cars, in deviations of the parameter
+ANTENNA, BESIDE = 2.0, 0.01  # [m] of an antenna beside the middle of a car, and the share of the speed that it may add
 TILT_APART = 1.5  # [m/s²] of gravity that a sensor feels on another axis when it sits otherwise
 
 
@@ -124,6 +127,30 @@ def _without_margins(window: Window) -> Window:
         name: found.rows((found.t >= window.begin) & (found.t <= window.end)) for name, found in window.readings.items()
     }
     return replace(window, readings={name: found for name, found in inside.items() if len(found.t) >= 2})
+
+
+def faults_of(recording: Recording, vehicle: Vehicle) -> list[Mend]:
+    """What would mend signs, axes and units of a recording that cannot be right, with sensors as the file has them."""
+    sensors = vehicle.sensing()
+    mounted = {s.topic for s in sensors.values() if recording_turned(recording, s)}
+    topics = {s.topic for s in sensors.values() if s.is_compared} - mounted
+    radius = float(np.mean(rolling_radii(vehicle)))
+    return [mend for mend in mends(_as_mounted(recording, sensors), radius) if mend.topic in topics]
+
+
+def recording_turned(recording: Recording, sensor: SensorBase) -> bool:
+    """Whether the vehicle file says that a sensor of the recording is mounted in other axes than the car's."""
+    channel = recording.channels.get(sensor.topic)
+    return channel is not None and bool(sensor.message_in_axes_of_car(channel.columns))
+
+
+def faults_in_words(recordings: Sequence[Recording], faults: Sequence[Sequence[Mend]]) -> list[str]:
+    """By recording what would mend it."""
+    return [
+        f"what mends {recording.name}: {', '.join(map(str, todo))}"
+        for recording, todo in zip(recordings, faults, strict=True)
+        if todo
+    ]
 
 
 def misfit(base: Fit, residuals: Residuals) -> str:
@@ -440,7 +467,12 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
             continue
         size = float(np.std(found[both]) / np.std(expected[both]))
         alike = float(np.corrcoef(found[both], expected[both])[0, 1]) if size > 0 else 0.0
-        if alike < -0.5:
+        # The lag comes before sign and scale: what is a second late goes along with nothing.
+        late = best_lag(found, expected, SMOOTH / 2)
+        if late is not None and abs(late[0]) >= LATE and late[2] > CLEAR and late[1] > max(ALIKE, alike + BETTER):
+            side = "behind" if late[0] > 0 else "ahead of"
+            yield f"in {name} the {what} lies {abs(late[0]):.1f} s {side} {other}; which of the clocks is wrong?"
+        elif alike < -0.5:
             yield f"in {name} the {what} has the sign opposite to {other}"
         elif not low < size < high:
             yield f"in {name} the {what} is {size:.3g} times the {other}; is its unit wrong?"
@@ -454,6 +486,8 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
     tilts: list[tuple[Array, str]] = []
     for name, drive in drives:
         steady = np.isfinite(drive.over_ground) & np.isfinite(drive.rolling) & (np.abs(drive.speed_rate) < 1.0)
+        # In bends an antenna beside the middle of the car is faster or slower than its wheels.
+        steady &= ~(ANTENNA * np.abs(drive.yaw_rate) > BESIDE * drive.speed)
         if steady.sum() >= LEAST / SMOOTH:
             radii.append((float(np.median(drive.over_ground[steady] / drive.rolling[steady])), name))
         felt = np.array([drive.longitudinal - drive.speed_rate, drive.lateral - drive.turning])

@@ -24,12 +24,13 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, fit
+from vsense_ros.messages.mending import mended
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch import answer as entries
 from vsense_ros.mismatch.ages import ages, with_ages
 from vsense_ros.mismatch.answer_schema import VERSION, Answer, Located, OutOfReach
 from vsense_ros.mismatch.candidates import BASE, Candidate, base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
+from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindrance, misfit, without_spoilt
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.observed import comparison
@@ -110,12 +111,14 @@ def explain_recordings(
     ablation: str = "",
     progress: Callable[[], None] = lambda: None,
     *,
+    mend: bool = False,
     observe: bool = False,
 ) -> Explanation:
     """What the model of `vehicle` leaves out on `recordings`, proven on `held_out` where there are any.
 
     With `assume` the effects of these ids are fitted, without a search; with one of `ABLATIONS` a part of the method is
-    switched off, to see what it is worth. With `observe` the observer is run with what was found, which tells whether
+    switched off, to see what it is worth. With `mend` signs, axes and units that cannot be right are mended; without it
+    what would mend them is told. With `observe` the observer is run with what was found, which tells whether
     it is better with it, and gives the extended vehicle noise levels that fit it. Which test would tell an ambiguous
     answer apart, `design` finds. Raises `InputError` for an unknown id or ablation.
     """
@@ -124,6 +127,11 @@ def explain_recordings(
     if ablation not in ("", *ABLATIONS):
         raise InputError(f"no ablation {ablation}; there are {', '.join(ABLATIONS)}")
     begun = time.process_time()
+    faults = [faults_of(one, vehicle) for one in (*recordings, *held_out)]
+    if mend:
+        every = [mended(one, todo) for one, todo in zip((*recordings, *held_out), faults, strict=True)]
+        recordings, held_out = every[: len(recordings)], every[len(recordings) :]
+    told = faults_in_words([*recordings, *held_out], faults)
     dataset = without_spoilt(recordings, vehicle)
     late = ages(dataset, vehicle)
     car = with_ages(vehicle, late)
@@ -134,7 +142,7 @@ def explain_recordings(
         Answer(
             version=VERSION, verdict="not_assessable", sentence="", vehicle=vehicle.name,
             recordings=_names(recordings), held_out=_names(held_out), held_out_unused=(), by_pieces=False,
-            remarks=dataset.remarks, located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
+            remarks=(*told, *dataset.remarks), located=NOWHERE, effects=(), out_of_reach=(), answer_set=(), rivals=(),
             would_separate=None, fit={}, base={}, threshold=THRESHOLDS.least_gain,
             driven_s=dataset.driven + unseen.driven, assumed=tuple(assume), ablation=ablation, cpu_s=0.0,
         ),
@@ -144,7 +152,7 @@ def explain_recordings(
     )  # fmt: skip
     try:
         if reason := hindrance([*recordings, *held_out], dataset, unseen, car):
-            raise NotAssessableError(reason)
+            raise NotAssessableError(reason if mend or not told else f"{reason}; {'; '.join(told)} (--mend does it)")
         found = explainer.explanation(most_telling(dataset, LONGEST_FITTED), most_telling(unseen, LONGEST_FITTED))
     except NotAssessableError as error:
         found = Explanation(explainer.answer.with_(sentence=f"Nothing can be said: {error}."))
@@ -179,7 +187,7 @@ class _Explainer:
     def __init__(
         self, unanswered: Answer, vehicle: Vehicle, progress: Callable[[], None], late: Mapping[str, float]
     ) -> None:
-        """`late` is by how much more sensors of `vehicle` are late than its file says, by field of `sensor_delay`."""
+        """`late` is by how much more sensors of `vehicle` are late than its file says, by size of that effect [s]."""
         self.answer, self.vehicle, self.progress, self.late = unanswered, vehicle, progress, late
 
     def explanation(self, dataset: Dataset, unseen: Dataset) -> Explanation:

@@ -10,7 +10,7 @@ a reference is mounted is nothing that an observer can know.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ def comparison(
     `dataset` says which stretches of the recordings were fitted. Raises `InputError` where the observer does not start.
     """
     pieces = _pieces(recordings, dataset)
-    judged = [_shortened(one, JUDGED_ON / len(held_out)) for one in held_out] or pieces
+    judged = [one.between(None, JUDGED_ON / len(held_out)) for one in held_out] or pieces
     tuned = {}
     for name, car in (("retuned", vehicle), ("extended", extended)):
         tuned[name] = with_fitting_noise(car, pieces, progress)
@@ -142,20 +142,9 @@ def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording
     """Of each recording that was fitted a stretch, from where its first window begins on."""
     fitted = [windows[0] for windows in dataset.by_recording()]
     return [
-        _shortened(recordings[window.recording], TUNED_ON / len(fitted), max(0.0, window.begin - 5.0))
+        recordings[window.recording].between(begin := max(0.0, window.begin - 5.0), begin + TUNED_ON / len(fitted))
         for window in fitted
     ]
-
-
-def _shortened(recording: Recording, duration: float, begin: float = 0.0) -> Recording:
-    """What was measured of a recording during so many seconds."""
-    first = recording.first_stamp + round(begin * 1e9)
-    last = first + round(duration * 1e9)
-    channels = {
-        topic: channel.select((channel.stamp >= first) & (channel.stamp <= last))
-        for topic, channel in recording.channels.items()
-    }
-    return replace(recording, channels={topic: channel for topic, channel in channels.items() if len(channel)})
 
 
 _Found = Sequence[Mapping[str, Innovations]]  # by recording and sensor

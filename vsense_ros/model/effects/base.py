@@ -83,6 +83,9 @@ class Effect(Part):
     # Other forms of the effect by the words that tell where it is, each with the values of its fields.
     variants: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()  # kinds of sensors without which nothing can be said of it
+    # By who tells the motion of a car (gyro, accelerometer, or the kind of a sensor) the size that is how much older
+    # than its stamps that one is [s].
+    delays: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_map: ClassVar[bool] = False  # whether its sizes have directions on the map
     each: ClassVar[str] = "axis"  # what it has a size of each of, where that is neither wheel nor axle
     internal_state: ClassVar[tuple[str, ...]] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from vsense_ros.model.effects.base import Effect, of_kind, size
@@ -22,6 +22,14 @@ class SensorDelay(Effect):
     sentence: ClassVar[str] = "measurements that are older than their stamps say"
     mistaken_for: ClassVar[tuple[str, ...]] = ("tyre_relaxation",)
     each: ClassVar[str] = "sensor"
+    delays: ClassVar[Mapping[str, str]] = {
+        "imu": "imu",
+        "gyro": "gyro",
+        "accelerometer": "accelerometer",
+        "steering": "steering",
+        "wheel_speeds": "wheel_speeds",
+        "gnss_velocity": "gnss",
+    }
 
     imu: float = size("s", "additional age of the inertial measurements", typical=0.03, low=-0.5, high=MOST)
     gyro: float = size("s", "additional age of the gyros alone", typical=0.03, low=-0.5, high=MOST)
