@@ -1375,10 +1375,9 @@ def _rolling(recording: Recording, known: float | None) -> Iterator[str]:
     moving = (speed > 3.0) & np.isfinite(turning) & (np.abs(turning) > 0.1)
     if moving.sum() < 10:
         return
-    # In bends an antenna beside the middle of the car is faster or slower than its wheels.
-    straight = moving & (_ANTENNA * np.abs(np.gradient(course, (stamp - stamp[0]) * 1e-9)) < _BESIDE * speed)
-    known_well = straight.sum() >= 10
-    moving = straight if known_well else moving
+    # An antenna beside the middle of the car is faster than its wheels in bends to one side, and slower in others.
+    bent = np.gradient(course, (stamp - stamp[0]) * 1e-9)[moving] / speed[moving]
+    known_well = _ANTENNA * abs(float(np.mean(bent))) < _BESIDE
     radius = float(np.median(speed[moving] / turning[moving]))
     if radius < 0:
         yield "turn backwards while GNSS moves: is the sign wrong?"

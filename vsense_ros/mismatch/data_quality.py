@@ -486,10 +486,8 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
     tilts: list[tuple[Array, str]] = []
     for name, drive in drives:
         steady = np.isfinite(drive.over_ground) & np.isfinite(drive.rolling) & (np.abs(drive.speed_rate) < 1.0)
-        # In bends an antenna beside the middle of the car is faster or slower than its wheels.
-        steady &= ~(ANTENNA * np.abs(drive.yaw_rate) > BESIDE * drive.speed)
         if steady.sum() >= LEAST / SMOOTH:
-            radii.append((float(np.median(drive.over_ground[steady] / drive.rolling[steady])), name))
+            radii += [(ratio, name) for ratio in _over_rolling(drive, steady)]
         felt = np.array([drive.longitudinal - drive.speed_rate, drive.lateral - drive.turning])
         present = np.isfinite(felt).all(axis=0)
         if present.sum() >= LEAST / SMOOTH:
@@ -508,6 +506,18 @@ def _unlike(drives: Sequence[tuple[str, _Drive]]) -> Iterator[str]:
                 f"between {min(at)[1]} and {max(at)[1]} the {what} accelerometer has shifted by "
                 f"{max(at)[0] - min(at)[0]:.1f} m/s²; is it one car, and does the sensor sit where it sat?"
             )
+
+
+def _over_rolling(drive: _Drive, steady: NDArray[np.bool_]) -> list[float]:
+    """Speed over ground over that of the wheels; none where bends to one side leave it open, as an antenna beside the
+    middle of the car is faster or slower there."""
+    ratio = drive.over_ground[steady] / drive.rolling[steady]
+    bent = np.nan_to_num(drive.yaw_rate[steady] / drive.speed[steady])
+    if ANTENNA * abs(float(np.mean(bent))) < BESIDE:
+        return [float(np.median(ratio))]
+    if float(np.std(bent)) < abs(float(np.mean(bent))):
+        return []
+    return [float(np.polyfit(bent, ratio, 1)[1])]
 
 
 def _telling(window: Window, sensors: Mapping[str, SensorBase], what: Tells) -> Readings | None:
