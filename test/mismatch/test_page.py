@@ -20,7 +20,7 @@ from rich.console import Console
 from synthetic_findings import SIGNALS, effect, finding, located, segment, traces
 from vsense_ros.mismatch import page
 from vsense_ros.mismatch.answer import remarks, sentence
-from vsense_ros.mismatch.answer_schema import Answer, parsed
+from vsense_ros.mismatch.answer_schema import Answer, Region, Remainder, SignalMisfit, parsed
 from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.picture import before_and_after, most_affected, when
 from vsense_ros.mismatch.tables import signal_rows
@@ -455,3 +455,16 @@ def test_a_number_is_shown_to_three_digits(value):
 
 def test_a_share_without_a_place_in_time_leaves_the_timeline_out():
     assert when([], traces("named")) is None
+
+
+def test_a_partial_answer_says_on_page_and_in_terminal_what_is_left_over(tmp_path):
+    rest = Remainder(
+        level=2.4,
+        signals=(SignalMisfit(name="yaw_rate", unit="rad/s", before=0.012, null=0.004),),
+        region=Region(description="the error of the yaw rate grows with the speed", correlation={"speed": 0.6}),
+        force=None,
+    )
+    found = finding("named", remainder=rest)
+    for text in (read(found, [], tmp_path).text, terminal(found)):
+        assert "yaw rate, 3.0 times what a good model leaves. The error of the yaw rate grows with the speed" in text
+    assert "Left over" not in terminal(finding("named"))

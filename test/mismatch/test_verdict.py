@@ -67,6 +67,9 @@ class Made:
     def unmended(self, hypothesis: Hypothesis) -> str:
         return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
 
+    def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> str:
+        return self.unmended(hypothesis)
+
     def disagreement(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
         return 1.5 if hypothesis.name.strip() in ODD else 0.1
 
@@ -175,8 +178,27 @@ def test_what_the_base_parameters_take_up_almost_whole_needs_more_gain():
     assert said(explaining("drag", 0.05, 0.05, keep=0.05))[0] == "named"  # at most half as much again is asked for
 
 
-def test_where_much_is_left_over_nothing_is_named():
-    assert said(explaining("drag", 0.5, 0.5), left=2.5) == ("no_mismatch", ())
+def test_where_much_is_left_over_what_mends_the_signals_that_it_changes_is_named_as_a_part():
+    drag = explaining("drag", 0.5, 0.5)
+    assert not judge([drag], (), Made()).partial
+    part = judge([drag], (), Made(left=2.5))
+    assert (part.verdict, part.leader, part.partial) == ("named", drag, True)
+    assert said(explaining("drag", 0.08, 0.08), left=2.5) == ("no_mismatch", ())
+    assert said(explaining(UNMENDED[0], 0.5, 0.5), left=2.5) == ("no_mismatch", ())
+
+
+def test_of_a_partial_answer_each_effect_is_needed():
+    drag, both = explaining("drag", 0.5, 0.5), explaining("drag + slope", 0.505, 0.505)
+    assert judge([drag, both], (), Made(left=2.5)).leader == drag
+    more = explaining("drag + slope", 0.6, 0.6)
+    assert judge([drag, more], (), Made(left=2.5)).leader == more
+
+
+def test_physics_that_leaves_something_over_is_told_before_a_term_that_explains_hardly_more():
+    drag, force = explaining("drag", 0.3, 0.3), explaining("force", 0.32, 0.32)
+    assert judge([drag], [force], Made(left=2.5)).leader == drag
+    clearly = explaining("force", 0.4, 0.4)
+    assert judge([drag], [clearly], Made(left=2.5)).leader == clearly
 
 
 def test_an_effect_in_whose_size_recordings_disagree_is_not_it_but_something_is_there():

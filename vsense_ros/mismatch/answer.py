@@ -22,6 +22,7 @@ from vsense_ros.mismatch.answer_schema import (
     Located,
     ProfilePoint,
     Region,
+    Remainder,
     Segment,
     SignalErrors,
     SignalMisfit,
@@ -326,16 +327,48 @@ def _force(judged: Judged, validation: Validation) -> Force | None:
     """The force, torque, angle or reading that describes what is left over, where that was asked and is proven."""
     if judged.verdict != "unknown" or judged.leader is None:
         return None
-    (term,) = judged.leader.candidates
+    return _term_in_words(judged.leader, validation)
+
+
+def _term_in_words(hypothesis: Hypothesis, validation: Validation) -> Force:
+    """The term without known physics that is the last part of an explanation."""
+    term = hypothesis.candidates[-1]
     sizes = tuple(
-        TermSize(name=parameter.name.rsplit(".", 1)[-1], unit=parameter.unit, value=judged.leader.sizes[parameter.name])
+        TermSize(name=parameter.name.rsplit(".", 1)[-1], unit=parameter.unit, value=hypothesis.sizes[parameter.name])
         for parameter in term.free_parameters
     )
     return Force(
-        description=_in_words(judged.leader, term), sizes=sizes, lever_arm=_lever_arm(judged.leader),
-        gain_training=judged.leader.gain, gain_left_out=judged.leader.cv_share,
-        gain_held_out=validation.gain(judged.leader),
+        description=_in_words(hypothesis, term), sizes=sizes, lever_arm=_lever_arm(hypothesis),
+        gain_training=hypothesis.gain, gain_left_out=hypothesis.cv_share, gain_held_out=validation.gain(hypothesis),
     )  # fmt: skip
+
+
+def remainder(
+    residuals: Residuals, shown: Fit, judged: Judged, term: Hypothesis | None, validation: Validation
+) -> Remainder | None:
+    """What is left over besides what is named, which a `term` beside it may describe; None where that is all."""
+    if not judged.partial or judged.verdict != "named":
+        return None
+    off = shown.residuals
+    good, errors = residuals.good(off), residuals.deviations(off)
+    units = {name: signal.unit for name, signal in compared_signals().items()}
+    far = sorted(
+        (name for name in errors if errors[name] > validation.thresholds.signal_off * good[name]),
+        key=lambda name: errors[name] / good[name],
+        reverse=True,
+    )
+    by_signal = residuals.by_signal(off)
+    return Remainder(
+        level=residuals.level(off),
+        signals=tuple(
+            SignalMisfit(
+                name=name, unit=units[name], before=by_signal[name], null=good[name] * residuals.deviation[name]
+            )
+            for name in far
+        ),
+        region=_region(residuals, off, ""),
+        force=None if term is None else _term_in_words(term, validation),
+    )
 
 
 def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
@@ -418,7 +451,15 @@ def sentence(answer: Answer) -> str:
     named = " and ".join(map(in_words, accepted))
     if answer.assumed:
         return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
-    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}."
+    rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
+    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}."
+
+
+def _rest_in_words(rest: Remainder) -> str:
+    """What else is left over, as the end of a sentence."""
+    if rest.force is not None:
+        return f", which {rest.force.description} describes"
+    return "" if rest.region is None else f": {rest.region.description}"
 
 
 def _left_over(answer: Answer) -> str:

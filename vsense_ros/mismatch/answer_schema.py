@@ -244,6 +244,19 @@ class BaseParameter(_Part):
     )
 
 
+class Remainder(_Part):
+    """What is left over that nothing explains, where what was named is not all."""
+
+    level: float = _field(
+        "Root mean square of all residuals in training, in multiples of what a good model leaves.", "-"
+    )
+    signals: tuple[SignalMisfit, ...] = _field(
+        "Signals that stay far off, the furthest first; `before` is the error that remains."
+    )
+    region: Region | None = _field("With what that error grows; null where that is not known.")
+    force: Force | None = _field("What describes it, besides what was named; null where nothing does.")
+
+
 class SensorFigures(_Part):
     """How one sensor agrees with what an observer expects of it."""
 
@@ -339,6 +352,9 @@ class Answer(_Part):
         "model leaves.",
         "-",
         default=None,
+    )
+    remainder: Remainder | None = _field(
+        "What is left over besides what is named; absent where that is all, as far as is known.", default=None
     )
     observer: ObserverComparison | None = _field(
         "How the observer fares with the extended vehicle file; absent where nothing is named, or it could not run.",

@@ -467,6 +467,8 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
             continue
         size = float(np.std(found[both]) / np.std(expected[both]))
         alike = float(np.corrcoef(found[both], expected[both])[0, 1]) if size > 0 else 0.0
+        if alike > 0.3 and low < size < high:
+            continue
         # The lag comes before sign and scale: what is a second late goes along with nothing.
         late = best_lag(found, expected, SMOOTH / 2)
         if late is not None and abs(late[0]) >= LATE and late[2] > CLEAR and late[1] > max(ALIKE, alike + BETTER):
@@ -476,7 +478,7 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
             yield f"in {name} the {what} has the sign opposite to {other}"
         elif not low < size < high:
             yield f"in {name} the {what} is {size:.3g} times the {other}; is its unit wrong?"
-        elif alike < 0.3:
+        else:
             yield f"in {name} the {what} does not go along with {other}; is a clock or an axis wrong?"
 
 

@@ -273,6 +273,7 @@ class _Explainer:
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
+            remainder=entries.remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=entries.sentence(answer))
 
@@ -313,6 +314,17 @@ class _Explainer:
             search = Search(residuals, start, better, offered, self.progress)
             hypotheses = fitted(search)
         return search, hypotheses
+
+
+def _describing(search: Search, judged: Judged, validation: Validation) -> Hypothesis | None:
+    """What describes best what is left over besides a partial answer, if that explains enough of it."""
+    if not judged.partial or judged.leader is None or judged.verdict != "named":
+        return None
+    known, least = validation.proven(judged.leader), THRESHOLDS.least_term_gain
+    found = max(search.described(judged.leader), key=validation.proven, default=None)
+    if found is None or validation.proven(found) - known < least * max(1 - known, search.least_whole):
+        return None
+    return found
 
 
 def _without_parameters(base: Fit) -> Fit:

@@ -8,6 +8,7 @@ import numpy as np
 
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.mismatch.candidates import Candidate
+from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.thresholds import Thresholds
 from vsense_ros.mismatch.validation import Validation
@@ -19,6 +20,7 @@ OUTDONE = "a term without known physics explains clearly more"
 ANOTHER_ROAD = (
     "what was held out is of another road, and too short or too level to tell of this one; it may join what is fitted"
 )
+LEAVES_TOO_MUCH = "it leaves too much over to be what lacks"
 DISAGREED = "signals and recordings disagree in its size"
 
 
@@ -37,6 +39,7 @@ class Objections:
         self.validation, self.best, self.with_profile = validation, best, with_profile
         self.least_gain, self.thresholds = least_gain, thresholds
         self._found: dict[Hypothesis, str] = {}
+        self._of_part: dict[Hypothesis, str] = {}
 
     def holds(self, e: Hypothesis) -> bool:
         return not self.to(e)
@@ -46,6 +49,20 @@ class Objections:
         if e not in self._found:
             self._found[e] = self._of_gain(e) or self._of_size(e)
         return self._found[e]
+
+    def to_part(self, e: Hypothesis) -> str:
+        """The same, of an explanation that need not be all: what it leaves over may be something else, but not in the
+        signals that each of its effects changes most."""
+        if e not in self._of_part:
+            self._of_part[e] = self._of_gain(e) or (MIGHT_BE_ZERO if self._negligible(e) else "") or self._unmended(e)
+        return self._of_part[e]
+
+    def _unmended(self, e: Hypothesis) -> str:
+        for effect in e.effects:
+            known = self.best.get(frozenset(e.effects) - {effect}) if len(e.effects) > 1 else None
+            if signal := self.validation.own_unmended(e, known):
+                return f"it leaves the {signal.replace('_', ' ')} about as far off as it was"
+        return ""
 
     def agreed(self, e: Hypothesis) -> bool:
         """Whether signals and recordings agree in each of its effects."""
@@ -90,7 +107,7 @@ class Objections:
         if self._negligible(e) or self.validation.unmended(e):
             e = self.with_profile(e) or e
         if self.validation.fitted.level(e.fit.residuals) >= self.thresholds.left_over:
-            return "it leaves too much over to be what lacks"
+            return LEAVES_TOO_MUCH
         if self._negligible(e):
             return MIGHT_BE_ZERO
         if signal := self.validation.unmended(e):
@@ -101,11 +118,10 @@ class Objections:
         """Those of its effects that have next to no size, or one that might as well be zero."""
         sizes, deviations, limits = e.sizes, e.deviations, self.thresholds
 
-        def least(parameter: FreeParameter) -> float:
-            return max(limits.negligible_size * parameter.likely, limits.certain_size * deviations[parameter.name])
+        def told(parameter: FreeParameter) -> bool:
+            """Whether it is worth telling, and zero outside of the interval that is told."""
+            size = sizes[parameter.name]
+            low, high = interval(size, deviations[parameter.name], limits)
+            return abs(size) >= limits.negligible_size * parameter.likely and not low <= 0.0 <= high
 
-        return [
-            c
-            for c in e.candidates
-            if c.free_parameters and all(abs(sizes[k.name]) < least(k) for k in c.free_parameters)
-        ]
+        return [c for c in e.candidates if c.free_parameters and not any(map(told, c.free_parameters))]

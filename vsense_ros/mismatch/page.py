@@ -28,6 +28,7 @@ from vsense_ros.mismatch.tables import (
     observer_rows,
     proven,
     reference_in_words,
+    remainder_in_words,
     signal_rows,
 )
 from vsense_ros.mismatch.words import (
@@ -67,6 +68,7 @@ def write_report(answer: Answer, traces: Sequence[Trace], path: Path) -> None:
         next_test=next_test_in_words(answer),
         used=_used(answer),
         unused=_unused(answer),
+        remainder=remainder_in_words(answer),
         observer=observer_rows(answer.observer) if answer.observer else [],
         observer_columns=OBSERVER_COLUMNS,
         mounting=reference_in_words(answer.observer) if answer.observer else "",

@@ -33,6 +33,8 @@ from vsense_ros.mismatch.cross_validation import (
 )
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import profile
+from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.unmodelled import axle_of_torque
 
 Array = NDArray[np.float64]
 
@@ -41,13 +43,15 @@ WORTH = 0.06  # least gain of a profile (a size for every place of the road) bey
 PROMISING = 0.5  # of the best score, below which no profile is fitted: each of its places costs a simulation
 TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
 SECANT = 1.0  # likely offsets: some effects have no slope at zero
+PAIRED = 8  # single hypotheses of which all pairs are tried
 BEAM = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
-MOST = 3  # effects at once
+MOST = 6  # effects at once
 ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in for an
 # effect, it takes several fits to undo that.
 WORTH_REFINING = 0.01
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
+SENSOR = "sensor"  # what the effects of the one layer act on
 TRIED = 3  # terms that are fitted in full
 UNSHRUNK = 2.0  # deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
 
@@ -188,29 +192,57 @@ class Search:
         self, hypotheses: Sequence[Hypothesis], least: float, proven: Callable[[Hypothesis], float], unseen: bool
     ) -> list[Hypothesis]:
         """The best hypotheses by their `proven` gain with one more effect each, where that promises a share `least` of
-        what they leave: in cross-validation, unless there are `unseen` recordings to prove it on."""
+        what they leave: in cross-validation, unless there are `unseen` recordings to prove it on. What else speaks
+        against them is not asked: parts of several defects explain little alone."""
         found: dict[frozenset[str], tuple[float, Signature]] = {}
         promise = itemgetter(0)
-        for hypothesis in sorted(hypotheses, key=proven, reverse=True)[:BEAM]:
+        ranked = sorted((e for e in hypotheses if proven(e) > least), key=proven, reverse=True)
+        for place, hypothesis in enumerate(ranked[:PAIRED]):
             known = proven(hypothesis)
-            if len(hypothesis.candidates) == MOST or known <= least:
+            if len(hypothesis.candidates) >= MOST:
                 continue
-            for signature in self._screened(hypothesis.fit, hypothesis.candidates, BEAM):
+            # The best take whatever promises most; of single effects each takes each other.
+            if place < BEAM:
+                signatures = self._screened(hypothesis.fit, hypothesis.candidates, BEAM)
+            elif len(hypothesis.candidates) == 1:
+                signatures = [
+                    self._signature(hypothesis.fit, hypothesis.candidates, other.candidates)
+                    for other in ranked[:PAIRED]
+                    if set(other.effects).isdisjoint(hypothesis.effects) and not other.candidates[0].along_road
+                ]
+            else:
+                continue
+            for signature in signatures:
                 adds = signature.gain - hypothesis.gain if unseen else signature.score - hypothesis.score
                 if adds > least * max(1 - known, self.least_whole):
                     effects = frozenset(c.effect for c in signature.candidates)
                     promised = known + adds, signature
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
-        likeliest = sorted(found.values(), key=promise, reverse=True)[:BEAM]
-        fitted = map(self.refined, self._fitted([signature for _, signature in likeliest]))
+        likeliest = sorted(found.values(), key=promise, reverse=True)
+        chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
+        fitted = map(self.refined, self._fitted(chosen))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
-    def described(self) -> list[Hypothesis]:
-        """Terms without known physics, fitted in full, best first."""
-        every = terms(self.start.values)
+    def described(self, besides: Hypothesis | None = None) -> list[Hypothesis]:
+        """Terms without known physics that are possible, alone or `besides` an explanation, fitted in full, best
+        first."""
+        every = [term for term in terms(self.start.values) if self._possible(term)]
         self._simulate_new(every)
-        found = [self._signature(self.base, (), (term,)) for term in every]
+        at, known = (self.base, ()) if besides is None else (besides.fit, besides.candidates)
+        found = [self._signature(at, known, (term,)) for term in every]
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
+
+    def _possible(self, term: Candidate) -> bool:
+        """Whether a term is one that this car may have: a torque from one wheel of an axle to the other needs an axle
+        that is driven, or brakes."""
+        across = {parameter.name: axle_of_torque(parameter.name) for parameter in term.free_parameters}
+        return all(axle is None or axle in self._driven for axle in across.values())
+
+    @cached_property
+    def _driven(self) -> frozenset[str]:
+        """The axles that are driven, as far as that is known: by measured torques, or by the share of the front wheels
+        that was fitted."""
+        return self.residuals.predictor.driven_axles(self.base.parameter_set)
 
     def joint(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The first of the hypotheses fitted jointly with the further effects of each other one, which shows what they
@@ -470,6 +502,17 @@ class Search:
             parameter.name: float(s * parameter.deviation)
             for parameter, s in zip(fitted.free_parameters, spread, strict=True)
         }
+
+
+def _of_both_layers(likeliest: Sequence[tuple[float, Signature]]) -> list[tuple[float, Signature]]:
+    """Those beyond the first `BEAM` whose last effect is of the layer, sensors or the car on its road, that none of
+    these is of."""
+
+    def of_sensors(signature: Signature) -> bool:
+        return EVERY[signature.candidates[-1].effect].acts_on() == SENSOR
+
+    layers = {of_sensors(signature) for _, signature in likeliest[:BEAM]}
+    return [one for one in likeliest[BEAM:] if of_sensors(one[1]) not in layers]
 
 
 def _first(candidate: Candidate) -> tuple[str, str]:

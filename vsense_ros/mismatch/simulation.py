@@ -44,7 +44,7 @@ from vsense_ros.model.coordinates import (
 )
 from vsense_ros.model.coordinates import INPUTS as INPUT_NAMES
 from vsense_ros.model.effects import BY_ID, EVERY, Effect, Effects
-from vsense_ros.model.effects.base import bounds
+from vsense_ros.model.effects.base import AXLES, bounds
 from vsense_ros.model.sensors import SensorBase, Tells, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight
 from vsense_ros.model.simulation.open_loop import Inputs, OpenLoop, Run, StateHistory
@@ -61,6 +61,8 @@ SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres t
 CORNERING_STIFFNESS = 14.0  # [1/rad] the same of lateral force per slip angle, where a window begins
 BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
 SMOOTH = 0.3  # [s] of the mean that tells driving from braking
+DRIVING, DRIVING_SHARE = 20.0, 95.0  # [N m] of torque that an axle is driven with, in a twentieth of the time
+NOT_DRIVEN = 0.15  # share of the torque below which an axle is not driven
 SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
 LOST = "the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
@@ -209,6 +211,21 @@ class Predictor:
     def foresee(self, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
         self._drive([self._ways(one, self._sensors(one)) for one in parameter_sets])
+
+    def driven_axles(self, parameter_set: ParameterSet) -> frozenset[str]:
+        """The axles that are driven: by wheel torques where they are measured, else by what is assumed of unknown
+        ones."""
+        torques = [
+            window.readings[name].value
+            for window in self.dataset.windows
+            if window.torques and (name := self._telling(window.readings, "torques"))
+        ]
+        if torques:
+            with np.errstate(all="ignore"):
+                most = np.nanpercentile(np.concatenate(torques), DRIVING_SHARE, axis=0).reshape(2, 2).max(axis=1)
+            return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > DRIVING)
+        front = parameter_set.values[next(iter(TORQUE_SHARES))]
+        return frozenset(axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > NOT_DRIVEN)
 
     def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
         """By window."""

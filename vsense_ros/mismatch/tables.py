@@ -26,7 +26,7 @@ from vsense_ros.mismatch.words import (
 from vsense_ros.model.effects import BY_ID
 
 MOST_PARAMETERS = 6  # of an effect that are listed; a profile of a road has dozens
-TOGETHER = {2: "both", 3: "all three"}
+TOGETHER = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
 # Of base parameters that no vehicle file has: the offset at which they are zero. They are told as they are, not as a
 # change.
 ZERO_AT = {parameter.name: parameter.low for parameter in UNKNOWN_TORQUES}
@@ -256,6 +256,26 @@ def proven(answer: Answer) -> bool:
 def changed(answer: Answer) -> bool:
     """Whether something was added to the model, so that there is an error after beside the one before."""
     return any(row.training.changed for row in signal_rows(answer))
+
+
+def remainder_in_words(answer: Answer) -> str:
+    """What is left over besides what is named: which signals stay how far off, and what describes it; empty where that
+    is all."""
+    rest = answer.remainder
+    if rest is None:
+        return ""
+    parts = [
+        f"{label(signal.name)}, {signal.before / signal.null:.1f} times what a good model leaves"
+        for signal in rest.signals
+        if signal.null > 0
+    ]
+    said = "; ".join(parts) or f"all signals together, {rest.level:.1f} times what a good model leaves"
+    if rest.force is not None:
+        sizes = ", ".join(shown_value(size.value, size.unit) for size in rest.force.sizes)
+        said += f". It is described by {rest.force.description} ({sizes})"
+    elif rest.region is not None:
+        said += f". {rest.region.description[:1].upper()}{rest.region.description[1:]}"
+    return said
 
 
 OBSERVER_COLUMNS = ("file as it was", "noise levels alone fitted", "extended file")

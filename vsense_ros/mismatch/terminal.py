@@ -15,6 +15,7 @@ from vsense_ros.mismatch.tables import (
     observer_rows,
     proven,
     reference_in_words,
+    remainder_in_words,
     signal_rows,
 )
 from vsense_ros.mismatch.words import badge_of
@@ -31,6 +32,8 @@ def printed(answer: Answer, console: Console) -> None:
         console.print(Text(answer.observer.sentence, style="" if answer.observer.improved else "bold yellow"))
     if test := next_test_in_words(answer):
         console.print(Text(f"Next test: {test}.", style="bold"))
+    if rest := remainder_in_words(answer):
+        console.print(Text(f"Left over: {rest}.", style="yellow"))
     _print_effects(answer, console)
     _print_signals(answer, console)
     _print_observer(answer, console)

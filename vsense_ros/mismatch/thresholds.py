@@ -29,7 +29,6 @@ class Thresholds:
     form_error: float
     least_term_gain: float
     term_advantage: float
-    certain_size: float
     negligible_size: float
     lasting_share: float
     spoilt_share: float
@@ -37,6 +36,7 @@ class Thresholds:
     rival_left: float
     surpassed_share: float
     sure_share: float
+    partial_gain: float
     left_over: float
     signal_off: float
     mended: float

@@ -295,3 +295,30 @@ class Validation:
         worst, off = residuals.furthest(before)
         left = residuals.deviations(after)[worst] / residuals.deviations(before)[worst]
         return "" if left < max(min(1.0, off_from / off), self.thresholds.mended) else worst
+
+    def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None) -> str:
+        """The signal that an explanation changes most against a `known` one, or the base fit, if it comes neither near
+        that of a good model nor much closer to it, in training or held out; empty where it does."""
+        parts = [(self.fitted, self.training(hypothesis.fit), None if known is None else self.training(known.fit))]
+        if self.residuals is not None:
+            known_unseen = None if known is None else self.held_out(known.fit)
+            parts.append((self.residuals, self.held_out(hypothesis.fit), known_unseen))
+        for residuals, (before, after), of_known in parts:
+            if of_known is not None and all(map(_alike, of_known[1], after)):
+                before = of_known[1]
+            changed = residuals.deviations(
+                [b - a if len(a) == len(b) else np.zeros(0) for a, b in zip(after, before, strict=True)]
+            )
+            if not changed:
+                continue
+            most = max(changed, key=changed.__getitem__)
+            good, was = residuals.good(before)[most], residuals.deviations(before)[most]
+            left = residuals.deviations(after)[most]
+            near = self.thresholds.signal_off * good
+            if left >= max(near, self.thresholds.mended * was):
+                return most
+        return ""
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return len(one) == len(other)

@@ -32,6 +32,7 @@ class Judged:
     hypotheses: tuple[Hypothesis, ...]  # all that were fitted, of known physics
     proven: Mapping[Hypothesis, float]  # the smaller of the gains where an explanation was fitted and where it was not
     besides: tuple[str, ...] = ()  # ids of effects of which one may be there as well, nobody knows which
+    partial: bool = False  # whether something more is left over, which nothing explains
     in_doubt: tuple[Hypothesis, ...] = ()  # between which to choose, the best first; what they share may be sure
     thresholds: Thresholds = THRESHOLDS
 
@@ -140,8 +141,9 @@ class _Judge:
     def judged(self) -> Judged:
         leading, term = self.leading(), self.term()
         leader = leading.leader
+        partial = leader is None and (leader := self.part(leading.likeliest)) is not None
         if leader is None or (term is not None and self.displaced(leader, term)):
-            return self.nothing_known(leading, term)
+            return self.nothing_known(replace(leading, leader=leader), term)
         rivals = in_doubt = self.within_reach(leader)
         names = {frozenset(e.effects) for e in rivals}
         shared = frozenset.intersection(*names)
@@ -152,8 +154,25 @@ class _Judge:
             names = {frozenset(e.effects) for e in rivals}
         return replace(
             self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
-            besides=tuple(sorted(besides)), in_doubt=in_doubt if len(in_doubt) > 1 else (),
+            besides=tuple(sorted(besides)), partial=partial, in_doubt=in_doubt if len(in_doubt) > 1 else (),
         )  # fmt: skip
+
+    def part(self, likeliest: Hypothesis | None) -> Hypothesis | None:
+        """What explains most where nothing explains all: effects of which each is needed, and mends what it changes.
+        None where something explains more in whose size signals disagree."""
+        limits = self.thresholds
+
+        def needed(e: Hypothesis) -> bool:
+            if len(e.effects) == 1:
+                return True
+            least = max(limits.clear_further_gain * self.least_gain, limits.form_error * self.proven[e])
+            fewer = (self.best.get(frozenset(e.effects) - {effect}) for effect in e.effects)
+            return all(self.proven[e] - self.proven[one] > least for one in fewer if one is not None)
+
+        most = 0.0 if likeliest is None else self.proven[likeliest]
+        likely = sorted(self.hypotheses, key=self.proven.__getitem__, reverse=True)
+        enough = (e for e in likely if self.proven[e] > max(limits.partial_gain, self.least_gain, most))
+        return next((e for e in enough if needed(e) and not self.objections.to_part(e) and self.agreed(e)), None)
 
     def sure_alone(self, shared: frozenset[str], leader: Hypothesis) -> Hypothesis | None:
         """The effects that all rivals share, if they hold without the rest, and that is the smaller part of what the
@@ -214,7 +233,8 @@ class _Judge:
         """One effect, or several where each that joins explains enough besides."""
         single = next(filter(self.holds, self.ranked.values()), None)
         leading = _Leading(single, single if single is not None and self.agreed(single) else None)
-        for count in (2, 3):
+        most = max((len(e.candidates) for e in self.hypotheses), default=1)
+        for count in range(2, most + 1):
             leading = self._joined_by_one(leading, count)
         return leading
 

@@ -141,6 +141,15 @@ TERMS = (
 )
 
 
+def axle_of_torque(name: str) -> str | None:
+    """The axle between whose wheels a term of this dotted name is a torque that does not come from brakes; None for
+    other terms."""
+    field = name.rsplit(".", 1)[-1]
+    if field.endswith("braking"):
+        return None
+    return next((axle for axle, across in zip(AXLES, _ACROSS, strict=True) if field.startswith(across)), None)
+
+
 def _field(channel: Channel, feature: Feature) -> Any:
     per = f"({feature.unit})" if "/" in feature.unit else feature.unit
     unit = f"{channel.unit}/{per}" if per else channel.unit
