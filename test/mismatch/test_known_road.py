@@ -72,7 +72,7 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.xfail(
     strict=True,
-    reason="on a road that really twists: the observer follows the slopes of a profile from place to place, and predicts "
+    reason="on a road that really twists: the observer follows the slopes of a profile from place to place, and adds "
     "the same change once more by the twist that it estimates; a profile has to set that as well, in C too",
 )
 @pytest.mark.slow
