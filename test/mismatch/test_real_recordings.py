@@ -54,13 +54,7 @@ def test_from_can_and_the_imu_of_a_phone_the_road_under_the_rav4_is_named_and_no
 
 def between(recording: Recording, begin: float, end: float) -> Recording:
     """What was recorded between two times [s]."""
-    origin = min(int(channel.stamp.min()) for channel in recording.channels.values())
-    parts = {}
-    for topic, channel in recording.channels.items():
-        inside = (channel.stamp >= origin + begin * 1e9) & (channel.stamp < origin + end * 1e9)
-        columns = {name: values[inside] for name, values in channel.columns.items()}
-        parts[topic] = replace(channel, stamp=channel.stamp[inside], columns=columns)
-    return replace(recording, channels=parts, name=f"from {begin:g} s")
+    return replace(recording.between(begin, end), name=f"from {begin:g} s")
 
 
 @pytest.mark.slow

@@ -162,11 +162,16 @@ def sampling(vehicle: str, out: Path) -> None:
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/road.json"), show_default=True, help="File.")
-def road(out: Path) -> None:
+@click.option(
+    "--extended", type=click.Path(path_type=Path), default=Path("docs/examples/genesis/vehicle.extended.yaml"),
+    show_default=True, help="What `vsense explain` wrote of the Genesis.",
+)  # fmt: skip
+def road(out: Path, extended: Path) -> None:
     """Examine forces and attitudes on roads that are not flat.
 
-    The RAV4's drive against Newton's law and the recorded pose, and the car with all its bodies on generated hills and
-    banks. Takes some minutes.
+    The RAV4's drive against Newton's law and the recorded pose, the Genesis's third lap with typical values and with
+    what explain found on the two others, and the car with all its bodies on generated hills and banks. Takes some
+    minutes.
 
     \b
     Examples:
@@ -183,6 +188,11 @@ def road(out: Path) -> None:
             results["rav4"] = job.rav4(done)
     except InputError as error:
         say(f"Without the RAV4's drive: {error}")
+    try:
+        with progress("the Genesis's third lap") as done:
+            results["genesis"] = job.on_genesis(extended, done)
+    except InputError as error:
+        say(f"Without the Genesis: {error}")
     with progress("hills and banks") as done:
         results["plants"] = job.on_plants(done)
     job.write(results, out)

@@ -23,7 +23,8 @@ from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.identify.side_slip import SideSlipFit, fit_side_slip
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.mismatch.observed import fitted_place
+from vsense_ros.model.vehicle import Reference, Vehicle
 from vsense_ros.observer import run
 
 IDENTIFIED_FROM = ("cpg_slow_lap.mat", "cpg_fast_lap.mat")
@@ -141,6 +142,34 @@ def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) ->
     rolling = baselines.kinematic(lap, vehicle.physics.chassis.cog_to_rear_axle)
     results["kinematic"] = _figures(baselines.score_all(rolling, lap))
     return results
+
+
+def side_slip(folder: Path, vehicle: Vehicle, stated: Reference, progress: Progress | None = None) -> dict[str, float]:
+    """Error of the side slip on the third lap [deg], at 10 Hz and within the outage: with the reference where it is
+    `stated` to be, and without its constant, where it is by the lap at 10 Hz itself. A place is told from the centre of
+    gravity, which is another for another vehicle file."""
+    path = folder / EXAMINED_ON
+    lap = genesis.read(path)
+    window = fastest_corner(lap)
+    output = run(lap, vehicle, progress=part(progress, 0, 2)).output
+    silent = genesis.read(path, gnss_outage=window)
+    in_outage = run(silent, vehicle, progress=part(progress, 1, 2)).output
+    place = fitted_place([output], [lap], vehicle)
+    assert place is not None
+    own = stated.model_copy(update={"position": (place.x, place.y, 0.0), "yaw": place.yaw})
+
+    def error(
+        estimates: Recording, recording: Recording, where: Reference, inside: tuple[float, float] | None
+    ) -> float:
+        moved = at_reference(estimates, vehicle.model_copy(update={"reference": where}))
+        return _figures(_scores(moved, recording, inside))["side_slip_rmse_deg"]
+
+    return {
+        "side_slip_deg": error(output, lap, stated, None),
+        "side_slip_without_constant_deg": error(output, lap, own, None),
+        "outage_deg": error(in_outage, silent, stated, window),
+        "outage_without_constant_deg": error(in_outage, silent, own, window),
+    }
 
 
 def _scores(output: Recording, lap: Recording, window: tuple[float, float] | None) -> Mapping[str, SignalScore]:

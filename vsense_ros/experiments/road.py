@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.evaluate.balance import Balance
+from vsense_ros.experiments import genesis
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.progress import Progress, part
@@ -89,6 +90,10 @@ FIGURES: Mapping[str, str] = {
     "grade_deg": "grade [deg]",
     "bank_deg": "bank [deg]",
     "attitude_deg": "roll or pitch on the map, the worse [deg]",
+    "side_slip_deg": "side slip, the reference where the two other laps put it [deg]",
+    "side_slip_without_constant_deg": "side slip, the mounting of the reference fitted [deg]",
+    "outage_deg": "side slip in 10 s without GNSS, the reference where the two other laps put it [deg]",
+    "outage_without_constant_deg": "the same, the mounting of the reference fitted [deg]",
 }
 
 
@@ -197,6 +202,19 @@ def on_plants(progress: Progress | None = None) -> dict[str, dict[str, float]]:
     """Figures on all of the `PLANTS`, of an observer that has the numbers of the plant's vehicle file."""
     car = load_vehicle(vehicle_path("prototype_real"))
     return {name: on_plant(name, car, car, part(progress, i, len(PLANTS))) for i, name in enumerate(PLANTS)}
+
+
+def on_genesis(extended: Path, progress: Progress | None = None) -> dict[str, dict[str, float]]:
+    """Figures of the Genesis's third lap, with the car of typical values, and `extended` by what `vsense explain` found
+    on the two other laps. Raises `InputError` where the recordings or the file are not here."""
+    folder = datasets.fetch("genesis_oxts_can")
+    folder = folder if folder.is_dir() else folder.parent
+    stated = load_vehicle(vehicle_path("genesis_identified")).reference
+    cars = {"typical": load_vehicle(vehicle_path("genesis_start")), "extended": load_vehicle(extended)}
+    return {
+        name: genesis.side_slip(folder, car, stated, part(progress, i, len(cars)))
+        for i, (name, car) in enumerate(cars.items())
+    }
 
 
 def table(results: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -208,7 +208,7 @@ def _against_reference(recordings: Sequence[Recording], vehicle: Vehicle) -> _Ag
     if not referenced:
         return _Against({}, None)
     outputs = [run(one, vehicle).output for one in referenced]
-    place = _fitted_place(outputs, referenced, vehicle)
+    place = fitted_place(outputs, referenced, vehicle)
     stated = [compare(at_reference(o, vehicle), r) for o, r in zip(outputs, referenced, strict=True)]
     moved = vehicle
     if place is not None:
@@ -237,7 +237,7 @@ def _joined(scores: Sequence[SignalScore], *, constant: bool) -> float:
     return float(np.sqrt(max(square - mean**2, 0.0)))
 
 
-def _fitted_place(
+def fitted_place(
     outputs: Sequence[Recording], recordings: Sequence[Recording], vehicle: Vehicle
 ) -> ReferencePlace | None:
     """Where on the car the reference is, and how far its axes are turned, by what it says of the car's velocity: by

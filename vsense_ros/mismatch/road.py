@@ -8,12 +8,12 @@ GNSS shifts a lap by metres and bends nothing. Without positions every recording
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.interpolate import CubicSpline
 
 from vsense_ros.model.effects.base import SPACING
 
@@ -26,8 +26,7 @@ TURNED = 0.6  # [rad] between directions of one road
 SURE = 6  # points in a row that begin or end a stretch that was driven before
 STEADY = 20  # points over which the shift between two passes is averaged
 AGAIN = 60.0  # [m] after which a car may come to a place again
-STANDING = 1e-3  # [m] from one instant to the next, below which a slope has no change per metre
-TURNING = 100  # instants over which a course is averaged before it is differentiated
+TURN = 1e-4  # [rad] for derivatives by what a car has turned
 STRETCH = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
 
 
@@ -145,25 +144,38 @@ def _smooth(values: Array) -> Array:
     return np.convolve(padded, np.ones(5) / 5, mode="valid")
 
 
-def bending(along: Array, across: Array, place: Array, turned: Array) -> tuple[Array, Array]:
-    """What grade and bank of a surface change by along the way [rad/m], as `GRADE_CHANGE` and `BANK_CHANGE`, (n,) each,
-    from the slopes (n,) [rad] along and across a car at abscissae `place` (n,) [m] that has `turned` [rad].
+Slopes = tuple[Array | float, Array | float]
 
-    The axes in which the slopes are told turn with the car (a Darboux frame on the surface): what they change by on a
-    plane that the car turns on is no bend of it, and a bend of constant bank is a cone, which is bent. Zero where the
-    abscissa jumps from one stretch of road to another, and where the car hardly moves.
+
+def bending(
+    slopes: Callable[[Array], Slopes], changes: Slopes, turned: Array, curvature: Array
+) -> tuple[Array | float, Array | float]:
+    """What grade and bank of a surface change by along the way [rad/m], as `GRADE_CHANGE` and `BANK_CHANGE`, (n,) each.
+
+    `slopes` are those along and across a car [rad] that has `turned` so far (n,) [rad], `changes` what these change by
+    from place to place [rad/m]; `curvature` (n,) is that of the road [1/m]. The axes in which slopes are told turn with
+    the road (a Darboux frame on the surface): what they change by on a plane is no bend of it, and a bend of constant
+    bank is a cone, which is bent.
     """
-    if len(place) < 2:
-        return np.zeros(len(place)), np.zeros(len(place))
-    moved = np.gradient(place)
-    on_one_road = (np.abs(moved) < POINT) & (np.abs(moved) > STANDING)
-    per_metre = np.where(on_one_road, 1 / np.where(on_one_road, moved, 1.0), 0.0)
-    # The course comes from GNSS, whose noise between neighbours is no turn.
-    turning = np.gradient(uniform_filter1d(turned, min(TURNING, len(turned)), mode="nearest"))
-    return (
-        (np.gradient(along) - across * turning) * per_metre,
-        (np.gradient(across) + along * turning) * per_metre,
-    )
+    along, across = slopes(turned)
+    left, right = (slopes(turned + by) for by in (TURN, -TURN))
+    by_turn = [(one - other) / (2 * TURN) for one, other in zip(left, right, strict=True)]
+    bend, twist = changes
+    return bend + (by_turn[0] - across) * curvature, twist + (by_turn[1] + along) * curvature
+
+
+def curvature(place: Array, turned: Array) -> Array:
+    """How much the road turns per metre (n,) [1/m], from the abscissae (n,) of a car on it and what it has turned (n,)
+    [rad]: over twice `SPACING`, in which a car that weaves on a straight road has turned back. Zero where the abscissa
+    jumps to another stretch of road."""
+    found = np.zeros(len(place))
+    jumps = np.flatnonzero(np.abs(np.diff(place)) > POINT) + 1
+    for rows in np.split(np.arange(len(place)), jumps):
+        s = np.maximum.accumulate(place[rows])
+        first, last = (np.clip(s + by, s[0], s[-1]) for by in (-SPACING, SPACING))
+        turn = np.interp(last, s, turned[rows]) - np.interp(first, s, turned[rows])
+        found[rows] = np.where(last - first > POINT, turn / np.maximum(last - first, POINT), 0.0)
+    return found
 
 
 def point(size: str, abscissa: float) -> str:
@@ -179,13 +191,33 @@ def place_of(name: str) -> tuple[str, float] | None:
 
 def profile(points: Mapping[float, float], place: Array) -> Array:
     """Values at places, linearly between the points, falling to zero within `SPACING` beyond the ends of a stretch."""
-    at = np.array(sorted(points))
-    value = np.array([points[abscissa] for abscissa in at])
+    at, value = _in_order(points)
     ends = np.flatnonzero(np.diff(at) > 2 * SPACING)
     zeros = np.concatenate([[at[0] - SPACING], at[ends] + SPACING, at[ends + 1] - SPACING, [at[-1] + SPACING]])
     everywhere = np.concatenate([at, zeros])
     order = np.argsort(everywhere, kind="stable")
     return np.interp(place, everywhere[order], np.concatenate([value, np.zeros(len(zeros))])[order])
+
+
+def profile_change(points: Mapping[float, float], place: Array) -> Array:
+    """What the values change by per metre: of a natural cubic spline through the points of each stretch, as no road has
+    the kinks of straight lines, which would shake a car. Beyond the ends of a stretch, of which nothing is known, as at
+    them; zero farther away, and where a stretch has one point."""
+    at, value = _in_order(points)
+    found = np.zeros(len(place))
+    for rows in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 2 * SPACING) + 1):
+        first, last = at[rows[0]], at[rows[-1]]
+        near = (place > first - SPACING) & (place < last + SPACING)
+        if len(rows) > 1 and near.any():
+            spline = CubicSpline(at[rows], value[rows], bc_type="natural")
+            found[near] = spline(np.clip(place[near], first, last), 1)
+    return found
+
+
+def _in_order(points: Mapping[float, float]) -> tuple[Array, Array]:
+    """Places and values."""
+    at = np.array(sorted(points))
+    return at, np.array([points[abscissa] for abscissa in at])
 
 
 def points(places: Sequence[Array]) -> list[float]:

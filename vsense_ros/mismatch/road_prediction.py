@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import with_offsets
-from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slope
+from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slopes_by
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import in_pieces, odd
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.search import SECANT, at_place
+from vsense_ros.mismatch.search import SECANT
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]
@@ -60,21 +60,20 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
     residuals without a road, which stay where that car gets lost."""
     known = {parameter.place for parameter in found.free_parameters if parameter.place is not None}
     sizes = [parameter for parameter in found.free_parameters if parameter.name in {size for size, _ in known}]
-    columns, free_parameters = [], []
     unknown = Fit(
         found.parameter_set, (), np.zeros(0), residuals(found.parameter_set, before),
         [np.zeros((len(r), 0)) for r in before],
         prior_weight(before),
     )  # fmt: skip
-    for size in sizes:
-        everywhere = slope(residuals, found.parameter_set, unknown, size, SECANT)
+    free_parameters = [
+        parameter
+        for size in sizes
         for parameter in at_places(
             size, [at for at in residuals.predictor.dataset.points if (size.name, at) not in known]
-        ):
-            assert parameter.place is not None
-            share = at_place(residuals, everywhere, parameter.place[1])
-            columns.append([part * (parameter.deviation / size.deviation) for part in share])
-            free_parameters.append(parameter)
+        )
+    ]
+    # A slope at one place bends the road beside it, which no share of the slope everywhere tells.
+    columns = slopes_by(residuals, found.parameter_set, unknown, free_parameters, SECANT)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
     begin = Fit(
         found.parameter_set,

@@ -15,7 +15,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import TORQUE_SHARES, size_of
-from vsense_ros.mismatch.road import bending, place_of, profile
+from vsense_ros.mismatch.road import bending, curvature, place_of, profile, profile_change
 from vsense_ros.mismatch.signals import noise, signals
 from vsense_ros.mismatch.windows import (
     HOLDING_TIME,
@@ -61,8 +61,8 @@ SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres t
 CORNERING_STIFFNESS = 14.0  # [1/rad] the same of lateral force per slip angle, where a window begins
 BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
 SMOOTH = 0.3  # [s] of the mean that tells driving from braking
-DRIVING, DRIVING_SHARE = 20.0, 95.0  # [N m] of torque that an axle is driven with, in a twentieth of the time
-NOT_DRIVEN = 0.15  # share of the torque below which an axle is not driven
+DRIVING, DRIVING_SHARE = 1.0, 95.0  # [N m] of torque that a driven wheel has in a twentieth of the time, at least
+NOT_DRIVEN = 0.15  # share of the torque, of all or of the other axle, below which an axle is not driven
 SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
 LOST = "the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
@@ -109,6 +109,11 @@ def varying_sizes(values: Mapping[str, float], profiles: Sequence[Profiles], pla
     for name, points in (pair for one in profiles for pair in one.items()):
         found[name] = found.get(name, 0.0) + profile(points, place)
     return {name: np.clip(values[name] + v, *_physical(name)) for name, v in found.items() if v.any()}
+
+
+def _change(name: str, profiles: Sequence[Profiles], place: Array) -> Array:
+    """What a size changes by per metre at places with these abscissae [m]."""
+    return sum((profile_change(one[name], place) for one in profiles if name in one), np.zeros(len(place)))
 
 
 @dataclass(frozen=True)
@@ -223,7 +228,8 @@ class Predictor:
         if torques:
             with np.errstate(all="ignore"):
                 most = np.nanpercentile(np.concatenate(torques), DRIVING_SHARE, axis=0).reshape(2, 2).max(axis=1)
-            return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > DRIVING)
+            least = max(DRIVING, NOT_DRIVEN * float(most.max()))
+            return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > least)
         front = parameter_set.values[next(iter(TORQUE_SHARES))]
         return frozenset(axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > NOT_DRIVEN)
 
@@ -268,6 +274,11 @@ class Predictor:
         ]
 
     @cached_property
+    def _curvature(self) -> list[Array]:
+        """Of the road in the middle of each step [1/m], by window."""
+        return [curvature(place, turned) for turned, place in self._way]
+
+    @cached_property
     def _known(self) -> Profiles:
         """The profiles of the vehicle file, on the road of the data."""
         found: dict[str, dict[float, float]] = {}
@@ -297,12 +308,17 @@ class Predictor:
         varying = varying_sizes(parameter_set.values, profiles, place)
         around = np.zeros((len(place), len(DISTURBANCES)))
         for id in _SLOPING:
-            along, across = effect_of(parameter_set, id, varying).slope(turned)
+            effect = effect_of(parameter_set, id, varying)
+            along, across = effect.slope(turned)
             around[:, GRADE] += along
             around[:, BANK] += across
-        if around.any():
-            changes = bending(around[:, GRADE], around[:, BANK], place, turned)
-            around[:, GRADE_CHANGE], around[:, BANK_CHANGE] = changes
+            if not np.any([along, across]):
+                continue
+            change = {size_of(id): _change(size_of(id), profiles, place)}
+            changes = effect_of(parameter_set, id, change).slope(turned)
+            bend, twist = bending(effect.slope, changes, turned, self._curvature[index])
+            around[:, GRADE_CHANGE] += bend
+            around[:, BANK_CHANGE] += twist
         late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
         speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
         steering, torques = (self._telling(sensors, what) or "" for what in INPUTS)

@@ -133,7 +133,11 @@ class _Judge:
         for e in sorted(hypotheses, key=self.proven.__getitem__, reverse=True):
             self.best.setdefault(frozenset(e.effects), e)
             if len(e.candidates) == 1:
-                self.ranked.setdefault(e.effects[0], e)
+                first = self.ranked.setdefault(e.effects[0], e)
+                # Of a road that the unseen recordings never come to, these prove neither form: the likelier is told.
+                along = any(candidate.along_road for candidate in e.candidates)
+                if along and max(self.proven[first], self.proven[e]) <= least_gain < e.score > first.score:
+                    self.ranked[e.effects[0]] = e
         self.objections = Objections(validation, self.best, with_profile, least_gain, thresholds)
         self.holds, self.agreed = self.objections.holds, self.objections.agreed
         self.least_term_gain = thresholds.least_term_gain * max(1.0, least_gain / thresholds.least_gain)
