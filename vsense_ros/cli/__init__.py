@@ -11,6 +11,7 @@ import click
 from vsense_ros.cli import (
     accelerator,
     characterise,
+    design,
     estimate,
     experiments,
     explain,
@@ -59,6 +60,7 @@ for _command in (
     *export.COMMANDS,
     *vehicle.COMMANDS,
     *characterise.COMMANDS,
+    *design.COMMANDS,
     *experiments.COMMANDS,
     *accelerator.COMMANDS,
 ):

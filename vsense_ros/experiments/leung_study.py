@@ -35,7 +35,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
-from vsense_ros.navigation.motion import Readout, Snapshot
+from vsense_ros.navigation.motion import Motions, Readout
 from vsense_ros.navigation.space import MOTION
 
 Array = NDArray[np.float64]
@@ -81,6 +81,7 @@ class Case:
     errors: Errors = Errors()
     outage: tuple[float, float] | None = None
     plant: str = PLANT
+    noise: float = 1.0  # of all sensors, as a share of what they have; with 0 what is left is the models' error
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def readings(truth: Truth, case: Case) -> Readings:
     """With the noise of the case's seed."""
     errors, n = case.errors, len(truth.t)
     random = np.random.default_rng([case.seed, 2010])
-    noise = random.standard_normal((n, 11))
+    noise = case.noise * random.standard_normal((n, 11))
     imu = np.zeros((n, 6))
     imu[:, 2] = truth.yaw_rate + errors.gyro.bias + errors.gyro.noise * noise[:, 0]
     forces = truth.forces if errors.feels_gravity else truth.level_forces
@@ -190,7 +191,14 @@ def readings(truth: Truth, case: Case) -> Readings:
 def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
     """What a filter makes of a case, and how far that is from the truth: by quantity RMSE and range of the truth, over
     the whole run and when settled; normalized errors squared of side slip and yaw; final parameters."""
-    read, sensors = readings(truth, case), sensors_of(case.errors)
+    read = readings(truth, case)
+    motions, at = follow(name, truth, case, read)
+    return _scores(motions, truth, at, read, case.errors)
+
+
+def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
+    """What a filter makes of the readings of a case, at each tenth of them, whose places (n,) come with it."""
+    sensors = sensors_of(case.errors)
     # The plant's road is level, which every filter of the thesis takes for granted.
     numbers = {**car_numbers(_study_car(case.plant), sensors.values()), "road_bank": 1e-3}
     filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)
@@ -222,13 +230,10 @@ def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
         if k % KEPT == 0:
             snapshots.append(readout.snapshot(k))
             at.append(k)
-    return _scores(readout, snapshots, truth, np.array(at), read, case.errors)
+    return readout.motions(snapshots), np.array(at)
 
 
-def _scores(
-    readout: Readout, snapshots: list[Snapshot], truth: Truth, at: NDArray[np.int64], read: Readings, errors: Errors
-) -> dict[str, Any]:
-    motions = readout.motions(snapshots)
+def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Readings, errors: Errors) -> dict[str, Any]:
     settled = truth.t[at] > SETTLED
     straight = np.abs(truth.yaw_rate) < 1e-3
     radius = float(np.mean(2 * truth.forward_velocity[straight] / truth.spins[straight, 2:].sum(axis=1)))

@@ -1,0 +1,82 @@
+"""Say which accuracy sensors give, and which sensors an accuracy needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+FILTERS = ("dual_kkf", "inertial", "integrated")
+FILTERS_WITH_ANTENNAS = ("dual_kkf_heading", "inertial", "integrated")
+_ABOVE_0 = click.FloatRange(0, min_open=True)
+
+
+@click.command()
+@click.argument("manoeuvre", default="lane_change_35")
+@click.option("--filter", "filters", multiple=True, metavar="NAME", help=f"Default: {', '.join(FILTERS)}.")
+@click.option("--receiver", metavar="NAME", default="dg_100", show_default=True, help="Of `vsense manoeuvres`.")
+@click.option("--fix-rate", type=click.FloatRange(0.1, 100), default=1.0, show_default=True, metavar="HZ")
+@click.option("--grade", default="cheap", show_default=True, metavar="NAME", help="cheap, industrial or tactical IMU.")
+@click.option("--gyro-noise", type=_ABOVE_0, metavar="DEG/S", help="Of a sample of 10 ms, in place of the grade's.")
+@click.option("--gyro-bias", type=click.FloatRange(0), metavar="DEG/S", help="Likewise.")
+@click.option("--force-noise", type=_ABOVE_0, metavar="M/S2", help="Of a sample of an accelerometer.")
+@click.option("--force-bias", type=click.FloatRange(0), metavar="M/S2", help="Likewise.")
+@click.option("--antennas", type=click.FloatRange(0.1, 20), metavar="M", help="Two, so far apart, tell the heading.")
+@click.option("--latency", type=click.FloatRange(0, 5), default=0.0, metavar="S", help="Of fixes, untold.")
+@click.option("--outage", type=float, nargs=2, metavar="FROM TO", help="Without fixes, in s; errors are those in it.")
+@click.option("--side-slip", "wanted", type=_ABOVE_0, metavar="DEG", help="Wanted: which sensors give it?")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="Of the noise.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/design"), show_default=True,
+    help="Where to write, without an ending: a picture and JSON.",
+)  # fmt: skip
+def design(
+    manoeuvre: str, filters: tuple[str, ...], receiver: str, fix_rate: float, grade: str, gyro_noise: float | None,
+    gyro_bias: float | None, force_noise: float | None, force_bias: float | None, antennas: float | None,
+    latency: float, outage: tuple[float, float] | None, wanted: float | None, seeds: int, out: Path,
+) -> None:  # fmt: skip
+    """Say what a receiver and inertial sensors can tell of heading and side slip, before buying them.
+
+    A saloon drives MANOEUVRE with all its degrees of freedom; filters follow it with these sensors at its centre of
+    gravity. Beside that stand the closed forms of Leung 2010, section 4.6.
+
+    \b
+    Examples:
+      vsense design
+      vsense design double_oval_45 --receiver survey --fix-rate 10 --grade industrial
+      vsense design lane_change_45 --side-slip 0.1 --filter inertial
+      vsense design double_oval_35 --outage 60 70
+    """
+    from dataclasses import replace
+    from math import radians
+
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.experiments import design as job
+    from vsense_ros.experiments import design_picture
+    from vsense_ros.experiments.leung_study import Error, Errors
+
+    errors = job.with_grade(job.with_receiver(Errors(), receiver, fix_rate), grade)
+    gyro, force = errors.gyro, errors.force
+    errors = replace(
+        errors,
+        gyro=Error(
+            gyro.noise if gyro_noise is None else radians(gyro_noise),
+            gyro.bias if gyro_bias is None else radians(gyro_bias),
+        ),
+        force=Error(
+            force.noise if force_noise is None else force_noise, force.bias if force_bias is None else force_bias
+        ),
+    )
+    if antennas is not None:
+        errors = job.with_antennas(errors, antennas)
+    names = filters or (FILTERS if antennas is None else FILTERS_WITH_ANTENNAS)
+    plan = job.Plan(manoeuvre, errors, latency, outage)
+    with progress("driving and estimating") as done:
+        found = job.design(plan, names, out.parent / "leung", wanted=wanted, seeds=seeds, progress=done)
+    job.show(found, console())
+    job.write(found, out.with_suffix(".json"))
+    picture = design_picture.draw(found, out.with_suffix(".png"))
+    say(f"Written to {picture} and {out.with_suffix('.json').name}.")
+
+
+COMMANDS = (design,)
