@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.experiments import design as job
-from vsense_ros.experiments.leung_study import Errors, drive_plant
+from vsense_ros.experiments.leung_drives import Errors, drive_plant
 from vsense_ros.manoeuvre.receivers import RECEIVERS
 
 MANOEUVRE = "right_turn"

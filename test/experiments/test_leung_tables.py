@@ -9,7 +9,9 @@ import pytest
 
 from vsense_ros.errors import InputError
 from vsense_ros.experiments import leung
-from vsense_ros.experiments.leung_study import Case, Error, Errors, Truth, estimate, readings, receiver, study
+from vsense_ros.experiments.leung_drives import Case, Error, Errors, Truth, readings, receiver
+from vsense_ros.experiments.leung_observers import BOUND, OBSERVERS
+from vsense_ros.experiments.leung_study import estimate, study
 
 
 def circle(seconds: float = 60.0, rate: float = 0.2, speed: float = 10.0) -> Truth:
@@ -77,7 +79,22 @@ def test_every_table_names_filters_and_manoeuvres_that_exist_and_has_a_figure_fo
 
     for table in leung.TABLES.values():
         assert all(len(figures) == len(table.columns) for figures in table.printed.values())
-        assert all(column.filter in FILTERS.names for column in table.columns)
+        assert all(column.filter in (*FILTERS.names, *OBSERVERS) for column in table.columns)
         assert all(table.manoeuvres[row] in MANOEUVRES for row in table.printed)
     with pytest.raises(InputError, match=r"no table '9\.9'"):
         leung.repeat(["9.9"], Path(), None)
+
+
+@pytest.mark.slow
+def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_thesis_and_none_beats_the_bound(
+    tmp_path: Path,
+) -> None:
+    printed = leung.TABLES["5.5"].printed
+    cases = [Case(leung.ROWS[row], 0) for row in ("DO55", "LC55")]
+    names = ("error_ekf", BOUND, "integrated")
+    results = study([(case, names) for case in cases], tmp_path, processes=1)
+    found = leung.side_slips(results)
+    for row in ("DO55", "LC55"):
+        error, bound = (found[name][row]["beta_nrmsd_percent"] for name in ("error_ekf", BOUND))
+        assert error <= 0.5 * printed[row][1]
+        assert 0 < bound < found["integrated"][row]["beta_nrmsd_percent"]

@@ -53,7 +53,7 @@ def design(
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.experiments import design as job
     from vsense_ros.experiments import design_picture
-    from vsense_ros.experiments.leung_study import Error, Errors
+    from vsense_ros.experiments.leung_drives import Error, Errors
 
     errors = job.with_grade(job.with_receiver(Errors(), receiver, fix_rate), grade)
     gyro, force = errors.gyro, errors.force

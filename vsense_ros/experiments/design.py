@@ -19,7 +19,8 @@ from rich.console import Console
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.signals import wrap
 from vsense_ros.evaluate.terminal import plain_table
-from vsense_ros.experiments.leung_study import STEP, Case, Error, Errors, Truth, drive_plant, follow, readings
+from vsense_ros.experiments.leung_drives import STEP, Case, Error, Errors, Truth, drive_plant, readings
+from vsense_ros.experiments.leung_study import follow
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.receivers import RECEIVERS

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, STYLE, TRUTH
 from vsense_ros.experiments.design import GRADES, Design
-from vsense_ros.experiments.leung_study import STEP
+from vsense_ros.experiments.leung_drives import STEP
 from vsense_ros.manoeuvre.receivers import RECEIVERS
 from vsense_ros.navigation import accuracy
 

@@ -23,7 +23,9 @@ from vsense_ros.evaluate.metrics import compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.experiments import leung_models
-from vsense_ros.experiments.leung_study import Case, Error, Errors, Results, study
+from vsense_ros.experiments.leung_drives import Case, Error, Errors
+from vsense_ros.experiments.leung_observers import BOUND
+from vsense_ros.experiments.leung_study import Results, study
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -44,7 +46,7 @@ SECTION_4_4 = Errors(gyro=Error(1e-6, 0.0), fix=5e-4**0.5, feels_gravity=False)
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity of a filter, as R or as N."""
+    """A quantity of a filter, as R or as N; of kind S the deviation that the filter states, as N."""
 
     title: str
     filter: str
@@ -172,15 +174,19 @@ TABLES = {
             "beta 2c N|mekf_2c|side_slip|N", "r triple b N|triple_kkf_b|yaw_rate|N",
             "r IKF a N|integrated_kf_a|yaw_rate|N", "r 2c N|mekf_2c|yaw_rate|N",
             "beta integrated N|integrated|side_slip|N", "beta inertial N|inertial|side_slip|N",
+            "beta errorEKF N|error_ekf|side_slip|N", "beta SPI N|spi|side_slip|N", "beta bound N|bound|side_slip|S",
         ),
         _printed(
-            "DO15 6.8045 0.4174 0.6062 0.7560 0.4377 0.8362 - -", "DO25 5.2610 0.3232 0.8253 0.4946 0.3555 0.5631 - -",
-            "DO35 6.9596 0.5600 1.2146 0.3849 0.3683 0.3609 - -", "DO45 15.1912 4.0282 3.5376 0.3259 0.3511 0.2580 - -",
-            "DO55 12.7709 12.8077 10.1776 0.2911 0.7194 0.7895 - -",
-            "LC15 21.0481 1.8495 2.3481 2.6157 1.8660 2.1964 - -", "LC25 17.8751 1.4995 2.3685 2.109 1.4815 2.0595 - -",
-            "LC35 17.2353 1.4223 1.9844 1.7858 1.2260 1.6298 - -",
-            "LC45 24.3931 2.2926 2.7409 1.5617 1.0856 1.4280 - -",
-            "LC55 69.7912 9.2321 9.8130 1.4422 0.99748 1.2488 - -",
+            "DO15 6.8045 0.4174 0.6062 0.7560 0.4377 0.8362 - - - - -",
+            "DO25 5.2610 0.3232 0.8253 0.4946 0.3555 0.5631 - - - - -",
+            "DO35 6.9596 0.5600 1.2146 0.3849 0.3683 0.3609 - - - - -",
+            "DO45 15.1912 4.0282 3.5376 0.3259 0.3511 0.2580 - - - - -",
+            "DO55 12.7709 12.8077 10.1776 0.2911 0.7194 0.7895 - - - - -",
+            "LC15 21.0481 1.8495 2.3481 2.6157 1.8660 2.1964 - - - - -",
+            "LC25 17.8751 1.4995 2.3685 2.109 1.4815 2.0595 - - - - -",
+            "LC35 17.2353 1.4223 1.9844 1.7858 1.2260 1.6298 - - - - -",
+            "LC45 24.3931 2.2926 2.7409 1.5617 1.0856 1.4280 - - - - -",
+            "LC55 69.7912 9.2321 9.8130 1.4422 0.99748 1.2488 - - - - -",
         ),
     ),
 }  # fmt: skip
@@ -251,29 +257,38 @@ def _figures(
 
 def _figure(result: Mapping[str, Any], column: Column) -> float:
     score = result[column.quantity]
+    if column.kind == "S":
+        return float(100 * result[f"expected_{column.quantity}"] / score["range"])
     return 100 * score["rmse"] / (score["range"] if column.kind == "N" else 1.0)
 
 
-def integrated(results: Results) -> dict[str, dict[str, dict[str, float]]]:
-    """Of what the study has: the integrated filter's side slip by row, its normalized error squared, and the `bound`,
-    what its covariance says is possible with these sensors on a plant whose model errors are as large as it assumes."""
-    found: dict[str, dict[str, dict[str, float]]] = {"integrated": {}, "bound": {}}
+def side_slips(results: Results) -> dict[str, dict[str, dict[str, float]]]:
+    """Of what the study has, by row: the side slip of the integrated filter and of the observers with their normalized
+    error squared, and the `bound`."""
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for name in ("integrated", "error_ekf", "spi"):
+        for row, manoeuvre in ROWS.items():
+            every = _of_row(results, name, manoeuvre)
+            if every:
+                extent = every[0]["side_slip"]["range"]
+                found.setdefault(name, {})[row] = {
+                    "beta_nrmsd_percent": float(np.mean([100 * one["side_slip"]["rmse"] / extent for one in every])),
+                    "nees": float(np.mean([one["nees"]["side_slip"] for one in every])),
+                }
     for row, manoeuvre in ROWS.items():
-        every = [
-            one
-            for (case, name), one in results.items()
-            if name == "integrated" and case.manoeuvre == manoeuvre and case.errors == Errors()
-        ]
-        if not every:
-            continue
-        extent = every[0]["side_slip"]["range"]
-        found["integrated"][row] = {
-            "beta_nrmsd_percent": float(np.mean([100 * one["side_slip"]["rmse"] / extent for one in every])),
-            "nees": float(np.mean([one["nees"]["side_slip"] for one in every])),
-        }
-        expected = float(np.mean([100 * one["expected_side_slip"] / extent for one in every]))
-        found["bound"][row] = {"beta_nrmsd_percent": expected}
+        bounds = _of_row(results, BOUND, manoeuvre)
+        if bounds:
+            share = [100 * one["expected_side_slip"] / one["side_slip"]["range"] for one in bounds]
+            found.setdefault(BOUND, {})[row] = {"beta_nrmsd_percent": float(np.mean(share))}
     return found
+
+
+def _of_row(results: Results, name: str, manoeuvre: str) -> list[Mapping[str, Any]]:
+    return [
+        one
+        for (case, filter), one in results.items()
+        if filter == name and case.manoeuvre == manoeuvre and case.errors == Errors()
+    ]
 
 
 def table_genesis(laps: Path) -> dict[str, dict[str, dict[str, float | None]]]:
@@ -341,5 +356,5 @@ def write(found: Found, results: Results, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     with atomic_write(path) as file:
-        json.dump({**known, **found, **integrated(results)}, file, indent=2)
+        json.dump({**known, **found, **side_slips(results)}, file, indent=2)
         file.write("\n")
