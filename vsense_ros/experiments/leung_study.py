@@ -59,8 +59,9 @@ def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
 def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
     """What a filter makes of the readings of a case, at each tenth of them, whose places (n,) come with it."""
     sensors = sensors_of(case.errors)
-    # The plant's road is level, which every filter of the thesis takes for granted.
-    numbers = {**car_numbers(study_car(case.plant), sensors.values()), "road_bank": 1e-3}
+    # The plant's road is level and its tyres are known, which every filter of the thesis takes for granted.
+    known = {"road_bank": 1e-3, "stiffness_deviation": 0.02}
+    numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
     filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)
     readout = Readout(filter)
     variances = {key: sensor.deviations() ** 2 for key, sensor in sensors.items()}

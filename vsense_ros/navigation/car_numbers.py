@@ -13,6 +13,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 STRAIGHT = float(np.radians(1.0))  # [rad/s] of yaw rate below which Leung 2010 (4.2.1) calls a drive straight
 TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes in time
+STIFFNESS_DEVIATION = 0.15  # share by which a car's tyres may be softer or stiffer than its file says
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
 
 
@@ -31,7 +32,8 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "front_stiffness": 2 * float(front.tyre.cornering_stiffness_at(load * b)) * front.cornering_scale,
         "rear_stiffness": 2 * float(rear.tyre.cornering_stiffness_at(load * a)) * rear.cornering_scale,
         "friction": vehicle.physics.road.friction,
-        "roll_gain": roll_gain(vehicle),
+        "stiffness_deviation": STIFFNESS_DEVIATION,
+        **roll_numbers(vehicle),
         "rolling_radius": rear.unloaded_radius * LOADED,
         "rear_track": rear.track,
         "straight_rate": STRAIGHT,
@@ -56,17 +58,31 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
     return found
 
 
-def roll_gain(vehicle: Vehicle) -> float:
-    """Share of a lateral acceleration that the body's roll adds to what an accelerometer feels: g dφ/da_y, with the
-    springs at the wheels, on straight guides (Milliken & Milliken 1995, section 18.4)."""
-    chassis, front, rear = vehicle.physics.chassis, vehicle.physics.front, vehicle.physics.rear
-    axles, stiffness = (front, rear), 0.0
-    for axle in axles:
-        wheel = axle.suspension_stiffness + 2 * axle.antiroll_stiffness
-        at_road = 1 / (1 / wheel + 1 / axle.tyre_stiffness)
-        stiffness += at_road * axle.track**2 / 2
+def roll_numbers(vehicle: Vehicle) -> dict[str, float]:
+    """How the body rolls on its springs, with straight guides of the wheels (Milliken & Milliken 1995, section 18.4).
+
+    `roll_gain`: share of a lateral acceleration that roll adds to what an accelerometer feels, g dφ/da_y. What the
+    roll centres carry passes the springs by, but not the tyres. `roll_frequency` [rad/s] and `roll_damping` [-] are
+    those of the body on springs and tyres, `roll_arm` [m] the height of cog above its roll axis.
+    """
+    chassis, axles = vehicle.physics.chassis, (vehicle.physics.front, vehicle.physics.rear)
     a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
-    axis = (front.roll_centre_height * b + rear.roll_centre_height * a) / (a + b)
-    unsprung = 2 * sum(axle.hub_mass + axle.wheel_mass for axle in axles)
-    moment = (chassis.mass - unsprung) * (chassis.cog_height - axis)
-    return GRAVITY * moment / (stiffness - moment * GRAVITY)
+    springs = sum((x.suspension_stiffness + 2 * x.antiroll_stiffness) * x.track**2 / 2 for x in axles)
+    tyres = sum(x.tyre_stiffness * x.track**2 / 2 for x in axles)
+    dampers = sum(x.suspension_damping * x.track**2 / 2 for x in axles)
+    axis = (axles[0].roll_centre_height * b + axles[1].roll_centre_height * a) / (a + b)
+    unsprung = [2 * (x.hub_mass + x.wheel_mass) for x in axles]
+    body = chassis.mass - sum(unsprung)
+    below = sum(mass * x.unloaded_radius for mass, x in zip(unsprung, axles, strict=True))
+    moment = body * ((chassis.mass * chassis.cog_height - below) / body - axis)
+    on_springs, on_tyres = moment / springs, chassis.mass * chassis.cog_height / tyres
+    gain = (on_springs + on_tyres) / (1 - GRAVITY * (on_springs + moment / tyres))  # dφ/da_y [rad/(m/s²)]
+    # About cog, since it is the acceleration of cog that turns the body.
+    inertia, stiffness = chassis.roll_inertia, moment / gain
+    share = on_springs / (on_springs + on_tyres)  # of the roll that the dampers see
+    return {
+        "roll_gain": GRAVITY * gain,
+        "roll_frequency": float(np.sqrt(stiffness / inertia)),
+        "roll_damping": float(dampers * share**2 / (2 * np.sqrt(stiffness * inertia))),
+        "roll_arm": chassis.cog_height - axis,
+    }

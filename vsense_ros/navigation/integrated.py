@@ -3,7 +3,11 @@ that the car measures; no gates for straight lines (beyond Leung 2010; Best et a
 
     v̇_x = a_x - b_x + r v_y
     v̇_y = (F_f cos δ + F_r) / m - r v_x - g sin φ_road,  ṙ = (a F_f cos δ - b F_r) / J,  ψ̇ = r
+    φ̇ = p,  ṗ = ω² (κ (F_f cos δ + F_r) / (m g) - φ) - 2 ζ ω p
     F = μ F_z f(k C α / (μ F_z))   a brush tyre with a parabolic pressure (Pacejka 2012, section 3.2.1)
+
+Where the body rolls, its centre of gravity moves aside of the wheels: they slip by v_y + h p, not by v_y. At the speed
+at which a car's side slip changes its sign that is a fifth of all of it.
 
 ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
@@ -20,9 +24,11 @@ from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
-STIFFNESS_DRIFT = 0.03  # of ln k after one second at a slip angle of `FULL_SLIP`
+STIFFNESS_DRIFT = 0.2  # of ln k after one second at a slip angle of `FULL_SLIP`, over its deviation at start
 FULL_SLIP = 0.05  # [rad]
-FORCE_NOISE, MOMENT_NOISE = 0.012, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
+FORCE_NOISE, MOMENT_NOISE = 0.006, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
+ROLL_NOISE = 0.002  # [rad/s²/√Hz] likewise, about the roll axis
+_KNOWN = "stiffness_deviation"
 _SLIDES = 3.0  # normalized slip from which a brush tyre slides
 
 
@@ -32,25 +38,27 @@ class Integrated(NavigationSpace):
     names = (
         "forward_velocity", "lateral_velocity", "yaw_rate", "yaw", "gyro_bias", "steering_bias",
         "acceleration_bias_x", "acceleration_bias_y", "front_ln_stiffness", "rear_ln_stiffness", "rolling_radius",
-        "bank",
+        "bank", "roll", "roll_rate",
     )  # fmt: skip
     inputs = ("acceleration_x", "steer_angle")
     parameters = (
-        *single_track.PARAMETERS, "friction", "roll_gain", "gravity", "acceleration_noise", "sample_time",
-        "antenna_x", "antenna_y", "road_bank", "road_bank_time",
+        *single_track.PARAMETERS, "friction", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", _KNOWN,
+        "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y", "road_bank", "road_bank_time",
     )  # fmt: skip
     auxiliaries = ("lateral_force",)
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
         "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
-        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05,
+        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05, "roll": 0.01,
+        "roll_rate": 0.05,
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
         """Of both axles, such that the force has their sign [rad]."""
         speed = single_track.speed_of_model(x.forward_velocity)
-        front = u.steer_angle - x.steering_bias - (x.lateral_velocity + theta.to_front * x.yaw_rate) / speed
-        return front, (theta.to_rear * x.yaw_rate - x.lateral_velocity) / speed
+        across = x.lateral_velocity + theta.roll_arm * x.roll_rate
+        front = u.steer_angle - x.steering_bias - (across + theta.to_front * x.yaw_rate) / speed
+        return front, (theta.to_rear * x.yaw_rate - across) / speed
 
     def axle_forces(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
         """Across the car [N]."""
@@ -72,25 +80,31 @@ class Integrated(NavigationSpace):
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         front, rear = self.axle_forces(x, u, theta)
         along = u.acceleration_x - x.acceleration_bias_x + x.yaw_rate * x.lateral_velocity
-        across = (front + rear) / theta.mass - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
+        felt = (front + rear) / theta.mass
+        across = felt - x.yaw_rate * x.forward_velocity - theta.gravity * ca.sin(x.bank)
         turning = (theta.to_front * front - theta.to_rear * rear) / theta.yaw_inertia
         still = ca.SX.zeros(7)
-        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, -x.bank / theta.road_bank_time)
+        levelling = theta.roll_gain * felt / theta.gravity - x.roll
+        rolling = theta.roll_frequency**2 * levelling - 2 * theta.roll_damping * theta.roll_frequency * x.roll_rate
+        bank = -x.bank / theta.road_bank_time
+        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling)
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
-        seen = [STIFFNESS_DRIFT * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
+        drift = STIFFNESS_DRIFT * theta.stiffness_deviation
+        seen = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
         drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, 0.0, 1e-5, 1e-5, 1e-4, 1e-4]
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
-        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank) ** 2) * h
-        return felt + walk + drifting(h, *[1e-6] * 12)
+        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE) ** 2) * h
+        return felt + walk + drifting(h, *[1e-6] * 14)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
         return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
 
     def uncertain(self, name: str, seen: Seen) -> float:
-        return seen["road_bank"] if name == "bank" else super().uncertain(name, seen)
+        known = {"bank": "road_bank", "front_ln_stiffness": _KNOWN, "rear_ln_stiffness": _KNOWN}
+        return seen[known[name]] if name in known else super().uncertain(name, seen)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         along = u.acceleration_x - x.acceleration_bias_x
@@ -117,7 +131,9 @@ def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 
 GYRO = Measurement("gyro", lambda x, z, u, p: x.yaw_rate + x.gyro_bias, (0.003,))
 LATERAL_FORCE = Measurement(
-    "lateral_force", lambda x, z, u, p: (1 + p.roll_gain) * z.lateral_force + x.acceleration_bias_y, (0.5,)
+    "lateral_force",
+    lambda x, z, u, p: z.lateral_force + p.gravity * ca.sin(x.roll) + x.acceleration_bias_y,
+    (0.5,),
 )
 VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
 HEADING = Measurement("heading", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,))
