@@ -6,7 +6,7 @@ Of filters of one state space. All messages are put in the order of their measur
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -34,6 +34,7 @@ def run_smoothed(
 ) -> Run:
     """As `run`, each estimate in the light of the whole recording (Rauch, Tung & Striebel 1965), or of `lag` [s] after
     it. Raises `InputError` as `run` does, and for a filter of several state spaces."""
+    done = progress or (lambda share: None)
     navigator = Navigator(vehicle, name, recording.map_origin)
     ekf = navigator.filter.filter
     if not isinstance(ekf, Ekf):
@@ -45,25 +46,13 @@ def run_smoothed(
     step = vehicle.observer.longest_step
     record = Record(ekf) if lag is None else FixedLag(ekf, max(1, round(lag / step)))
     navigator.filter.filter = record
-    found, at_start, snapshots = [], 0, []
-    events = navigator.events(recording.samples(topics_in(recording, navigator.topics)))
-    for i, event in enumerate(events):
-        if progress is not None and i % 500 == 0:
-            progress(0.7 * i / len(events))
-        if not navigator.started:
-            navigator.begin_with(event)
-            if navigator.started:
-                at_start = navigator.stamp
-                snapshots.append(navigator.readout.snapshot(at_start))
-            continue
-        elapsed = (event.stamp - at_start) * 1e-9 - record.instants[-1].time
-        for _ in range(count := int(np.ceil(max(elapsed, 0.0) / step - 1e-6))):
-            navigator.filter.predict(elapsed / count)
-            snapshots.append(navigator.readout.snapshot(at_start + round(record.instants[-1].time * 1e9)))
-        navigator.correct(event)
+    found: list[Snapshot] = []
+    snapshots: list[Snapshot] = []
+    for count in follow(navigator, record, recording, step, snapshots, lambda share: done(0.7 * share)):
         if isinstance(record, FixedLag) and len(snapshots) >= len(record.instants) and count:
             when, belief = record.delayed()
-            found.append(_as(snapshots[-len(record.instants)], belief, at_start + round(when * 1e9)))
+            at = snapshots[0].stamp + round(when * 1e9)
+            found.append(_as(snapshots[-len(record.instants)], belief, at))
     if not snapshots:
         text = "; ".join(f"{d.name}: {d.message}" for d in navigator.diagnostics())
         raise InputError(f"{recording.name or 'recording'}: the filter {name} never started ({text})")
@@ -75,17 +64,47 @@ def run_smoothed(
         if one.stamp - last >= _OUTPUT_PERIOD * 1e9:
             kept.append(one)
             last = one.stamp
-    if progress is not None:
-        progress(1.0)
+    done(1.0)
     elapsed = time.perf_counter() - began
     return Run(
         output=as_recording(navigator.readout.motions(kept), recording),
-        step_us_median=1e6 * elapsed / max(len(events), 1),
+        step_us_median=1e6 * elapsed / max(len(snapshots), 1),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
         diagnostics=navigator.diagnostics(),
         parameters=navigator.parameters(),
     )
+
+
+def follow(
+    navigator: Navigator,
+    record: Record,
+    recording: Recording,
+    step: float,
+    snapshots: list[Snapshot],
+    progress: Callable[[float], None],
+) -> Iterator[int]:
+    """Take a navigator whose filter is `record` along a recording, its messages in the order of their measurement.
+
+    Steps are `step` [s] at most; each adds to `snapshots`. Yields after each reading how many steps led to it.
+    """
+    events = navigator.events(recording.samples(topics_in(recording, navigator.topics)))
+    at_start = 0
+    for i, event in enumerate(events):
+        if i % 500 == 0:
+            progress(i / len(events))
+        if not navigator.started:
+            navigator.begin_with(event)
+            if navigator.started:
+                at_start = navigator.stamp
+                snapshots.append(navigator.readout.snapshot(at_start))
+            continue
+        elapsed = (event.stamp - at_start) * 1e-9 - record.instants[-1].time
+        for _ in range(count := int(np.ceil(max(elapsed, 0.0) / step - 1e-6))):
+            navigator.filter.predict(elapsed / count)
+            snapshots.append(navigator.readout.snapshot(at_start + round(record.instants[-1].time * 1e9)))
+        navigator.correct(event)
+        yield count
 
 
 def _as(snapshot: Snapshot, belief: Gaussian, stamp: int) -> Snapshot:

@@ -1,0 +1,45 @@
+"""Say what a drive has told a filter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
+
+
+@click.command()
+@click.argument("bag", type=EXISTING)
+@vehicle_option
+@click.option("--filter", "chosen", default="integrated", show_default=True, metavar="NAME", help="Of GNSS and INS.")
+@click.option("--would/--no-would", "ask", default=True, help="Also drive motions that may tell what BAG does not.")
+@click.option("--out", type=click.Path(path_type=Path), help="Without an ending; default: out/observability/<name>.")
+def observability(bag: Path, vehicle: str, chosen: str, ask: bool, out: Path | None) -> None:
+    """Say which states BAG has told a filter, when and by which motion, which it has not, and what would.
+
+    A state is told once its standard deviation is half of that at start. What was not told is asked of this vehicle in
+    simulation: going straight, accelerating and braking, turning, weaving, half a minute each.
+
+    \b
+    Examples:
+      vsense observability bags/double_lane_change --vehicle prototype_model
+      vsense observability med_lap --vehicle genesis --filter inertial
+    """
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress, say, waiting
+    from vsense_ros.experiments import observability as job
+
+    car = load_car(vehicle)
+    with waiting(f"reading {bag.name}"):
+        recording = import_recording(bag)
+    with progress("estimating") as done:
+        found = job.report(recording, car, chosen, ask=ask, progress=done)
+    job.show(found, console())
+    out = out or Path("out/observability") / f"{recording.name or bag.stem}_{chosen}"
+    job.write(found, out.with_suffix(".json"))
+    picture = job.draw(found, out.with_suffix(".png"))
+    say(f"Written to {picture} and {out.with_suffix('.json').name}.")
+
+
+COMMANDS = (observability,)

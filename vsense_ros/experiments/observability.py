@@ -1,0 +1,173 @@
+"""What a drive has told a filter, what it has not, and which motion would tell that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from rich.console import Console
+
+from vsense_ros.errors import InputError
+from vsense_ros.evaluate.picture import MUTED, STYLE
+from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.files.atomic import atomic_write
+from vsense_ros.manoeuvre import MANOEUVRES, drive
+from vsense_ros.manoeuvre.sensing import record
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.told import MOTIONS, Told, told
+
+Progress = Callable[[float], None]
+
+# Motions that may tell what a drive has not, by the manoeuvre that shows it.
+WAYS: Mapping[str, str] = {
+    "go straight": "plain_straight",
+    "accelerate and brake": "accelerate_and_brake",
+    "turn": "right_turn",
+    "corner at 80 km/h": "step_steer",
+    "weave": "slalom",
+}
+LONGEST = 30.0  # [s] of each
+_SHADES = ("#d9d9d9", "#ffffff", "#fde3c8", "#d6e8f5")
+
+
+@dataclass(frozen=True)
+class Report:
+    """Of one filter on one drive; `would` says for a state that was not told which share of its deviation each motion
+    of `WAYS` leaves."""
+
+    filter: str
+    drive: str
+    told: Told
+    would: Mapping[str, Mapping[str, float]]
+
+
+def report(
+    recording: Recording,
+    vehicle: Vehicle,
+    name: str,
+    *,
+    ask: bool = True,
+    progress: Progress = lambda share: None,
+) -> Report:
+    """`ask`: whether to drive the motions of `WAYS` with this vehicle where something was not told. Raises `InputError`
+    as `told` does."""
+    found = told(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
+    missing = [state.name for state in found.states if state.told_at is None and state.before > 0]
+    would: dict[str, dict[str, float]] = {state: {} for state in missing}
+    if ask and missing:
+        for i, (way, manoeuvre) in enumerate(WAYS.items()):
+            shown = _shown(manoeuvre, vehicle, name)
+            for state in missing:
+                if shown is not None:
+                    would[state][way] = shown[state]
+            progress(0.3 + 0.7 * (i + 1) / len(WAYS))
+    progress(1.0)
+    return Report(name, recording.name or "recording", found, would)
+
+
+def _shown(manoeuvre: str, vehicle: Vehicle, name: str) -> dict[str, float] | None:
+    """Shares of the deviations at start that a manoeuvre of this car leaves; None where the filter does not start."""
+    simulated = record(drive(MANOEUVRES[manoeuvre], vehicle), vehicle, 1, name=manoeuvre)
+    try:
+        found = told(simulated.between(0.0, min(LONGEST, simulated.duration)), vehicle, name)
+    except InputError:
+        return None
+    return {state.name: state.left for state in found.states}
+
+
+def advice(found: Report, state: str) -> str:
+    """In words, which motion would tell a state best."""
+    ways = {way: left for way, left in found.would.get(state, {}).items() if left <= 0.8}
+    if not ways:
+        return "none of them does" if found.would.get(state) else ""
+    best = sorted(ways, key=lambda way: ways[way])[:2]
+    return ", or ".join(f"{way} ({100 * ways[way]:.0f} % left)" for way in best)
+
+
+def show(found: Report, console: Console) -> None:
+    """Print the states, and combinations that were not told."""
+    console.print(
+        f"[bold]{found.filter}[/bold] on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units"
+    )
+    headings = ("at start", "at the end", "left", "told after")
+    table = plain_table("state", *headings, "while, or what would tell it", right=headings)
+    for state in found.told.states:
+        if state.before <= 0:
+            continue
+        known = state.told_at is not None
+        table.add_row(
+            state.name, f"{state.before:.3g}", f"{state.after:.3g}", f"{100 * state.left:.0f} %",
+            f"{state.told_at:.1f} s" if known else "[bold]not yet[/bold]",
+            state.motion if known else advice(found, state.name),
+        )  # fmt: skip
+    console.print(table)
+    if found.told.untold is None:
+        console.print("The filter is a cascade: of combinations of its states nothing is said.")
+    elif found.told.untold:
+        console.print("Combinations of which little was told, weakest first (in units of deviations at start):")
+        for one in found.told.untold[:5]:
+            console.print(f"  {one}: {100 * one.left:.0f} % left", soft_wrap=True)
+    else:
+        console.print("Every combination of states was told.")
+
+
+def draw(found: Report, path: Path) -> Path:
+    """Deviations over time, over those at start, on the motion's shade."""
+    shown = [i for i, state in enumerate(found.told.states) if state.before > 0]
+    columns = 3
+    rows = int(np.ceil(len(shown) / columns))
+    with matplotlib.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(12.0, 1.7 * rows + 1.0), layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(f"{found.filter} on {found.drive}: what is left of a deviation", x=0.01, ha="left", fontsize=12,
+                        fontweight="bold")  # fmt: skip
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        t, motion = found.told.t, found.told.motion
+        edges = np.flatnonzero(np.diff(motion)) + 1
+        begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(t) - 1]])
+        for panel, i in zip(panels, shown, strict=False):
+            state = found.told.states[i]
+            for begin, end in zip(begins, ends, strict=True):
+                panel.axvspan(t[begin], t[end], color=_SHADES[motion[begin]], lw=0, zorder=0)
+            left = found.told.deviations[:, i] / state.before
+            panel.plot(t, left, color="#0072B2" if state.told_at is not None else "#D55E00")
+            panel.axhline(0.5, color=MUTED, lw=0.6, ls=":")
+            panel.set_title(state.name + ("" if state.told_at is not None else ", not told"))
+            panel.set_yscale("log")
+            panel.grid(False)
+        for panel in panels[len(shown) :]:
+            panel.set_axis_off()
+        for panel in panels[max(0, len(shown) - columns) : len(shown)]:
+            panel.set_xlabel("[s]")
+        handles = [
+            Patch(facecolor=shade, edgecolor=MUTED, lw=0.4, label=motion)
+            for shade, motion in zip(_SHADES, MOTIONS, strict=True)
+        ]
+        figure.legend(handles=handles, loc="upper right", ncols=4, fontsize=8)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=90)
+    return path
+
+
+def write(found: Report, path: Path) -> None:
+    """As JSON [SI]."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    untold = found.told.untold
+    content = {
+        "filter": found.filter,
+        "drive": found.drive,
+        "states": [asdict(state) for state in found.told.states],
+        "untold": None if untold is None else [{"direction": str(one), "left": one.left} for one in untold],
+        "would_leave": found.would,
+    }
+    with atomic_write(path) as file:
+        json.dump(content, file, indent=2)
+        file.write("\n")
