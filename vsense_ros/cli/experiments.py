@@ -236,9 +236,10 @@ def best(out: Path, study: bool) -> None:
 @click.command()
 @click.option("--table", "tables", multiple=True, metavar="N.M", help="Only this table; may be given again.")
 @click.option("--quick", is_flag=True, help="One seed, and four of the ten manoeuvres.")
+@click.option("--figures", is_flag=True, help="Draw his figures as well, some 35 pages (ten minutes).")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/leung.json"), show_default=True, help="File.")
-def leung(tables: tuple[str, ...], quick: bool, processes: int | None, out: Path) -> None:
+def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | None, out: Path) -> None:
     """Repeat the tables of Leung 2010: GNSS/INS filters and vehicle models on a simulated saloon, beside his figures.
 
     Each drive by each filter is kept in the folder `leung` beside FILE, so that what was stopped goes on where it was.
@@ -248,6 +249,7 @@ def leung(tables: tuple[str, ...], quick: bool, processes: int | None, out: Path
     Examples:
       vsense leung --quick
       vsense leung --table 4.2 --table 5.5
+      vsense leung --quick --figures
     """
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.experiments import leung as job
@@ -266,6 +268,15 @@ def leung(tables: tuple[str, ...], quick: bool, processes: int | None, out: Path
     job.write(found, results, out)
     job.show(found, console())
     say(f"Written to {out}.")
+    if figures:
+        from vsense_ros.experiments import leung_models_picture, leung_pictures
+
+        folder = out.with_suffix("")
+        with progress("drawing filters") as done:
+            pictures = leung_pictures.draw_all(folder / "figures", folder, done)
+        with progress("drawing models") as done:
+            pictures += leung_models_picture.draw_all(folder / "figures", done)
+        say(f"{len(pictures)} pictures in {folder / 'figures'}.")
 
 
 COMMANDS = (best, demo, genesis, leung, thesis, simplification, sampling, road)

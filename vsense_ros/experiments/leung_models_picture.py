@@ -56,18 +56,18 @@ def parameter_tests(folder: Path) -> list[Path]:
     """Figures 3.7 to 3.10: the single-track model beside the plant, rolling radii, lateral velocity, tyre forces."""
     car, (front, rear) = leung.plant(), static_loads(leung.plant())
     slow, oval = leung.driven("double_oval_15"), leung.driven("double_oval_25")
-    with _figure("Parameter tests", (12, 6.6)) as (figure, save):
+    with page("Parameter tests", (12, 6.6)) as (figure, save):
         panels = figure.subplots(2, 3)
         ours = leung.open_loop(leung.MODELS[0], oval)
         pair = ((ours["yaw_rate"], COLOURS[0], "2DoF bicycle"), (oval.u[:, YAW_RATE], TRUTH, "plant"))
         for value, colour, label in pair:
             panels[0][0].plot(oval.t, np.degrees(value), color=colour, lw=1.0, label=label)
-        _words(panels[0][0], "Yaw rate, double oval at 25 km/h", "time [s]", "[°/s]")
+        labelled(panels[0][0], "Yaw rate, double oval at 25 km/h", "time [s]", "[°/s]")
         panels[0][0].legend()
         ours = leung.open_loop(leung.MODELS[0], slow)
         panels[0][1].plot(slow.t, ours["lateral"], color=COLOURS[0], lw=1.0)
         panels[0][1].plot(slow.t, slow.u[:, SPEED_Y], color=TRUTH, lw=1.0)
-        _words(panels[0][1], "Lateral velocity, double oval at 15 km/h", "time [s]", "[m/s]")
+        labelled(panels[0][1], "Lateral velocity, double oval at 15 km/h", "time [s]", "[m/s]")
         for kph, line in ((15, "-"), (50, "--")):
             drive = leung.driven(f"double_oval_{kph}")
             straight = drive.t < 20.0 * 15 / kph
@@ -76,7 +76,7 @@ def parameter_tests(folder: Path) -> list[Path]:
                     radius = drive.u[straight, SPEED_X] / drive.u[straight, SPIN][:, wheel]
                     label = f"{name}, {kph} km/h"
                     panels[0][2].plot(drive.t[straight], 1e3 * radius, color=colour, ls=line, lw=1.0, label=label)
-        _words(panels[0][2], "Speed over spin on the straight", "time [s]", "[mm]")
+        labelled(panels[0][2], "Speed over spin on the straight", "time [s]", "[mm]")
         panels[0][2].legend(fontsize=7)
         for panel, slip, force, sign, words, x in (
             (panels[1][0], "slip", "force_x", 1.0, "Longitudinal force, double oval at 15 km/h", "slip [-]"),
@@ -93,7 +93,7 @@ def parameter_tests(folder: Path) -> list[Path]:
             for wheel, (name, colour) in enumerate(zip(("FL", "FR", "RL", "RR"), COLOURS, strict=False)):
                 values = sign * slow.wheels[::10, x_row, wheel], slow.wheels[::10, y_row, wheel]
                 panel.plot(*values, ".", ms=2, color=colour, label=name)
-            _words(panel, words, x, "[N]")
+            labelled(panel, words, x, "[N]")
         panels[1][1].legend(markerscale=4)
         axles = ((car.physics.front, front, "front"), (car.physics.rear, rear, "rear"))
         angles = np.linspace(-0.2, 0.2, 201)
@@ -102,7 +102,7 @@ def parameter_tests(folder: Path) -> list[Path]:
             panels[1][2].plot(angles, settled / 1e3, color=colour, label=name)
             panels[1][2].plot(angles, angles * slopes(axle, load)[1] / 1e3, color=colour, ls=":", lw=0.9)
         panels[1][2].set_ylim(-6, 6)
-        _words(panels[1][2], "Tyres under static load, and their slopes", "minus slip angle [rad]", "[kN]")
+        labelled(panels[1][2], "Tyres under static load, and their slopes", "minus slip angle [rad]", "[kN]")
         panels[1][2].legend()
         return [save(folder / "figures_3_7_to_3_10_parameter_tests.png")]
 
@@ -112,7 +112,7 @@ def frequency_responses(folder: Path) -> list[Path]:
     models = {name: response for name, (_, response) in leung.handling_models(leung.plant()).items()}
     title = "Lateral velocity over road-wheel angle, both front wheels steered"
     every = draw_bode(models, title, folder / "figures_d1_to_d5_bode.png")
-    with _figure("The five models coincide in straight running", (10, 4.4)) as (figure, save):
+    with page("The five models coincide in straight running", (10, 4.4)) as (figure, save):
         size, phase = figure.subplots(1, 2)
         bode(models, size, phase, (20, 50, 80))
         return [every, save(folder / "figures_3_11_3_12_bode.png")]
@@ -123,7 +123,7 @@ def transients(folder: Path) -> list[Path]:
     found = []
     for row in ("DO25", "LC25"):
         drive = leung.driven(leung.MANOEUVRE_ROWS[row])
-        with _figure(f"Models driven as the plant, {row}", (11, 6.4)) as (figure, save):
+        with page(f"Models driven as the plant, {row}", (11, 6.4)) as (figure, save):
             panels = figure.subplots(2, 2, sharex=True)
             panels[0][0].plot(drive.t, drive.u[:, SPEED_X], color=TRUTH, lw=1.6, label="plant")
             panels[0][1].plot(drive.t, drive.u[:, SPEED_Y], color=TRUTH, lw=1.6, label="plant")
@@ -133,10 +133,10 @@ def transients(folder: Path) -> list[Path]:
                 panels[0][1].plot(drive.t, ours["lateral"], color=colour, lw=0.9)
                 panels[1][0].plot(drive.t, np.degrees(ours["yaw_rate"] - drive.u[:, YAW_RATE]), color=colour, lw=0.8)
                 panels[1][1].plot(drive.t, ours["lateral"] - drive.u[:, SPEED_Y], color=colour, lw=0.8)
-            _words(panels[0][0], "Forward velocity", "", "[m/s]")
-            _words(panels[0][1], "Lateral velocity", "", "[m/s]")
-            _words(panels[1][0], "Error of the yaw rate", "time [s]", "[°/s]")
-            _words(panels[1][1], "Error of the lateral velocity", "time [s]", "[m/s]")
+            labelled(panels[0][0], "Forward velocity", "", "[m/s]")
+            labelled(panels[0][1], "Lateral velocity", "", "[m/s]")
+            labelled(panels[1][0], "Error of the yaw rate", "time [s]", "[°/s]")
+            labelled(panels[1][1], "Error of the lateral velocity", "time [s]", "[m/s]")
             panels[0][0].legend(fontsize=7)
             found.append(save(folder / f"figures_3_13_to_3_16_{row.lower()}.png"))
     return found
@@ -144,7 +144,7 @@ def transients(folder: Path) -> list[Path]:
 
 def parameter_errors(folder: Path) -> list[Path]:
     """Figures 5.1, 5.2, 5.6 and 5.7: a wrong mass, a wrong inertia; dashed against the model itself as the plant."""
-    with _figure("Errors of the single-track model over those of its parameters", (11, 6.6)) as (figure, save):
+    with page("Errors of the single-track model over those of its parameters", (11, 6.6)) as (figure, save):
         panels = figure.subplots(2, 2, sharex=True)
         for i, kph in enumerate(SWEEP_SPEEDS):
             drive = leung.driven(f"double_oval_{kph}")
@@ -155,7 +155,7 @@ def parameter_errors(folder: Path) -> list[Path]:
                         label = label if not consistent else ""
                         panels[i][k].plot(100 * (CHANGES - 1), ours[key], color=colour, ls=line, label=label)
                 x = f"error of the {words} [%]" if i else ""
-                _words(panels[i][k], f"Double oval at {kph} km/h, {words}", x, "NRMSD [%]")
+                labelled(panels[i][k], f"Double oval at {kph} km/h, {words}", x, "NRMSD [%]")
                 panels[i][k].set_ylim(bottom=0)
         panels[0][0].legend(title="dashed: the model itself as plant", title_fontsize=8)
         return [save(folder / "figures_5_1_5_2_5_6_5_7_parameters.png")]
@@ -163,14 +163,14 @@ def parameter_errors(folder: Path) -> list[Path]:
 
 def stiffness_maps(folder: Path) -> list[Path]:
     """Figures 5.3 to 5.5, 5.8 and 5.9: wrong stiffnesses of both axles."""
-    with _figure("Errors of the single-track model over its axle stiffnesses", (12, 7.2)) as (figure, save):
+    with page("Errors of the single-track model over its axle stiffnesses", (12, 7.2)) as (figure, save):
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
         for i, kph in enumerate(SWEEP_SPEEDS):
             maps = leung.stiffness_map(leung.driven(f"double_oval_{kph}"), STIFFNESSES)
             for k, (key, words) in enumerate(KEYS.items()):
                 percent = 100 * (STIFFNESSES - 1)
                 drawn = _map(panels[i][k], percent, percent, maps[key])
-                _words(
+                labelled(
                     panels[i][k], f"{words.capitalize()}, {kph} km/h", "rear stiffness [%]" if i else "",
                     "front stiffness [%]" if k == 0 else "",
                 )  # fmt: skip
@@ -180,7 +180,7 @@ def stiffness_maps(folder: Path) -> list[Path]:
 
 def steering_errors(folder: Path) -> list[Path]:
     """Bias and noise of the steering sensor, which table 5.3 has at one point each."""
-    with _figure("Errors of the single-track model over those of the steering sensor", (11, 4.2)) as (figure, save):
+    with page("Errors of the single-track model over those of the steering sensor", (11, 4.2)) as (figure, save):
         panels = figure.subplots(1, 3)
         drive = leung.driven("double_oval_25")
         maps = leung.bias_map(drive, BIASES, NOISES)
@@ -191,7 +191,7 @@ def steering_errors(folder: Path) -> list[Path]:
             expected = 100 * np.abs(BIASES) / leung.plant().physics.steering.ratio / np.ptp(drive.inputs[:, STEERING])
             if key != "heading":
                 panel.plot(np.degrees(BIASES), expected, color=MUTED, ls=":", lw=2.0, label="bias over range")
-            _words(
+            labelled(
                 panel, f"{words.capitalize()}, double oval at 25 km/h", "bias of the steering wheel [°]", "NRMSD [%]"
             )
         panels[0].legend(title="noise", title_fontsize=8, fontsize=7)
@@ -200,7 +200,7 @@ def steering_errors(folder: Path) -> list[Path]:
 
 def side_slip_and_roll(folder: Path) -> list[Path]:
     """Figure 5.10: side slip with clean and noisy inputs at 45 km/h; figure 5.11: roll in the lane changes."""
-    with _figure("Side slip of the single-track model, and the roll that it does not know", (11, 4.2)) as (
+    with page("Side slip of the single-track model, and the roll that it does not know", (11, 4.2)) as (
         figure,
         save,
     ):
@@ -215,20 +215,20 @@ def side_slip_and_roll(folder: Path) -> list[Path]:
             (drive.side_slip, TRUTH, "plant"),
         ):  # fmt: skip
             left.plot(drive.t, np.degrees(value), color=colour, lw=0.9, label=label)
-        _words(left, "Side slip, double oval at 45 km/h", "time [s]", "[°]")
+        labelled(left, "Side slip, double oval at 45 km/h", "time [s]", "[°]")
         left.legend()
         for row, colour in zip(("LC15", "LC25", "LC35", "LC45", "LC55"), COLOURS, strict=True):
             drive = leung.driven(leung.MANOEUVRE_ROWS[row])
             away = np.concatenate([[0.0], np.cumsum(drive.u[1:, SPEED_X] * leung.STEP)])
             right.plot(away, np.degrees(drive.q[:, ROLL]), color=colour, lw=1.0, label=row)
-        _words(right, "Roll in the lane changes", "way [m]", "[°]")
+        labelled(right, "Roll in the lane changes", "way [m]", "[°]")
         right.set_xlim(380, 625)
         right.legend()
         return [save(folder / "figures_5_10_5_11_side_slip_and_roll.png")]
 
 
 @contextmanager
-def _figure(title: str, size: tuple[float, float]) -> Iterator[tuple[Figure, Callable[[Path], Path]]]:
+def page(title: str, size: tuple[float, float]) -> Iterator[tuple[Figure, Callable[[Path], Path]]]:
     """A figure in the style of the project, and what saves it."""
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=size, layout="constrained")
@@ -242,7 +242,7 @@ def _figure(title: str, size: tuple[float, float]) -> Iterator[tuple[Figure, Cal
         yield figure, save
 
 
-def _words(panel: Any, title: str, x: str, y: str) -> None:
+def labelled(panel: Any, title: str, x: str, y: str) -> None:
     panel.set_title(title)
     panel.set_xlabel(x)
     panel.set_ylabel(y)
