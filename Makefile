@@ -105,6 +105,7 @@ arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.js
 	$(VENV)/bin/python tools/arm/count.py
 
 accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json
+	-$(VENV)/bin/python tools/arm/count.py
 	$(VENV)/bin/vsense accelerator
 
 # VEHICLE="--soak 1 transforms" chooses checks by parts of their names, and a soak of one minute.

@@ -19,7 +19,7 @@ def accelerator(systems: int, out: Path, vehicle: str) -> None:
     """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.
 
     Simulates the hardware with Verilator, if it is there. Resources are those of the last `make hw`, clocks on ECP5
-    those of the last `make hw-timing`; ARM and FMU figures those of `make arm` and of the tests of the units.
+    those of the last `make hw-timing`; instructions on ARM those of the last `make arm`, if there was one.
 
     \b
     Examples:
@@ -54,6 +54,13 @@ def accelerator(systems: int, out: Path, vehicle: str) -> None:
     say(f"Iterations with the accelerator over those in double precision: at most {content['iterations_ratio']:.4f}.")
     for name, mhz in content["timing_ecp5_mhz"].items():
         say(f"{name}: {mhz:g} MHz on ECP5, speed grade 6, as last placed and routed.")
+    for build, counted in content["arm"].items():
+        figures = f"{counted['instructions_per_step']:,.0f} instructions a step, {counted['code_bytes'] / 1024:.0f} kB"
+        say(f"Cortex-A9, {build}: {figures} of code, about {counted['ms_estimate']:.2f} ms.")
+    for unit, checked in content["fmu"].items():
+        words = "valid" if checked["valid"] else "not valid"
+        bits = "the bits" if checked["bitwise"] else "not the bits"
+        say(f"{unit}: {words}, {bits} of the exported C in {checked['steps']} steps.")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     say(f"Written to {out}.")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from vsense_ros.accelerator.link import Link
 from vsense_ros.accelerator.rtl import Rtl, missing
 from vsense_ros.experiments.thesis import Kind as Observed
 from vsense_ros.experiments.thesis import driven, observe, observing
+from vsense_ros.export import fmu, fmu_check
+from vsense_ros.manoeuvre import generate
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.model.sensors import SensorBase
@@ -153,6 +156,24 @@ def recorded(name: str) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
+def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict[str, Any]]:
+    """The observer of a vehicle as units of FMI 2 and 3 on a lane change: whether FMPy validates them without a remark,
+    and whether they have the bits of the exported C."""
+    recording = generate("double_lane_change", vehicle)
+    found = {}
+    for i, version in enumerate((2, 3)):
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "observer.fmu"
+            fmu.write(vehicle, path, version)
+            agreement = fmu_check.compare(vehicle, path, version, recording)
+        found[f"fmi{version}"] = {
+            "valid": not agreement.remarks, "bitwise": agreement.bitwise, "steps": agreement.steps,
+            "from_python": agreement.python,
+        }  # fmt: skip
+        progress((i + 1) / 2)
+    return found
+
+
 def results(
     vehicle: Vehicle, systems: int, progress: Callable[[str], Any]
 ) -> tuple[dict[str, Any], list[Implementation]]:
@@ -184,8 +205,9 @@ def results(
     with progress("implementation table") as done:
         rows = implementations(vehicle, done)
     pairs = zip(rows[::2], rows[1::2], strict=True)
+    with progress("units of FMI") as done:
+        fmi = units(vehicle, done)
     arm = Path("out/arm.json")
-    units = Path("out/fmu.json")
     return {
         "kernels": content,
         "node": nodes,
@@ -193,5 +215,5 @@ def results(
         "largest_difference": max(row.largest_difference for row in rows),
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
         "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
-        "fmu": json.loads(units.read_text(encoding="utf-8")) if units.exists() else {},
+        "fmu": fmi,
     }, rows
