@@ -204,3 +204,14 @@ def test_a_system_that_has_no_scale_is_left_to_the_processor(value):
     asked = []
     client.solve(matrix, np.ones(14), lambda a, b: asked.append(a) or b)
     assert len(asked) == 1
+
+
+def test_the_table_of_faults_has_every_kind_and_none_costs_accuracy_or_time():
+    from vsense_ros.experiments.accelerator import under_faults
+
+    found = under_faults(60, lambda share: None)
+    assert set(found) == set(FAULTS)
+    for one in found.values():
+        assert one.happened > 0
+        assert one.worst < 1e-5
+        assert one.longest <= 1 + 1e-9

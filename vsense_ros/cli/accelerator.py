@@ -11,11 +11,12 @@ from vsense_ros.cli.common import load_car
 
 @click.command()
 @click.option("--systems", default=10_000, show_default=True, type=click.IntRange(1), help="Of each kernel, for bits.")
+@click.option("--requests", default=100_000, show_default=True, type=click.IntRange(1), help="Under each fault.")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/accelerator.json"), show_default=True, help="File."
 )
 @click.option("--vehicle", default="prototype_model", show_default=True, help="Vehicle file with suspension tables.")
-def accelerator(systems: int, out: Path, vehicle: str) -> None:
+def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
     """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.
 
     Simulates the hardware with Verilator, if it is there. Resources are those of the last `make hw`, clocks on ECP5
@@ -24,7 +25,7 @@ def accelerator(systems: int, out: Path, vehicle: str) -> None:
     \b
     Examples:
       vsense accelerator
-      vsense accelerator --systems 500
+      vsense accelerator --systems 500 --requests 1000
     """
     import json
 
@@ -34,7 +35,7 @@ def accelerator(systems: int, out: Path, vehicle: str) -> None:
 
     if lacking := missing():
         say(f"Left out for want of {', '.join(lacking)} (make hw-tools): bits of the hardware, the node with rtl.")
-    content, rows = job.results(load_car(vehicle), systems, progress)
+    content, rows = job.results(load_car(vehicle), systems, requests, progress)
     table = plain_table("kernel", "cycles", "DSP", "LUT", "FF", "BRAM", "bit-exact", right=("cycles", "DSP", "LUT"))
     for name, found in content["kernels"].items():
         exact = "–" if found["systems_bit_exact"] is None else f"{found['systems_bit_exact']} of {found['systems']}"
@@ -52,6 +53,12 @@ def accelerator(systems: int, out: Path, vehicle: str) -> None:
         table.add_row(row.label, f"{row.iterations:.3f}", clocks, took, f"{row.largest_difference:.1e}", row.his)
     console().print(table)
     say(f"Iterations with the accelerator over those in double precision: at most {content['iterations_ratio']:.4f}.")
+    headings = ("happened", "processor instead", "largest error", "longest wait")
+    table = plain_table("fault in a fifth of the requests", *headings, right=headings)
+    for kind, one in content["faults"].items():
+        wait = f"{100 * one['longest']:.0f} % of the deadline"
+        table.add_row(kind, str(one["happened"]), str(one["fallbacks"]), f"{one['worst']:.1e}", wait)
+    console().print(table)
     for name, mhz in content["timing_ecp5_mhz"].items():
         say(f"{name}: {mhz:g} MHz on ECP5, speed grade 6, as last placed and routed.")
     for build, counted in content["arm"].items():

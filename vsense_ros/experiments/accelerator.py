@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
+from vsense_ros.accelerator.faults import Faults
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
 from vsense_ros.accelerator.kernels.suspension_motion import table
 from vsense_ros.accelerator.link import Link
@@ -156,6 +157,48 @@ def recorded(name: str) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
+@dataclass(frozen=True)
+class UnderFault:
+    """A kind of fault in a fifth of all requests, one every 4 ms: how often it happened, the largest error of a
+    solution over the largest of it, scaled as the accelerator scales; the longest a step waited over its deadline [-];
+    how often the processor solved instead; and what the client counted."""
+
+    requests: int
+    happened: int
+    worst: float
+    longest: float
+    fallbacks: int
+    counted: dict[str, int]
+
+
+def under_faults(count: int, progress: Callable[[float], None], share: float = 0.2) -> dict[str, UnderFault]:
+    """Solves through a device that fails, for each kind of fault."""
+    random = np.random.default_rng(5)
+    root = random.standard_normal((50, 14, 14))
+    systems = 1500 * (root @ root.transpose(0, 2, 1) / 14 + 0.1 * np.eye(14))
+    found = {}
+    kinds = [field.name for field in fields(Faults) if field.name != "delay_ms"]
+    for k, kind in enumerate(kinds):
+        device = Device("mock", ("solve14",), faults=Faults(**{kind: share}))
+        transport = Direct(device)
+        client = Client(transport)
+        worst = 0.0
+        for i in range(count):
+            transport.at(0.004 * i)
+            a, b = systems[i % len(systems)], random.normal(0, 1000, 14)
+            exact, solved = np.linalg.solve(a, b), client.solve(a, b)
+            scale = np.sqrt(a.diagonal())
+            worst = max(worst, float(np.abs((solved - exact) * scale).max() / np.abs(exact * scale).max()))
+            if i % 500 == 0:
+                progress((k + i / count) / len(kinds))
+        counted = {name: n for name, n in client.counts.items() if n}
+        happened = device.chance.happened[kind]
+        longest = client.longest / client.deadline
+        found[kind] = UnderFault(count, happened, worst, longest, client.fallbacks, counted)
+    progress(1.0)
+    return found
+
+
 def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict[str, Any]]:
     """The observer of a vehicle as units of FMI 2 and 3 on a lane change: whether FMPy validates them without a remark,
     and whether they have the bits of the exported C."""
@@ -175,7 +218,7 @@ def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict
 
 
 def results(
-    vehicle: Vehicle, systems: int, progress: Callable[[str], Any]
+    vehicle: Vehicle, systems: int, asked: int, progress: Callable[[str], Any]
 ) -> tuple[dict[str, Any], list[Implementation]]:
     """Everything that `make accelerator` writes, and the implementation table."""
     used, content = recorded("resources"), {}
@@ -205,6 +248,8 @@ def results(
     with progress("implementation table") as done:
         rows = implementations(vehicle, done)
     pairs = zip(rows[::2], rows[1::2], strict=True)
+    with progress(f"{asked} requests under each fault") as done:
+        faults = under_faults(asked, done)
     with progress("units of FMI") as done:
         fmi = units(vehicle, done)
     arm = Path("out/arm.json")
@@ -216,4 +261,5 @@ def results(
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
         "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
         "fmu": fmi,
+        "faults": {kind: asdict(one) for kind, one in faults.items()},
     }, rows
