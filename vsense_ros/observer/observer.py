@@ -324,7 +324,8 @@ class Observer:
         newest = self.output()
         if not self.started:
             return []
-        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(sample.values["force"][0])]
+        told = [v for sample in newest if sample.topic == BALANCE for v in sample.values.values()]
+        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(told).any()]
 
     def output(self) -> list[Sample]:
         """The same, also before the start, when it means nothing: the topics are those of any estimate."""
