@@ -68,17 +68,34 @@ def test_what_is_published_is_what_is_over(vehicle, lane_change):
     assert np.mean(over[late]) == pytest.approx(np.mean(loads[late]) - felt, abs=0.01 * felt)
 
 
-def test_with_an_inertial_sensor_that_lacks_axes_nothing_is_compared_and_that_is_said(vehicle, lane_change):
-    """As a car's own, which knows the yaw rate and two accelerations."""
+def without(axes, sample):
+    """A message of the inertial sensor without some of its six axes."""
+    value = np.concatenate([sample.values["angular_velocity"], sample.values["linear_acceleration"]])
+    value[axes] = np.nan
+    return changed(sample, angular_velocity=value[:3], linear_acceleration=value[3:])
 
-    def poorer(sample):
-        rates, force = (sample.values[name].copy() for name in ("angular_velocity", "linear_acceleration"))
-        rates[:2] = force[2] = np.nan
-        return changed(sample, angular_velocity=rates, linear_acceleration=force)
 
-    samples = altered(messages(lane_change, 3.0), lambda sample: sample.topic == IMU, poorer)
-    observer = estimated(Observer(vehicle, lane_change.map_origin), samples)
-    assert told(observer).message == "not compared: imu lacks an axis"
+def test_with_an_inertial_sensor_that_lacks_axes_what_these_tell_is_compared(vehicle, lane_change):
+    """As a car's own, which knows the yaw rate and two accelerations: the sums are those of a sensor with all axes,
+    but for gravity that is felt as the body leans, and what a mounting point feels as it turns."""
+    poorer = altered(messages(lane_change, 8.0), lambda s: s.topic == IMU, lambda s: without([0, 1, 5], s))
+    whole, part = (
+        estimated(Observer(vehicle, lane_change.map_origin), samples)
+        for samples in (messages(lane_change, 8.0), poorer)
+    )
+    assert list(told(part).values) == ["longitudinal force [%]", "lateral force [%]", "yaw moment [%]"]
+    assert told(part).level is Level.OK
+    for name, share in told(part).values.items():
+        assert float(share) == pytest.approx(float(told(whole).values[name]), abs=2.0)
+    (sample,) = (sample for sample in part.estimate() if sample.topic == "vsense/balance")
+    np.testing.assert_array_equal(np.isnan(sample.values["force"]), [False, False, True])
+    np.testing.assert_array_equal(np.isnan(sample.values["torque"]), [True, True, False])
+
+
+def test_with_no_axis_that_tells_a_sum_nothing_is_compared_and_that_is_said(vehicle, lane_change):
+    poorer = altered(messages(lane_change, 3.0), lambda s: s.topic == IMU, lambda s: without([2, 3, 4, 5], s))
+    observer = estimated(Observer(vehicle, lane_change.map_origin), poorer)
+    assert told(observer).message == "not compared: imu lacks the axes"
     assert "vsense/balance" not in [sample.topic for sample in observer.estimate()]
 
 

@@ -51,11 +51,6 @@ def test_a_brake_that_begins_to_drag_is_named_with_its_wheel_before_all_else_and
     assert BEGIN < found["torque of wheel fl"] < BEGIN + WINDOW
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a road that may twist widens what four drives call normal: the wind's 467 N stay below the limit of 675 N, "
-    "and the yaw rate's innovation is named in their place; with eight drives to learn from the limit is 284 N",
-)
 @pytest.mark.slow
 def test_a_wind_from_the_side_is_named_as_a_lateral_force_and_a_yaw_moment_to_its_side() -> None:
     """16 m/s to the north act on the left of a car that goes east, ahead of its centre of gravity."""

@@ -23,14 +23,23 @@ class Balance:
     """What is left over at n estimates, low-passed."""
 
     stamp: NDArray[np.int64]  # (n,) [ns]
-    shares: Array  # (n, 6), as `SHARES`
+    shares: Array  # (n, 6), as `SHARES`, NaN where the inertial sensor lacks the axes
+
+    @property
+    def told(self) -> list[str]:
+        """Names of what could be compared."""
+        return [name for name in SHARES if np.isfinite(self.of(name)).any()]
+
+    def of(self, name: str) -> Array:
+        """The share of this name, (n,)."""
+        return np.asarray(self.shares[:, SHARES.index(name)])
 
     @property
     def percent(self) -> Mapping[str, float]:
         """Root mean squares once the observer has settled, by name [%]."""
         settled = self.stamp > self.stamp[0] + SETTLED * 1e9
-        mean = np.sqrt(np.mean(self.shares[settled if settled.any() else slice(None)] ** 2, axis=0))
-        return dict(zip(SHARES, (100 * mean).tolist(), strict=True))
+        rows = settled if settled.any() else slice(None)
+        return {name: 100 * float(np.sqrt(np.nanmean(self.of(name)[rows] ** 2))) for name in self.told}
 
 
 def balance(output: Recording, vehicle: Vehicle) -> Balance | None:

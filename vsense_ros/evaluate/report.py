@@ -22,7 +22,6 @@ from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import BAND, ESTIMATE, MUTED, TRUTH, WHEEL_COLOURS, draw, value_limits
 from vsense_ros.evaluate.signals import SIGNALS, Series, read_signals, thin
 from vsense_ros.messages.topics import WHEELS
-from vsense_ros.model.car.balance import SHARES
 
 BEYOND = "Tyre forces beyond what is felt, of the weight or the load at rest"
 _OF_SHARES = (TRUTH, WHEEL_COLOURS["fl"], WHEEL_COLOURS["rr"])
@@ -200,10 +199,12 @@ def _interactive(drive: Drive) -> str:
 
 
 def _unbalanced(found: Balance, start: int) -> list[go.Scatter]:
-    """Shares of the weight and of the axles' loads that are left over [%]."""
+    """Shares of the weight and of the axles' loads that are left over [%]; where the inertial sensor tells no load,
+    of the forces along and across the car, and the yaw moment."""
     traces = []
-    for name, colour in zip(("vertical force", "front load", "rear load"), _OF_SHARES, strict=True):
-        share = 100 * found.shares[:, SHARES.index(name)]
+    loads = [name for name in ("vertical force", "front load", "rear load") if name in found.told]
+    for name, colour in zip(loads or found.told, _OF_SHARES, strict=False):
+        share = 100 * found.of(name)
         rows = thin(share)
         seconds, line = _short((found.stamp[rows] - start) * 1e-9, 3), {"color": colour, "width": 1.2}
         traces.append(go.Scatter(x=seconds, y=_short(share[rows], 2), mode="lines", line=line, name=name))

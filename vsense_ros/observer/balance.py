@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.model.car.balance import SHARES, CarBalance
+from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, STEERING_OFFSET
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 CUTOFF = 2.0  # [Hz] above it a road shakes wheels and sensor each in its own way
 MEMORY = 5.0  # [s] over which the root mean square of what is over is told
 LONGEST_GAP = 0.5  # [s] between estimates, or since the sensor was heard, after which all is forgotten
+_AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY])  # what an axis that is absent would tell, about
 _TIME_CONSTANT = np.sqrt(np.sqrt(2) - 1) / (2 * pi * CUTOFF)  # [s] of each of two, which together have this cutoff
 # Root mean squares that are told, as SHARES: beyond the errors that the inertial sensor of a car leaves.
 LARGEST = np.array([0.08, 0.08, 0.08, 0.1, 0.1, 0.04])
@@ -31,8 +33,9 @@ class Balance:
     """Compares forces of estimates with the newest reading of the vehicle's first inertial sensor.
 
     Both are low-passed alike, so that what differs is not their delay. Readings count as they came, whether the filter
-    believes them or not. Without such a sensor, while it is silent, or where it lacks one of its six axes, the answer
-    is NaN.
+    believes them or not. Without such a sensor, or while it is silent, the answer is NaN. Where it lacks some of its
+    six axes so are the sums that ask for these; for the others the car turns about the vertical alone, along which
+    there is gravity.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
@@ -48,7 +51,8 @@ class Balance:
             self._to_car = Rotation.from_euler("xyz", mounting[3:6]).as_matrix()
         self._value: Array | None = None  # of the newest reading, as it came, and its stamp [ns]
         self._heard = 0
-        self._lacks_an_axis = False
+        self._has = np.zeros(6, dtype=bool)  # the axes that it has
+        self._told = np.zeros(6, dtype=bool)  # the sums that these tell
         self._stamp = 0  # of the newest estimate [ns]
         self._once, self._twice = np.zeros(14), np.zeros(14)
         self._square, self._since = np.zeros(6), 0.0
@@ -61,14 +65,23 @@ class Balance:
         """A reading of any sensor, of which the newest of the inertial one counts."""
         if event.sensor != self._index or (self._value is not None and event.stamp < self._heard):
             return
-        if np.isfinite(event.value).all():
-            self._heard, self._value = event.stamp, event.value
-        elif self._value is None:
-            self._lacks_an_axis = True
+        has = np.isfinite(event.value)
+        silent = self._value is None or event.stamp - self._heard > LONGEST_GAP * 1e9
+        if silent and (has != self._has).any():
+            self._has, self._told = has, self._tells(has)
+        if not (self._has & ~has).any():
+            self._heard, self._value = event.stamp, np.where(self._has, event.value, _AT_REST)
+
+    def _tells(self, has: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The sums that can be made of these axes (6,), each of which is for the most part one of the car."""
+        nearest = np.abs(self._to_car).argmax(axis=1)
+        rates, forces = has[:3][nearest], has[3:][nearest]
+        about = rates & [forces[1], forces[0], True]  # a force at cog makes a moment about the road
+        return np.concatenate([forces, about])
 
     def residual(self, e: Estimate) -> Array:
         """Force [N] and moment [N m] of the tyres beyond those that the motion asks for, (6,) as `CarBalance`."""
-        if self._value is None or abs(e.stamp - self._heard) > LONGEST_GAP * 1e9:
+        if self._value is None or not self._told.any() or abs(e.stamp - self._heard) > LONGEST_GAP * 1e9:
             self._stamp = 0
             return np.full(6, np.nan)
         now = np.empty(14)
@@ -91,18 +104,21 @@ class Balance:
         found = low[6:12] - self._car.of_motion(force, turning, low[12], low[13], speed)
         self._since += passed
         self._square += (1 - exp(-passed / MEMORY)) * (self._car.shares(found) ** 2 - self._square)
+        if not self._told.all():
+            found[~self._told] = np.nan
         return found
 
     def diagnostic(self) -> Diagnostic:
         """Whether the forces have added up in the last `MEMORY`."""
         if not self._stamp or not self._since:
-            partial = self._value is None and self._lacks_an_axis
-            text = f"not compared: {self.sensor} lacks an axis" if partial else "nothing to compare yet"
+            nothing = self._value is not None and not self._told.any()
+            text = f"not compared: {self.sensor} lacks the axes" if nothing else "nothing to compare yet"
             return Diagnostic("balance of forces", Level.OK, text)
         # Until as much time has passed, the mean is of that time alone.
         mean = np.sqrt(self._square / (1 - exp(-self._since / MEMORY)))
-        values = {f"{name} [%]": f"{100 * share:.1f}" for name, share in zip(SHARES, mean.tolist(), strict=True)}
-        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if mean[i] > LARGEST[i]]
+        told = np.isfinite(self._car.shares(np.where(self._told, 0.0, np.nan)))
+        values = {f"{name} [%]": f"{100 * mean[i]:.1f}" for i, name in enumerate(SHARES) if told[i]}
+        over = [f"{name} {100 * mean[i]:.0f} %" for i, name in enumerate(SHARES) if told[i] and mean[i] > LARGEST[i]]
         if over and self._since > MEMORY:
             text = f"tyre forces do not add up to what {self.sensor} feels: {', '.join(over)} off"
             return Diagnostic("balance of forces", Level.WARN, text, values)

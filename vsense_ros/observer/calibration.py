@@ -17,6 +17,7 @@ from vsense_ros.observer.observer import Observer
 Array = NDArray[np.float64]
 
 LEAST, MOST = 1.25, 4.0  # margins: one that chance alone asks for, and one beyond which limits would say nothing
+CHANCE = 4.5  # standard deviations of a window's mean, or root mean square, that chance alone may come to in an hour
 SHARE = 0.9  # of the quantities need no more than the margin that all get
 
 
@@ -31,6 +32,7 @@ class Watch:
     statistics: Array
     beyond: dict[str, float]  # what left its limits, by when it did first [s]
     content: bytes  # digest of what the observer heard, the same for a copy of the recording
+    independent: Array | None = None  # (n,) values of a window that are independent of each other, NaN: not known
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,16 @@ def watch(
         )
     t = (np.array(stamps) - start) * 1e-9
     quantities, content = tuple(monitor.quantities), recording.digest(topics)
-    return Watch(recording.name, recording.duration, quantities, t, np.array(kept), beyond, content)
+    independent = monitor.independent.copy()
+    return Watch(recording.name, recording.duration, quantities, t, np.array(kept), beyond, content, independent)
 
 
 def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
     """Limits from at least two recordings with nothing hidden.
 
     They are as far from the middle of what all recordings have as the extremes, times a margin: the least with which
-    every recording, left out, stays within the limits of the others, and no less than nine in ten quantities need.
+    every recording, left out, stays within the limits of the others, and no less than nine in ten quantities need. A
+    few short drives differ by less than chance makes of many windows: limits are nowhere closer than that.
     A drive that is given more than once counts once: left out, it would still be among the others.
     Raises `InputError` for a single drive.
     """
@@ -112,7 +116,7 @@ def calibrate(watched: Sequence[Watch], vehicle: Vehicle) -> Calibration:
     judged = np.flatnonzero(np.isfinite(needed) & np.isfinite(low[0]))
     common = float(np.quantile(needed[judged], SHARE)) if len(judged) else LEAST
     margins = np.clip(np.maximum(needed, common), LEAST, MOST)
-    middle, half = (low + high) / 2, (high - low) / 2 * margins
+    middle, half = (low + high) / 2, np.fmax((high - low) / 2 * margins, _by_chance(watched))
     ranges = {
         watched[0].quantities[i].name: Range(
             unit=watched[0].quantities[i].unit,
@@ -154,6 +158,19 @@ def _extremes(watched: Sequence[Watch]) -> tuple[Array, Array]:
     filled = np.where(seen, every, 0.0)
     low, high = np.nanmin(filled, axis=0), np.nanmax(filled, axis=0)
     return np.where(seen, low, np.nan), np.where(seen, high, np.nan)
+
+
+def _by_chance(watched: Sequence[Watch]) -> Array:
+    """How far means and root mean squares (2, n) of a window may be from what they are on average although nothing is
+    wrong, NaN where that is not known: a mean of k independent values has their deviation over √k, a root mean square
+    of normal ones over √(2k)."""
+    every = np.concatenate([one.statistics for one in watched])
+    unknown = np.full(every.shape[2], np.nan)
+    count = np.min([unknown if one.independent is None else one.independent for one in watched], axis=0)
+    seen = np.isfinite(every)
+    mean, rms = np.where(seen, every, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    spread = np.where(seen[:, 1].any(axis=0), rms, np.abs(mean)) / np.sqrt(np.where(count > 0, count, np.nan))
+    return CHANCE * np.array([spread, spread / np.sqrt(2)])
 
 
 def _needed(left_out: Watch, others: Sequence[Watch]) -> Array:

@@ -41,9 +41,12 @@ def _of_sensor(observer: Observer, index: int, line: Diagnostic) -> Diagnostic:
     parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()]
     if parts:
         return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
-    if line.level == Level.OK and (absent := axes.absent):
-        return Diagnostic(line.name, Level.WARN, f"in use, without {', '.join(absent)}", line.values)
-    return line
+    if line.level != Level.OK:
+        return line
+    doubts = [f"without {', '.join(absent)}"] if (absent := axes.absent) else []
+    if line.name == observer.tilt.sensor and (tilted := observer.tilt.sentence()):
+        doubts.append(tilted)
+    return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line
 
 
 def _own(observer: Observer) -> Diagnostic:

@@ -117,8 +117,9 @@ class Monitor:
 
     `measured` is called for every measurement and does no more than keep its figures. When a part of the window is
     over, statistics are made and judged; `on_statistics` then gets the stamp [ns], means and root mean squares (2, n)
-    of `quantities`, NaN where there was nothing. `gates` are the largest normalized innovations squared that are
-    believed, of each sensor; `ready` tells whether the filter has converged.
+    of `quantities`, NaN where there was nothing; `independent` (n,) then says how many values of such a window are
+    independent of each other if the model is right, NaN where that is not known. `gates` are the largest normalized
+    innovations squared that are believed, of each sensor; `ready` tells whether the filter has converged.
     Raises `InputError` for limits of another vehicle or of other sensors.
     """
 
@@ -169,6 +170,10 @@ class Monitor:
         self._sums = np.zeros((PARTS, 3, n))  # of values, of squares, numbers of values
         self._low, self._high, self._most = self._bounds(limits, n)
         self._excess = np.zeros(n)
+        # A force's error is known again after its time constant: its estimates in between are one and the same.
+        self.independent = np.full(n, np.nan)
+        rates = car.prior.rate[self._places[: len(self._places) - len(self._estimated)] + FORCE.start]
+        self.independent[self._of_slow.start : self._of_slow.start + len(rates)] = self._part * PARTS * 1e-9 * rates / 2
         self._since: dict[int, int] = {}  # of what is beyond its limits [ns]
         self._last = np.full((2, n), np.nan)
         self._filled = self._row = 0
@@ -247,13 +252,10 @@ class Monitor:
             nis, values = watched.nis[: watched.count], watched.values[: watched.count]
             trusted = np.minimum(nis, watched.limit)
             part[:, watched.ratio] += (trusted.sum() / watched.components, np.nan, len(nis))
-            seen = np.isfinite(values).all(axis=1)
-            values = values[seen] * np.sqrt(trusted[seen] / np.maximum(nis[seen], 1e-300))[:, None]
-            part[:, watched.axes] += (
-                values.sum(axis=0),
-                (values**2).sum(axis=0),
-                np.full(values.shape[1], len(values)),
-            )
+            seen = np.isfinite(values)
+            scale = np.sqrt(trusted / np.maximum(nis, 1e-300))[:, None]
+            values = np.where(seen, values, 0.0) * scale
+            part[:, watched.axes] += (values.sum(axis=0), (values**2).sum(axis=0), seen.sum(axis=0))
             watched.count = 0
         slow = self._slow.values[: self._slow.count, self._places]
         part[:, self._of_slow] += _sums(slow)
@@ -268,6 +270,10 @@ class Monitor:
             unsure = self._unsure.max(axis=0)
             self._excess = np.fmax((np.abs(mean - middle) - unsure) / half, (rms - unsure) / self._most)
         if self._on_statistics is not None:
+            for watched in self._sensors:
+                if watched is not None:
+                    self.independent[watched.axes] = counts[watched.axes]
+                    self.independent[watched.ratio] = counts[watched.ratio] * watched.components / 2  # of a square
             self._on_statistics(stamp, self._last)
         beyond = {int(i) for i in np.flatnonzero(self._excess > 1.0)}
         self._since = {i: self._since.get(i, stamp) for i in beyond}

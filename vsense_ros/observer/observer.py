@@ -32,6 +32,7 @@ from vsense_ros.observer.placement import Placement
 from vsense_ros.observer.resets import Resets
 from vsense_ros.observer.road_map import RoadMap
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
+from vsense_ros.observer.tilt import Tilt
 from vsense_ros.observer.vote import REMEMBERED, Vote
 
 Array = NDArray[np.float64]
@@ -114,6 +115,7 @@ class Observer:
         self.resets = Resets(self.car, self.intake)
         self._alignment = Alignment(self.filter, self._timeline, self.intake)
         self.balance = Balance(vehicle, self.sensors)
+        self.tilt = Tilt(self.sensors, self.car)
         self._beginning = Beginning(vehicle, self.intake, self.car.largest[FORWARD])
 
     @property
@@ -205,6 +207,7 @@ class Observer:
         filter, mean, events = self.filter, self.car.mean, start.events
         filter.start_rolling(start.speed)
         self.balance.forget()
+        self.tilt.forget()
         for event in events.values():
             sensor = self.intake.sensors[event.sensor]
             self.balance.measured(event)
@@ -321,7 +324,8 @@ class Observer:
         newest = self.output()
         if not self.started:
             return []
-        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(sample.values["force"][0])]
+        told = [v for sample in newest if sample.topic == BALANCE for v in sample.values.values()]
+        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(told).any()]
 
     def output(self) -> list[Sample]:
         """The same, also before the start, when it means nothing: the topics are those of any estimate."""
@@ -335,6 +339,7 @@ class Observer:
         made = Estimate.of(self.stamp, self.filter)
         if self.started:
             made.unbalanced[:] = self.balance.residual(made)
+            self.tilt.look(self.stamp, lambda: self.converged)
         return made
 
     def parameters(self) -> dict[str, tuple[float, float]]:

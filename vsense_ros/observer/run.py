@@ -95,7 +95,8 @@ def as_recording(estimates: Sequence[Estimate], name: str, metadata: Mapping[str
         for s in estimate_samples(stacked(estimates))
     }
     balance = channels[BALANCE]
-    heard = np.isfinite(balance.columns["force"][:, 0])
+    told = np.hstack([balance.columns["force"], balance.columns["torque"]])
+    heard = np.asarray(np.isfinite(told).any(axis=1), dtype=bool)
     if not heard.any():
         del channels[BALANCE]
     elif not heard.all():

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,8 @@ _REFUSALS = 3  # at least so many, after which an axis has jumped: no single out
 _STREAK = 50_000_000  # [ns] after which a refusal does not belong to those before
 _BLOCK = 20_000_000  # [ns] in which innovations are summed
 _WINDOWS = np.array([1, 2, 10, 50])  # blocks of the sums that are looked at: the first two for jumps
+# Which blocks, of a ring of as many as are looked at, each sum is of when the newest is at a place of it.
+_ADDED = 1.0 * ((np.arange(50)[:, None, None] - np.arange(50)) % 50 < _WINDOWS[:, None])
 _ALARM = 4.5  # standard deviations of such a sum
 _JUMP = 9.5  # the same, of one block or two: the axis has jumped away from what all others say
 _JUST_NOW = 200_000_000  # [ns] that are done again then
@@ -75,10 +78,11 @@ class Sums:
     each of `_WINDOWS`."""
 
     def __init__(self, m: int) -> None:
-        self._rows, self._row, self._from = np.zeros((_ROWS, m)), 0, 0
-        self._blocks, self._block = np.zeros((_WINDOWS[-1], 2, m)), 0
-        self._windows = np.zeros((len(_WINDOWS), 2, m))
-        self.totals, self.counts = self._windows[:, 0], self._windows[:, 1]
+        self._rows, self._row, self._until = np.zeros((_ROWS, m)), 0, 0
+        self._blocks, self._block = np.zeros((len(_ADDED), 2 * m)), 0  # totals and counts
+        self._windows, self._square = np.zeros((len(_WINDOWS), 2 * m)), np.zeros((len(_WINDOWS), m))
+        self._limit, self._beyond = np.zeros_like(self._square), np.zeros(self._square.shape, dtype=bool)
+        self.totals, self.counts = self._windows[:, :m], self._windows[:, m:]
         self.begun = False
 
     def clear(self) -> None:
@@ -87,25 +91,31 @@ class Sums:
 
     def forget(self, component: int) -> None:
         """All that a component has said."""
-        self._rows[:, component] = self._blocks[..., component] = self._windows[..., component] = 0.0
+        self._rows[:, component] = 0.0
+        for part in (self.totals, self.counts, *np.split(self._blocks, 2, axis=1)):
+            part[:, component] = 0.0
 
     def add(self, stamp: int, whitened: Array) -> bool:
-        """Take in a message (m,), NaN where a component was absent; True at the end of a block."""
-        self._rows[self._row] = whitened
-        self._row += 1
-        if stamp - self._from < _BLOCK and self._row < _ROWS:
+        """Take in a message (m,), NaN where a component was absent; True where it ends a block after which a sum is as
+        far from zero as `_ALARM`."""
+        row = self._row
+        self._rows[row] = whitened
+        self._row = row = row + 1
+        if stamp < self._until and row < _ROWS:
             return False
-        rows, blocks = self._rows[: self._row], self._blocks
-        total, count = rows.sum(axis=0), np.full(rows.shape[1], float(self._row))
-        if not np.isfinite(total).all():
+        rows, place, m = self._rows[:row], self._block, len(whitened)
+        new = self._blocks[place]
+        total = np.add.reduce(rows, axis=0, out=new[:m])
+        new[m:] = row
+        if not isfinite(total.dot(total)):
             there = rows == rows
-            total, count = np.where(there, rows, 0.0).sum(axis=0), there.sum(axis=0)
-        self._windows -= blocks[(self._block - _WINDOWS) % len(blocks)]
-        blocks[self._block] = total, count
-        self._windows += blocks[self._block]
-        self._block = (self._block + 1) % len(blocks)
-        self._row, self._from, self.begun = 0, stamp, True
-        return True
+            new[:m], new[m:] = np.where(there, rows, 0.0).sum(axis=0), there.sum(axis=0)
+        np.dot(_ADDED[place], self._blocks, out=self._windows)
+        self._block = place + 1 if place + 1 < len(_ADDED) else 0
+        self._row, self._until, self.begun = 0, stamp + _BLOCK, True
+        np.multiply(self.totals, self.totals, out=self._square)
+        np.multiply(self.counts, _ALARM**2, out=self._limit)
+        return bool(np.count_nonzero(np.greater(self._square, self._limit, out=self._beyond)))
 
     def far(self) -> Array:
         """How far each sum is from zero (4, m) [standard deviations]."""
@@ -142,12 +152,16 @@ class Axes:
     value_row: int = 0
     asked: int = 0
     held: Array = field(init=False)  # share of values that equal the one before
-    there: NDArray[np.bool_] = field(init=False)  # what came of late
 
     def __post_init__(self) -> None:
         m = len(self.words)
         self.sums, self.values = Sums(m), np.full((_FROZEN - 1 + _LOOKS, m), np.nan)
-        self.held, self.there = np.ones(m), np.zeros(m, dtype=bool)
+        self.held = np.ones(m)
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """What came of late, (m,)."""
+        return np.asarray(self.sums.counts[0] > 0)
 
     def masked(self, value: Array) -> Array:
         """A measurement without what is out."""
@@ -241,7 +255,10 @@ class Vote:
         """Let the filter use a message; `first` if it has not been used before. What is not believed of it becomes NaN
         in the event, so that it is not believed when it happens again either."""
         if first:
-            self._watch_values(axes, event)
+            axes.values[axes.value_row] = event.value
+            axes.value_row += 1
+            if axes.value_row == len(axes.values):
+                self._look_for_frozen(axes)
             if axes.out:
                 self._ask(axes, event)
                 event.value = axes.masked(event.value)
@@ -249,8 +266,10 @@ class Vote:
         if found.nis > axes.gate:
             return self._look_closer(axes, event, found, first)
         if first:
-            axes.refused_from.clear()
-            self._keep(axes, event.stamp, found.whitened)
+            if axes.refused_from:
+                axes.refused_from.clear()
+            if axes.sums.add(event.stamp, found.whitened):
+                self._is_far(axes, event.stamp)
         return found
 
     def _look_closer(self, axes: Axes, event: Event, found: Innovation, first: bool) -> Innovation:
@@ -279,18 +298,14 @@ class Vote:
             axes.refused_from[axis] = begin, now, count + 1
             if now - begin >= _REFUSED and count + 1 >= _REFUSALS and self._others_there():
                 self._take_out(axes, axis, begin, "jumped away from all others")
-        if first:
-            self._keep(axes, now, whitened)
+        if first and axes.sums.add(now, whitened):
+            self._is_far(axes, now)
         limit = axes.channel.limit
         return seen._replace(nis=min(seen.nis, limit) if used else max(seen.nis, 1.01 * limit), accepted=used > 0)
 
-    def _keep(self, axes: Axes, stamp: int, whitened: Array) -> None:
-        if not axes.sums.add(stamp, whitened):
-            return
+    def _is_far(self, axes: Axes, stamp: int) -> None:
+        """Raise the alarm where innovations of a sensor add up to more than noise does."""
         far = axes.sums.far()
-        axes.there = axes.sums.counts[0] > 0
-        if far.max() < _ALARM:
-            return
         if far[:2].max() > _JUMP and stamp - self._begun >= _SETTLED and self._others_there():
             self._jumped.append((axes, int(far[:2].max(axis=0).argmax())))
         for window, furthest in zip(_WINDOWS[2:].tolist(), far[2:].max(axis=1).tolist(), strict=True):
@@ -320,20 +335,16 @@ class Vote:
             self._alarm, self._pause = since - _BEFORE, _PAUSES[0]
         self._heard = now
 
-    def _watch_values(self, axes: Axes, event: Event) -> None:
+    def _look_for_frozen(self, axes: Axes) -> None:
         """Whether an axis is frozen."""
         values = axes.values
-        values[axes.value_row] = event.value
-        axes.value_row += 1
-        if axes.value_row < len(values):
-            return
         same = values[1:] == values[:-1]
-        frozen = same[1 - _FROZEN :].all(axis=0)
-        if frozen.any():
+        if np.count_nonzero(same[-1]):
+            frozen = same[1 - _FROZEN :].all(axis=0)
             for axis in np.flatnonzero(frozen & (axes.held < _LIVELY)).tolist():
                 if axis not in axes.out and self._moving():
                     self._frozen.append((axes, axis, float(values[-1, axis])))
-        axes.held += _SHARE * (same.mean(axis=0) - axes.held)
+        axes.held += _SHARE * (np.add.reduce(same, axis=0) / len(same) - axes.held)
         values[: _FROZEN - 1] = values[1 - _FROZEN :]
         axes.value_row = _FROZEN - 1
 
