@@ -112,10 +112,6 @@ def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     assert explain_recordings(recordings[:2], extended).answer.verdict == "no_mismatch"
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="since roads bend the bank is named as a plane and explains 68 %; the brake adds 8 % and is left out",
-)
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags():
@@ -288,11 +284,6 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
     assert not any(effect.profile for effect in found.effects)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a spline through all points bends the road: at its beginning, where little is measured, a point takes part "
-    "in what is predicted of its neighbours (0.010 rad instead of 0.004)",
-)
 @pytest.mark.slow
 def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_predicted_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
