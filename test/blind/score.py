@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from math import sqrt
 from statistics import median
 
@@ -16,6 +17,7 @@ from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
 from vsense_ros.mismatch.answer_schema import EffectEntry
 
+CONFIDENCES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.01)  # bins of what is told
 QUIET = ("no_mismatch", "not_assessable")
 SEVERAL = "several"  # kind of case, and name of the set that these are
 
@@ -273,6 +275,21 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             right.append(name in r.truth)
             told.append(name in r.answer_set)
     return np.array(found), np.array(right, bool), np.array(told, bool)
+
+
+def reliability(results: list[Result]) -> list[dict]:
+    """How often effects are there that are told with about the same confidence, by bins of it that are not empty: of
+    all cases, every effect that was fitted and has a confidence."""
+    pairs = [(effect.confidence, effect.id in r.right) for r in results for effect in reading.effects(r.answer.explain)]
+    found = []
+    for low, high in pairwise(CONFIDENCES):
+        inside = [(told, right) for told, right in pairs if low <= told < high]
+        if inside:
+            mean = float(np.mean([told for told, _ in inside]))
+            found.append(
+                {"from": low, "to": min(high, 1.0), "told": mean, "right": share(right for _, right in inside)}
+            )
+    return found
 
 
 def relative_errors(results: list[Result]) -> np.ndarray:

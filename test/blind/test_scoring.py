@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
-from blind import cases, oracle, score, tool
+from blind import cases, oracle, picture, score, tool
 from blind.__main__ import SEALS, main
 from blind.effects import EFFECTS
 from blind.oracle import Best
@@ -180,6 +180,19 @@ def test_of_several_defects_names_are_counted_one_by_one_and_only_those_that_cou
     assert found["false_names_with_nothing_hidden"] == score.share([False])
     assert found["size_error_median"] == {"value": pytest.approx(0.1), "n": 1}
     assert found["explained_share_median"] == {"value": pytest.approx(0.75), "n": 1}
+
+
+def test_a_confidence_is_reliable_where_as_many_are_there_as_it_says(tmp_path):
+    def told(confidence: float, hidden: bool) -> Result:
+        result = _result(["gyro_bias" if hidden else "aero_drag"], "named", ["gyro_bias"])
+        entry = effect("gyro_bias", 0.5, confidence=confidence, accepted=True)
+        return replace(result, answer=Answer(finding("named", effects=[entry]), 1.0))
+
+    bins = score.reliability([*(told(0.7, i < 7) for i in range(10)), *(told(0.1, i < 1) for i in range(10))])
+    assert [(each["told"], each["right"]["value"], each["right"]["n"]) for each in bins] == [
+        (pytest.approx(0.1), 0.1, 10), (pytest.approx(0.7), 0.7, 10),
+    ]  # fmt: skip
+    assert "confidence that is told" in picture.reliability(bins, tmp_path / "drawn.svg").read_text(encoding="utf-8")
 
 
 def test_cases_with_several_defects_are_scored_by_themselves():
