@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 SHORTLIST = 4  # candidates by their gain, as many by their cross-validation gain, and as many without their best window
 WORTH = 0.06  # least gain of a profile (a size for every place of the road) beyond that of one size for all places
-PROMISING = 0.5  # of the best score, below which no profile is fitted: each of its places costs a simulation
+PROMISING = 0.5  # of the best score, below which no profile is fitted: it has a parameter for each place
 TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
 SECANT = 1.0  # likely offsets: some effects have no slope at zero
 PAIRED = 8  # single hypotheses of which all pairs are tried
@@ -305,8 +305,6 @@ class Search:
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
             known = max(one.score if one is not None else 0.0, self.of_several_cars)
             if free.score > max(known + WORTH, PROMISING * best):
-                self._simulate(free.candidates[-1].places)
-                free = self._signature(at, present, free.candidates[-1:])
                 chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
         return list(chosen.values())
 
