@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, oracle, reading, score, tool, vehicle_file
+from blind import cases, oracle, picture, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
 from vsense_ros.errors import InputError
@@ -269,6 +269,7 @@ def score_command(options: dict, target: Path, commit: str, note: str) -> None:
         "note": note,
         "ablations": {"shuffled_labels": score.all_sets(score.shuffled(results))},
         "confusion": score.confusion(results),
+        "reliability": score.reliability(results),
     }
     for ablation in tool.ABLATIONS:
         if found := _results(options, ablation):
@@ -278,6 +279,9 @@ def score_command(options: dict, target: Path, commit: str, note: str) -> None:
     for name, scores in sets.items():
         _print(name, scores, {ablation: other.get(name, {}) for ablation, other in figures["ablations"].items()})
     _print_confusion(figures["confusion"])
+    _print_reliability(figures["reliability"])
+    drawing = picture.reliability(figures["reliability"], target.with_name(f"{target.stem}_reliability.svg"))
+    CONSOLE.print(f"Written to {target} and {drawing}.")
     _tell_lost(options)
 
 
@@ -315,6 +319,17 @@ def _print_confusion(table: dict[str, dict[str, int]]) -> None:
     for truth, said in table.items():
         shown.add_row(truth, ", ".join(f"{name} {count}" for name, count in said.items()))
     CONSOLE.print(shown)
+
+
+def _print_reliability(bins: list[dict]) -> None:
+    table = Table("confidence", "told", "there", "95 %", "n", title="how reliable a confidence is")
+    for each in bins:
+        right = each["right"]
+        table.add_row(
+            f"{each['from']:.2f} … {each['to']:.2f}", _shown(each["told"]), _shown(right["value"]),
+            f"{right['low']:.2f} … {right['high']:.2f}", str(right["n"]),
+        )  # fmt: skip
+    CONSOLE.print(table)
 
 
 def _check_seal(options: dict) -> None:

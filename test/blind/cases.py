@@ -18,7 +18,7 @@ from blind.cars import Car, drawn
 from blind.effects import EFFECTS, SIZES, Hidden
 from blind.knobs import Values
 from blind.outside import OUTSIDE
-from blind.sensors import GRADES, Biases, Mounting
+from blind.sensors import AS_USUAL, GRADES, Biases, Mounting, Recorder
 
 # A release seed is used up when the tool changes after its answers were looked at: the next release has another.
 # `SPENT` are those of earlier ones, in their order.
@@ -52,6 +52,22 @@ APART = (
     {"tyre_underinflation", "wheel_radius"},
     {"tyre_conicity", "crosswind", "steering_offset", "gyro_bias"},
 )
+# Several at once, as real recordings have them: at least two defects of sensors, the others of the car; what was found
+# on real cars is drawn `LIKELIER` times as often.
+SEVERAL = 120
+SEVERAL_SETS = ("rich", "everyday")
+WITHOUT_ANY = 6  # of so many cases one has none
+FEWEST, MOST, OF_SENSORS = 3, 6, 2
+DEFECTS_OF_SENSORS = (
+    "sensor_delay", "gnss_lever_arm", "imu_lever_arm", "imu_roll_misalignment", "imu_pitch_misalignment",
+    "imu_yaw_misalignment", "body_roll_in_accelerometer", "accelerometer_bias", "gyro_bias", "gyro_scale",
+    "steering_offset",
+)  # fmt: skip
+FOUND_ON_REAL_CARS = (
+    *DEFECTS_OF_SENSORS, "steering_ratio", "limited_slip_differential", "payload_offset", "road_bank", "road_grade",
+    "wheel_radius",
+)  # fmt: skip
+LIKELIER = 3
 NOTHING_EACH = 20
 NOTHING_BLIND_TO_VELOCITY = 8
 
@@ -61,7 +77,7 @@ class Case:
     """One case with all that is known of it."""
 
     number: str
-    kind: str  # effect, nothing, double, outside, inseparable
+    kind: str  # effect, nothing, double, outside, inseparable, several
     manoeuvres: str  # name of the set
     plant: str
     tyre: str
@@ -83,6 +99,10 @@ class Case:
     def sensors(self) -> tuple[Mounting, Biases]:
         rng = self.rng("sensors")
         return Mounting.drawn(rng), Biases.drawn(GRADES[self.grade], rng)
+
+    @property
+    def recorder(self) -> Recorder:
+        return Recorder.drawn(self.rng("recorder")) if self.kind == "several" else AS_USUAL
 
     def effects(self) -> list[tuple[str, float, Hidden]]:
         """Id, size and what is turned, of all that is hidden."""
@@ -131,6 +151,8 @@ class Case:
         ]
         known["car"] = self.car.name
         known["acceptable"] = list(self.acceptable)
+        if self.kind == "several":
+            known["recorder"] = asdict(self.recorder)
         return known
 
 
@@ -176,7 +198,32 @@ def all_cases(split: str) -> list[Case]:
             for size in (1.0, 1.5):
                 draw.add("inseparable", "steady", (name, size), acceptable=group)
     order = draw.rng.permutation(len(draw.cases))
-    return [replace(draw.cases[j], number=f"{i:04d}") for i, j in enumerate(order)]
+    found = [draw.cases[j] for j in order] + _several(np.random.default_rng([SEEDS[split], SEVERAL]))
+    return [replace(case, number=f"{i:04d}") for i, case in enumerate(found)]
+
+
+def _several(rng: np.random.Generator) -> list[Case]:
+    """Cases with several defects at once. Their seed is their own: the cases before them stay as they are."""
+    draw = _Draw(rng)
+    for i in range(SEVERAL):
+        hidden = () if i % WITHOUT_ANY == WITHOUT_ANY - 1 else _defects(rng)
+        draw.add("several", SEVERAL_SETS[i % len(SEVERAL_SETS)], *hidden)
+    return draw.cases
+
+
+def _defects(rng: np.random.Generator) -> tuple[tuple[str, float], ...]:
+    """Ids and sizes of which no two act on the same quantity: first of sensors, then of any kind."""
+    names = sorted(EFFECTS)
+    weights = np.array([LIKELIER if name in FOUND_ON_REAL_CARS else 1.0 for name in names])
+    order = [str(name) for name in rng.choice(names, len(names), replace=False, p=weights / weights.sum())]
+    count = int(rng.integers(FEWEST, MOST + 1))
+    chosen: list[str] = []
+    for wanted, offered in ((OF_SENSORS, [n for n in order if n in DEFECTS_OF_SENSORS]), (count, order)):
+        for name in offered:
+            alike = any(name in group and not group.isdisjoint(chosen) for group in APART)
+            if len(chosen) < wanted and name not in chosen and not alike:
+                chosen.append(name)
+    return tuple((name, float(np.round(rng.uniform(0.6, 1.5), 3))) for name in chosen)
 
 
 def _pairs(rng: np.random.Generator) -> list[tuple[str, str]]:

@@ -101,7 +101,7 @@ def write_case(case: Case, lanes: list[Lane], motions: list[dict], folder: Path)
     target = folder / case.number
     shutil.rmtree(target, ignore_errors=True)
     mounting, biases = case.sensors()
-    bench = Bench(case.grade, mounting, biases, case.knobs())
+    bench = Bench(case.grade, mounting, biases, case.knobs(), case.recorder)
     written: dict[str, list[str]] = {"train": [], "held_out": []}
     for lane, motion in zip(lanes, motions, strict=True):
         gnss = case.manoeuvres != BLIND_TO_VELOCITY

@@ -3,7 +3,7 @@ the same drive without it. The one place where that is asked."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from blind import reading, tool
@@ -19,10 +19,15 @@ class Best:
 
     gain: float  # that the least of the effects adds to the others; the smaller of training and held-out gain
     left: dict[str, float]  # of each signal's error on held-out recordings, the share that is left after the fit
+    adds: dict[str, float] = field(default_factory=dict)  # by effect, what it adds to all others
 
     @property
     def detectable(self) -> bool:
         return self.gain >= DETECTABLE
+
+    def detects(self, effect: str) -> bool:
+        """Whether one of several effects adds enough to the others."""
+        return self.adds.get(effect, 0.0) >= DETECTABLE
 
 
 def ask(case: Path, report: Path, effects: list[str]) -> None:
@@ -40,7 +45,8 @@ def best(report: Path, effects: list[str]) -> Best | None:
     gain, *without = (_gain(folder, assumed) for folder, assumed in _reports(report, effects).items())
     errors = reading.errors(answer.explain)
     left = {signal: after / before for signal, (before, after) in errors.items() if before > 0}
-    return Best(gain - max([0.0, *without]), left)
+    adds = dict(zip(effects, (gain - one for one in without), strict=True)) if without else {effects[0]: gain}
+    return Best(gain - max([0.0, *without]), left, adds)
 
 
 def ask_without(twin: Path, report: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from math import sqrt
 from statistics import median
 
@@ -16,7 +17,9 @@ from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
 from vsense_ros.mismatch.answer_schema import EffectEntry
 
+CONFIDENCES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.01)  # bins of what is told
 QUIET = ("no_mismatch", "not_assessable")
+SEVERAL = "several"  # kind of case, and name of the set that these are
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class Result:
     @property
     def kind(self) -> str:
         return self.label["kind"]
+
+    @property
+    def scored_with(self) -> str:
+        """What it is scored with: cases of the same manoeuvres, or all with several defects at once."""
+        return SEVERAL if self.kind == SEVERAL else str(self.label["manoeuvres"])
 
     @property
     def truth(self) -> set[str]:
@@ -104,10 +112,64 @@ def parameter_error(result: Result) -> float | None:
     told = rightly_told(result)
     if told is None or not told[1]:
         return None
-    effect, expected = told
+    return _off(*told)
+
+
+def said_rightly(result: Result) -> list[tuple[EffectEntry, dict]]:
+    """Of several hidden effects, those that are named, each with its label."""
+    hidden = {one["id"]: one for one in result.label["hidden"]}
+    entries = {entry.id: entry for entry in reading.effects(result.answer.explain)}
+    return [(entries[name], hidden[name]) for name in result.accepted if name in hidden]
+
+
+def size_errors(result: Result) -> list[float]:
+    """Relative error of the estimated parameters of each rightly named of several effects, where they are
+    comparable."""
+    return [_off(entry, label["parameters"]) for entry, label in said_rightly(result) if label["parameters"]]
+
+
+def _off(effect: EffectEntry, expected: dict[str, float]) -> float:
     found = reading.parameters(effect)
     wrong = sum((found.get(name, 0.0) - value) ** 2 for name, value in expected.items())
     return sqrt(wrong / sum(value**2 for value in expected.values()))
+
+
+def places_right(result: Result) -> list[bool]:
+    """Of each rightly named of several effects that has one place, whether its wheel, axle, sensor or axis is right."""
+    found = []
+    for entry, label in said_rightly(result):
+        told = reading.parameters(entry)
+        if label["where"] and len(label["parameters"]) == 1 and told:
+            found.append(max(told, key=lambda name: abs(told[name])) in label["parameters"])
+    return found
+
+
+def of_several(results: list[Result]) -> dict:
+    """All scores of the cases with several defects at once."""
+    hidden = [r for r in results if r.truth]
+    quiet = [r for r in results if not r.truth]
+    possible = [(r, name) for r in hidden for name in sorted(r.truth) if r.best is None or r.best.detects(name)]
+    explained = [recovery(r) for r in hidden]
+    return {
+        "precision_of_names": share(name in r.right for r in hidden for name in r.accepted),
+        "recall_of_detectable": share(name in r.accepted for r, name in possible),
+        "within_reach_of_detectable": share(name in {*r.accepted, *r.answer_set} for r, name in possible),
+        "detectable": share(r.best is None or r.best.detects(name) for r in hidden for name in r.truth),
+        "named": share(r.verdict == "named" for r in hidden),
+        "answers_with_a_wrong_name": share(not set(r.accepted) <= r.right for r in hidden if r.accepted),
+        "where_right": share(right for r in hidden for right in places_right(r)),
+        "size_error_median": number(error for r in hidden for error in size_errors(r)),
+        "explained_share_median": number(explained),
+        "explained_share_p10": number(explained, lambda values: np.quantile(values, 0.1)),
+        "false_names_with_nothing_hidden": share(r.verdict not in QUIET for r in quiet),
+        "not_assessable": share(r.verdict == "not_assessable" for r in results),
+        "no_answer": share(not r.answer.explain for r in results),
+        "cpu_seconds_per_100_s": number(_cpu_per_100_s(results)),
+    }
+
+
+def _cpu_per_100_s(results: list[Result]) -> Iterable[float]:
+    return (100 * r.answer.cpu / s for r in results if (s := reading.driven(r.answer.explain)))
 
 
 def intervals_hold(result: Result) -> list[bool]:
@@ -175,9 +237,7 @@ def of_set(results: list[Result]) -> dict:
         "detectable": share(r.detectable for r in results if r.kind == "effect"),
         "no_answer": share(not r.answer.explain for r in results),
         "cpu_seconds": number(r.answer.cpu for r in results),
-        "cpu_seconds_per_100_s": number(
-            100 * r.answer.cpu / s for r in results if (s := reading.driven(r.answer.explain))
-        ),
+        "cpu_seconds_per_100_s": number(_cpu_per_100_s(results)),
     }
 
 
@@ -194,8 +254,8 @@ def confusion(results: list[Result]) -> dict[str, dict[str, int]]:
 def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
     """The same answers with the labels of other cases of the same set: what chance gives."""
     mixed: list[Result] = []
-    for name in sorted({r.label["manoeuvres"] for r in results}):
-        group = [r for r in results if r.label["manoeuvres"] == name]
+    for name in sorted({r.scored_with for r in results}):
+        group = [r for r in results if r.scored_with == name]
         order = np.random.default_rng(seed).permutation(len(group))
         mixed += [Result(group[j].label, r.answer, group[j].best) for r, j in zip(group, order, strict=True)]
     return mixed
@@ -215,6 +275,21 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             right.append(name in r.truth)
             told.append(name in r.answer_set)
     return np.array(found), np.array(right, bool), np.array(told, bool)
+
+
+def reliability(results: list[Result]) -> list[dict]:
+    """How often effects are there that are told with about the same confidence, by bins of it that are not empty: of
+    all cases, every effect that was fitted and has a confidence."""
+    pairs = [(effect.confidence, effect.id in r.right) for r in results for effect in reading.effects(r.answer.explain)]
+    found = []
+    for low, high in pairwise(CONFIDENCES):
+        inside = [(told, right) for told, right in pairs if low <= told < high]
+        if inside:
+            mean = float(np.mean([told for told, _ in inside]))
+            found.append(
+                {"from": low, "to": min(high, 1.0), "told": mean, "right": share(right for _, right in inside)}
+            )
+    return found
 
 
 def relative_errors(results: list[Result]) -> np.ndarray:
@@ -257,5 +332,6 @@ def calibrated(leads: np.ndarray, right: np.ndarray, told: np.ndarray, split: st
 
 
 def all_sets(results: list[Result]) -> dict[str, dict]:
-    names = sorted({r.label["manoeuvres"] for r in results})
-    return {name: of_set([r for r in results if r.label["manoeuvres"] == name]) for name in names}
+    """Scores by set."""
+    names = sorted({r.scored_with for r in results})
+    return {n: (of_several if n == SEVERAL else of_set)([r for r in results if r.scored_with == n]) for n in names}

@@ -47,6 +47,21 @@ STEPS = {"gyro": 2**-12, "force": 2**-9, "wheel": 2**-6, "handwheel": 2**-10, "t
 
 
 @dataclass(frozen=True)
+class Recorder:
+    """How a recording is made, whatever the sensors are."""
+
+    gnss_period: float = 0.1  # [s]
+    coarse: int = 1  # steps of CAN signals, over those of `STEPS`
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Recorder:
+        return cls(1 / float(rng.choice((1.0, 2.0, 5.0, 10.0, 25.0))), int(rng.choice((1, 4, 16))))
+
+
+AS_USUAL = Recorder()
+
+
+@dataclass(frozen=True)
 class Mounting:
     """Where the vehicle file says that the sensors are, from cog [m]."""
 
@@ -81,8 +96,8 @@ class Biases:
 class Bench:
     """The sensors of one case."""
 
-    def __init__(self, grade: str, mounting: Mounting, biases: Biases, values) -> None:
-        self.grade, self.mounting, self.biases = GRADES[grade], mounting, biases
+    def __init__(self, grade: str, mounting: Mounting, biases: Biases, values, recorder: Recorder = AS_USUAL) -> None:
+        self.grade, self.mounting, self.biases, self.recorder = GRADES[grade], mounting, biases, recorder
         self.knobs = {name: np.array(values.get(name, np.zeros(n) if n > 1 else 0.0)) for name, (n, _) in KNOBS.items()}
 
     def record(self, lane, name: str, start: int, rng: np.random.Generator, *, gnss: bool = True) -> Recording:
@@ -141,18 +156,21 @@ class Bench:
         columns = {field: np.zeros((len(t), 0)) for field in ("position", "velocity", "effort")}
         if kind == "wheel_speeds":
             value = _at(lane["spin"], at)
-            columns["velocity"] = _stepped(value + self.grade.wheel * rng.standard_normal(value.shape), STEPS["wheel"])
+            columns["velocity"] = self._on_can(value + self.grade.wheel * rng.standard_normal(value.shape), "wheel")
         elif kind == "steering":
             names = ("steering_wheel",)
             value = _at(lane["handwheel"], at) + self.biases.handwheel
             value = value + self.grade.handwheel * rng.standard_normal(value.shape)
-            columns["position"] = _stepped(value, STEPS["handwheel"])
+            columns["position"] = self._on_can(value, "handwheel")
         else:
-            columns["effort"] = _stepped(_at(lane["torque"], at), STEPS["torque"])
+            columns["effort"] = self._on_can(_at(lane["torque"], at), "torque")
         return _channel(f"vehicle/{kind}", "sensor_msgs/msg/JointState", clock, t, arrival, columns, "", names)
 
+    def _on_can(self, value: np.ndarray, signal: str) -> np.ndarray:
+        return _stepped(value, self.recorder.coarse * STEPS[signal])
+
     def _gnss(self, lane, clock, end, rng) -> list[Channel]:
-        t = self._times(end, 0.1, 0.0)
+        t = self._times(end, self.recorder.gnss_period, 0.0)
         at = t - self.knobs["gnss_delay"]
         position, velocity, rates = (_at(lane[name], at) for name in ("position", "velocity", "rates"))
         place = np.array(self.mounting.gnss) + self.knobs["gnss_place"]
@@ -160,7 +178,7 @@ class Bench:
         antenna = position + np.einsum("ijn,j->ni", to_map, place)
         moving = np.einsum("ijn,nj->ni", to_map, velocity + np.cross(rates, place))
         sigma = self.grade.position * np.array([1, 1, 2])
-        antenna = antenna + sigma * _persistent(len(t), 0.1, rng)
+        antenna = antenna + sigma * _persistent(len(t), self.recorder.gnss_period, rng)
         moving = moving + self.grade.velocity * np.array([1, 1, 2]) * rng.standard_normal(moving.shape)
         geodetic = [np.asarray(c)[:, None] for c in pymap3d.enu2geodetic(*antenna.T, *ORIGIN)]
         fix = {

@@ -14,7 +14,7 @@ from blind.cars import CARS, GRAVITY
 from blind.effects import EFFECTS
 from blind.plants import mujoco_tree
 from blind.plants.log import PERIOD
-from blind.sensors import Bench, Mounting
+from blind.sensors import STEPS, Bench, Mounting, Recorder
 from blind.tyres import FORMULAS
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.effects import BY_ID, Effects
@@ -46,14 +46,32 @@ def test_expected_parameters_are_those_of_the_library():
             assert set(expected) <= set(BY_ID[name].model_fields), name
 
 
+def at_rest(rows: int) -> dict[str, np.ndarray]:
+    """A log of a car that stands."""
+    columns = {"rates": 3, "turning": 3, "force": 3, "angles": 3, "spin": 4, "handwheel": 1, "torque": 4}
+    columns |= {"position": 3, "velocity": 3}
+    return {key: np.zeros((rows, n)) for key, n in columns.items()}
+
+
+@pytest.mark.parametrize(("per_second", "coarse"), [(1.0, 4), (25.0, 16)])
+def test_a_recorder_says_how_often_gnss_comes_and_in_what_steps_can_signals_are(per_second, coarse):
+    mounting, biases = Mounting((0.0, 0.0, 0.0), (0.0, 0.0, 0.9)), cases.Biases(np.zeros(3), np.zeros(3), 0.3)
+    bench = Bench("simple", mounting, biases, {}, Recorder(1 / per_second, coarse))
+    recorded = bench.record(at_rest(20_000), "rest", 0, np.random.default_rng(1))
+    velocity = recorded["gps/velocity"]
+    assert np.diff(velocity.stamp) == pytest.approx(1e9 / per_second, abs=1)
+    for topic, column, signal in (("steering", "position", "handwheel"), ("wheel_speeds", "velocity", "wheel")):
+        steps = recorded[f"vehicle/{topic}"].columns[column] / (coarse * STEPS[signal])
+        assert steps == pytest.approx(np.rint(steps), abs=1e-9)
+        assert len(np.unique(steps)) > 1
+
+
 @pytest.mark.parametrize("name", ["gyro_bias", "accelerometer_bias", "steering_offset"])
 def test_a_bias_is_expected_to_be_what_sensors_at_rest_show(name):
     case = next(c for c in cases.all_cases("public") if c.kind == "effect" and c.hidden[0][0] == name)
     mounting, biases = case.sensors()
-    columns = {"rates": 3, "turning": 3, "force": 3, "angles": 3, "spin": 4, "handwheel": 1, "torque": 4}
-    at_rest = {key: np.zeros((20_000, n)) for key, n in columns.items()} | {"position": np.zeros((20_000, 3))}
     bench = Bench(case.grade, mounting, biases, case.knobs())
-    recorded = bench.record(at_rest, "rest", 0, np.random.default_rng(1), gnss=False)
+    recorded = bench.record(at_rest(20_000), "rest", 0, np.random.default_rng(1), gnss=False)
     imu, steering = recorded["imu/data"].columns, recorded["vehicle/steering"].columns["position"]
     shown = {
         "gyro_bias": dict(zip("xyz", imu["angular_velocity"].mean(axis=0), strict=True)),

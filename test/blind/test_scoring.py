@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
-from blind import cases, oracle, score, tool
+from blind import cases, oracle, picture, score, tool
 from blind.__main__ import SEALS, main
 from blind.effects import EFFECTS
 from blind.oracle import Best
@@ -111,7 +111,9 @@ def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alon
     _told(tmp_path, 0.6, "aero_drag", "gyro_bias")
     _told(tmp_path / "without_aero_drag", 0.1, "gyro_bias")
     _told(tmp_path / "without_gyro_bias", alone, "aero_drag")
-    assert oracle.best(tmp_path, ["aero_drag", "gyro_bias"]).detectable == detectable
+    best = oracle.best(tmp_path, ["aero_drag", "gyro_bias"])
+    assert best.detectable == detectable
+    assert (best.detects("aero_drag"), best.detects("gyro_bias")) == (True, detectable)
 
 
 @pytest.mark.parametrize(("left", "detectable"), [(1.0, True), (1.45, True), (1.49, False), (1.6, False)])
@@ -161,6 +163,42 @@ def test_both_of_a_double_must_be_accepted():
     pair = ["gyro_bias", "aero_drag"]
     one, both = (_result(pair, "named", pair, kind="double", several=several) for several in (False, True))
     assert score.of_set([one, both])["doubles_both"]["value"] == 0.5
+
+
+def test_of_several_defects_names_are_counted_one_by_one_and_only_those_that_could_be_known():
+    """Two of three could: one of these is named, with a name that is wrong beside it."""
+    answer = _result(
+        ["gyro_bias", "aero_drag", "camber_thrust"], "named", ["gyro_bias", "brake_drag"], kind="several", several=True
+    )
+    adds = {"gyro_bias": 0.2, "aero_drag": 0.05, "camber_thrust": 0.01}
+    found = score.of_several(
+        [replace(answer, best=replace(answer.best, adds=adds)), _result([], "no_mismatch", kind="several")]
+    )
+    assert found["precision_of_names"] == score.share([True, False])
+    assert found["recall_of_detectable"] == score.share([True, False])
+    assert found["detectable"] == score.share([True, True, False])
+    assert found["false_names_with_nothing_hidden"] == score.share([False])
+    assert found["size_error_median"] == {"value": pytest.approx(0.1), "n": 1}
+    assert found["explained_share_median"] == {"value": pytest.approx(0.75), "n": 1}
+
+
+def test_a_confidence_is_reliable_where_as_many_are_there_as_it_says(tmp_path):
+    def told(confidence: float, hidden: bool) -> Result:
+        result = _result(["gyro_bias" if hidden else "aero_drag"], "named", ["gyro_bias"])
+        entry = effect("gyro_bias", 0.5, confidence=confidence, accepted=True)
+        return replace(result, answer=Answer(finding("named", effects=[entry]), 1.0))
+
+    bins = score.reliability([*(told(0.7, i < 7) for i in range(10)), *(told(0.1, i < 1) for i in range(10))])
+    assert [(each["told"], each["right"]["value"], each["right"]["n"]) for each in bins] == [
+        (pytest.approx(0.1), 0.1, 10), (pytest.approx(0.7), 0.7, 10),
+    ]  # fmt: skip
+    assert "confidence that is told" in picture.reliability(bins, tmp_path / "drawn.svg").read_text(encoding="utf-8")
+
+
+def test_cases_with_several_defects_are_scored_by_themselves():
+    one, many = (_result(["gyro_bias"], "named", ["gyro_bias"], kind=kind) for kind in ("effect", "several"))
+    found = score.all_sets([one, many])
+    assert found["rich"]["top1"]["n"] == found["several"]["named"]["n"] == 1
 
 
 def test_intervals_hold_where_the_hidden_size_lies_in_them():
@@ -248,6 +286,20 @@ def test_a_split_has_what_the_examination_asks_for(split):
     assert len({c.plant for c in every}) >= 2
     assert len({c.tyre for c in every}) >= 4
     assert len({(c.hidden, c.seed) for c in every}) == len(every)
+
+
+@pytest.mark.parametrize("split", cases.SEEDS)
+def test_several_defects_are_those_that_real_recordings_have(split):
+    several = [c for c in cases.all_cases(split) if c.kind == "several"]
+    hidden = [{name for name, _ in c.hidden} for c in several if c.hidden]
+    assert len(hidden) >= 100
+    assert {len(names) for names in hidden} == {3, 4, 5, 6}
+    assert all(len(names & set(cases.DEFECTS_OF_SENSORS)) >= 2 for names in hidden)
+    assert not any(len(names & group) > 1 for names in hidden for group in cases.APART)
+    assert {round(1 / c.recorder.gnss_period) for c in several} == {1, 2, 5, 10, 25}
+    assert len({c.recorder.coarse for c in several}) >= 3
+    of_sensors = [len(names & set(cases.DEFECTS_OF_SENSORS)) / len(names) for names in hidden]
+    assert 0.4 < np.mean(of_sensors) < 0.9
 
 
 def test_the_splits_share_no_case():

@@ -23,6 +23,7 @@ from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.road import SPACING, STRETCH, bending, curvature, point, profile, profile_change
 from vsense_ros.mismatch.road_prediction import predict_road
+from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor, effect_of, parameters_of, profiles_of, varying_sizes
 from vsense_ros.mismatch.windows import build_dataset
@@ -112,10 +113,26 @@ def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     assert explain_recordings(recordings[:2], extended).answer.verdict == "no_mismatch"
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="since roads bend the bank is named as a plane and explains 68 %; the brake adds 8 % and is left out",
-)
+@pytest.mark.slow
+def test_what_a_bank_at_one_place_does_is_known_from_places_far_apart_that_are_changed_together():
+    """Compared with each of 17 places by itself: what a road does there is over within 150 m."""
+    vehicle = prototype()
+    dataset = build_dataset([without_place(vehicle, hills)], vehicle)
+    residuals = Residuals(Predictor(vehicle, dataset))
+    start = residuals.predictor.start
+    (bank,) = (c for c in candidates(dataset.points, start.values) if c.name == "road_bank along the road")
+    level = residuals(start)
+    base = Fit(start, (), np.zeros(0), level, [np.zeros((len(rows), 0)) for rows in level], 1.0)
+    search = Search(residuals, start, base, [bank])
+    assert search.visible == {"road_bank"}
+    assert len(bank.places) == 17
+    for place in bank.places:
+        together = np.concatenate(search._column(place))
+        search._simulate([place])
+        alone = np.concatenate(search._column(place))
+        assert np.linalg.norm(together - alone) < 0.25 * np.linalg.norm(alone), place.name
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags():
@@ -288,11 +305,6 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
     assert not any(effect.profile for effect in found.effects)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a spline through all points bends the road: at its beginning, where little is measured, a point takes part "
-    "in what is predicted of its neighbours (0.010 rad instead of 0.004)",
-)
 @pytest.mark.slow
 def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_predicted_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""

@@ -394,11 +394,20 @@ def test_of_two_effects_the_second_is_excluded_by_what_it_adds_to_the_first_alon
     found, other = explaining("bank + ratio", 0.9, 0.9), explaining("bank + gyro", 0.75, 0.75)
     judged = judge((bank, found, other), (), unfinished(2.0))
     assert (judged.verdict, judged.rivals) == ("named", (found,))
-    assert judged.confidence(found, "ratio") == confidence(0.4, 0.25)
+    assert judged.confidence(found, "ratio") == pytest.approx(confidence(0.8, 0.5))  # of what the bank leaves
     assert judged.confidence(bank, "bank") == confidence(0.5, 0.0)
     assert judged.confidence(other, "gyro") <= THRESHOLDS.refused
     near = explaining("bank + gyro", 0.87, 0.87)
     assert judge((bank, found, near), (), unfinished(2.0)).rivals == (found, near)
+
+
+def test_a_small_second_effect_that_nothing_else_comes_near_is_as_sure_as_what_it_explains_of_what_is_left():
+    """It is named because it explains a tenth of that, so that it is not told to be hardly there."""
+    bank, both = explaining("bank", 0.85, 0.85), explaining("bank + wind", 0.865, 0.865)
+    judged = judge((bank, both), (), unfinished(1.0))
+    assert (judged.verdict, judged.rivals) == ("named", (both,))
+    assert judged.confidence(both, "wind") == pytest.approx(confidence(0.1, 0.0))
+    assert judged.confidence(both, "wind") > 0.5
 
 
 def test_a_smaller_second_effect_that_cannot_be_told_from_another_leaves_the_first_named():

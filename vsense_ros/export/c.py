@@ -31,7 +31,16 @@ from vsense_ros.observer.car_blocks import SURVEYED
 from vsense_ros.observer.catalogue import FILTERS, require_parameters, spi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
-from vsense_ros.observer.road_map import JOINED, LOOK_EVERY, NEAR, PLACED, SAME_WAY, RoadMap, places, slope_by_size
+from vsense_ros.observer.road_map import (
+    JOINED,
+    LOOK_EVERY,
+    NEAR,
+    PLACED,
+    SAME_WAY,
+    RoadMap,
+    slope_by_size,
+    with_changes,
+)
 from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
 from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
 
@@ -84,7 +93,7 @@ _FIELDS = {
     "sensitivity": "of the estimated state to them, column-major",
     "information": "on them in the measurements since the start",
     "by_estimates": "the accelerations by them, column-major",
-    "reversion_mean": "what the states behind the velocities go back to; slopes may be changed where a map tells them",
+    "reversion_mean": "what the states behind the velocities go back to; a map may tell slopes and their changes",
     "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
     "process_length": "for which decay and noise were made [10 us]",
     "decay": "of the states behind the velocities in a step",
@@ -340,7 +349,7 @@ class _Contents:
             profiles.append(
                 {
                     "name": effect.id,
-                    "rows": [", ".join(map(number, row)) for row in places(effect.profile, Map(origin)).tolist()],
+                    "rows": [", ".join(map(number, row)) for row in with_changes(effect.profile, Map(origin)).tolist()],
                     "slopes": [number(slope) if slope else "" for slope in slope_by_size(effect).tolist()],
                     "parameter": f"VSENSE_P_{identifier(name).upper()}" if known else "",
                     "size": number(getattr(effect, effect.size_name())),

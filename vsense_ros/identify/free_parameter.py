@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,18 @@ def multiplied(powers: Values) -> Change:
 def added(*names: str) -> Change:
     """Numbers that an offset is added to; those that are not there yet are zero."""
     return lambda values, offset: {name: values.get(name, 0.0) + offset for name in names}
+
+
+def joined(free_parameters: Sequence[FreeParameter]) -> FreeParameter:
+    """Several that are alike, as one that changes them all by the same offset."""
+
+    def change(values: Values, offset: float) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for parameter in free_parameters:
+            found.update(parameter.apply({**values, **found}, offset))
+        return found
+
+    return replace(free_parameters[0], name=" + ".join(parameter.name for parameter in free_parameters), apply=change)
 
 
 def _below(values: Values, name: str) -> Sequence[str]:

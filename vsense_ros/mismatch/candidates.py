@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from vsense_ros.identify.free_parameter import FreeParameter, added, scaled
+from vsense_ros.identify.free_parameter import Change, FreeParameter, added, scaled
 from vsense_ros.identify.parameter_set import Values
 from vsense_ros.mismatch.road import point
 from vsense_ros.model.effects import BY_ID, EVERY
@@ -93,7 +93,12 @@ class Candidate:
     @property
     def along_road(self) -> bool:
         """Whether it has a profile: a size for every place of the road."""
-        return any(parameter.place for parameter in self.free_parameters)
+        return bool(self.places)
+
+    @property
+    def places(self) -> tuple[FreeParameter, ...]:
+        """What its size is at each place of the road, beyond what it is everywhere."""
+        return tuple(parameter for parameter in self.free_parameters if parameter.place is not None)
 
 
 def _size(effect: str, field: str, values: Values, form: str = "") -> FreeParameter:
@@ -149,15 +154,22 @@ def size_of(effect: str) -> str:
 
 
 def at_places(parameter: FreeParameter, abscissae: Sequence[float]) -> Iterator[FreeParameter]:
-    """What a size is at places with these abscissae [m], beyond what it is everywhere. With their deviations a likely
-    size at all of them costs as much as a likely size everywhere."""
+    """What a size is at places with these abscissae [m], beyond what it is everywhere: one alone is changed on a road
+    that is known at all of them. With their deviations a likely size at all of them costs as much as a likely size
+    everywhere."""
     deviation = parameter.deviation * len(abscissae) ** 0.5
-    for abscissa in abscissae:
-        name = point(parameter.name, abscissa)
+    names = [point(parameter.name, abscissa) for abscissa in abscissae]
+    for name, abscissa in zip(names, abscissae, strict=True):
         yield replace(
-            parameter, name=name, apply=added(name), place=(parameter.name, abscissa), deviation=deviation,
+            parameter, name=name, apply=_among(names, name), place=(parameter.name, abscissa), deviation=deviation,
             step=parameter.deviation,
         )  # fmt: skip
+
+
+def _among(names: Sequence[str], name: str) -> Change:
+    """A number that an offset is added to, of several that are zero if they are not there yet."""
+    others = [other for other in names if other != name]
+    return lambda values, offset: {name: values.get(name, 0.0) + offset, **{o: values.get(o, 0.0) for o in others}}
 
 
 def candidates(abscissae: Sequence[float] = (), values: Values = MappingProxyType({})) -> tuple[Candidate, ...]:

@@ -93,12 +93,16 @@ def in_pieces(residuals: Residuals) -> Callable[[Fit], Fit]:
     halves = [*on_odd, *(~rows for rows in on_odd)]
 
     def apart(fitted: Fit) -> Fit:
-        def chosen(parts: list[Array]) -> list[Array]:
-            return [part[rows] for part, rows in zip([*parts, *parts], halves, strict=True)]
-
-        return replace(fitted, residuals=chosen(fitted.residuals), slopes=chosen(fitted.slopes))
+        of_both = ([*parts, *parts] for parts in (fitted.residuals, fitted.slopes))
+        residuals, slopes = (chosen(parts, halves) for parts in of_both)
+        return replace(fitted, residuals=residuals, slopes=slopes)
 
     return apart
+
+
+def chosen(parts: Sequence[Array], rows: Sequence[NDArray[np.bool_]]) -> list[Array]:
+    """Rows of each block."""
+    return [part[some] for part, some in zip(parts, rows, strict=True)]
 
 
 def odd(window: Window) -> NDArray[np.bool_]:

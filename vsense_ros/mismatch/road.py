@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
+from vsense_ros.model import road_profile
 from vsense_ros.model.effects.base import SPACING
 
 Array = NDArray[np.float64]
@@ -190,34 +190,34 @@ def place_of(name: str) -> tuple[str, float] | None:
 
 
 def profile(points: Mapping[float, float], place: Array) -> Array:
-    """Values at places, linearly between the points, falling to zero within `SPACING` beyond the ends of a stretch."""
-    at, value = _in_order(points)
-    ends = np.flatnonzero(np.diff(at) > 2 * SPACING)
-    zeros = np.concatenate([[at[0] - SPACING], at[ends] + SPACING, at[ends + 1] - SPACING, [at[-1] + SPACING]])
-    everywhere = np.concatenate([at, zeros])
-    order = np.argsort(everywhere, kind="stable")
-    return np.interp(place, everywhere[order], np.concatenate([value, np.zeros(len(zeros))])[order])
-
-
-def profile_change(points: Mapping[float, float], place: Array) -> Array:
-    """What the values change by per metre: of a natural cubic spline through the points of each stretch, as no road has
-    the kinks of straight lines, which would shake a car. Beyond the ends of a stretch, of which nothing is known, as at
-    them; zero farther away, and where a stretch has one point."""
-    at, value = _in_order(points)
+    """Values at places, without kinks between the points, falling to zero within `SPACING` beyond the ends of a
+    stretch."""
     found = np.zeros(len(place))
-    for rows in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 2 * SPACING) + 1):
-        first, last = at[rows[0]], at[rows[-1]]
-        near = (place > first - SPACING) & (place < last + SPACING)
-        if len(rows) > 1 and near.any():
-            spline = CubicSpline(at[rows], value[rows], bc_type="natural")
-            found[near] = spline(np.clip(place[near], first, last), 1)
+    for at, value in _stretches(points):
+        beyond = np.maximum(np.maximum(at[0] - place, place - at[-1]), 0) / SPACING
+        near = beyond < 1
+        inside = np.clip(place[near], at[0], at[-1])
+        found[near] += (1 - beyond[near]) * (road_profile.spline(at, value)(inside) if len(at) > 1 else value[0])
     return found
 
 
-def _in_order(points: Mapping[float, float]) -> tuple[Array, Array]:
-    """Places and values."""
+def profile_change(points: Mapping[float, float], place: Array) -> Array:
+    """What the values change by per metre. Beyond the ends of a stretch, of which nothing is known, as at them; zero
+    farther away, and where a stretch has one point."""
+    found = np.zeros(len(place))
+    for at, value in _stretches(points):
+        near = (place > at[0] - SPACING) & (place < at[-1] + SPACING)
+        if len(at) > 1:
+            found[near] += road_profile.spline(at, value)(np.clip(place[near], at[0], at[-1]), 1)
+    return found
+
+
+def _stretches(points: Mapping[float, float]) -> list[tuple[Array, Array]]:
+    """Places and values of the points of each stretch, in order."""
     at = np.array(sorted(points))
-    return at, np.array([points[abscissa] for abscissa in at])
+    value = np.array([points[abscissa] for abscissa in at])
+    apart = np.flatnonzero(np.diff(at) > 2 * SPACING) + 1
+    return list(zip(np.split(at, apart), np.split(value, apart), strict=True))
 
 
 def points(places: Sequence[Array]) -> list[float]:

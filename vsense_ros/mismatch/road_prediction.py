@@ -7,16 +7,15 @@ neighbours, with the car as it was fitted elsewhere.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import with_offsets
 from vsense_ros.identify.least_squares import Fit, fit, prior_weight, slopes_by
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
-from vsense_ros.mismatch.cross_validation import in_pieces, odd
+from vsense_ros.mismatch.cross_validation import chosen, odd
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.search import SECANT
 from vsense_ros.mismatch.windows import Window
@@ -83,13 +82,41 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
         slopes,
         unknown.weight,
     )
-    whole = fit(residuals, found.parameter_set, free_parameters, first=begin, instead=before)
-    equations, windows = in_pieces(residuals)(whole).equations, len(before)
-    deviations = np.array([parameter.deviation for parameter in free_parameters])
+    on_odd = [
+        np.tile(odd(w), len(n)) for w, n in zip(residuals.predictor.dataset.windows, residuals.layout, strict=True)
+    ]
 
-    def fitted_to(parts: range) -> ParameterSet:
-        return with_offsets(found.parameter_set, free_parameters, whole.offsets + deviations * equations.change(parts))
+    def fitted_to(rows: Sequence[NDArray[np.bool_]]) -> ParameterSet:
+        on_pieces = _OnPieces(residuals, rows, before)
+        first = replace(begin, residuals=chosen(begin.residuals, rows), slopes=chosen(begin.slopes, rows))
+        known = chosen(before, rows)
+        return fit(on_pieces, found.parameter_set, free_parameters, first=first, instead=known).parameter_set
 
-    return RoadPrediction(
-        residuals, from_even=fitted_to(range(windows, 2 * windows)), from_odd=fitted_to(range(windows))
-    )
+    return RoadPrediction(residuals, from_even=fitted_to([~rows for rows in on_odd]), from_odd=fitted_to(on_odd))
+
+
+@dataclass(frozen=True)
+class _OnPieces:
+    """Residuals on some pieces of the road alone: those rows (n,) of each window; `before` are all without a road."""
+
+    residuals: Residuals
+    rows: Sequence[NDArray[np.bool_]]
+    before: Sequence[Array]
+
+    @property
+    def at_once(self) -> int:
+        return self.residuals.at_once
+
+    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        self.residuals.prepare(parameter_sets)
+
+    def diverged(self, parameter_set: ParameterSet) -> Sequence[bool]:
+        return self.residuals.diverged(parameter_set)
+
+    def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
+        if instead is None:
+            return chosen(self.residuals(parameter_set), self.rows)
+        everywhere = [all_rows.copy() for all_rows in self.before]
+        for all_rows, rows, values in zip(everywhere, self.rows, instead, strict=True):
+            all_rows[rows] = values
+        return chosen(self.residuals(parameter_set, everywhere), self.rows)

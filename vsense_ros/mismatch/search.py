@@ -16,7 +16,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
+from vsense_ros.identify.free_parameter import FreeParameter, joined, with_offsets
 from vsense_ros.identify.least_squares import DivergedError, Fit, fit, slopes_at, slopes_by
 from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.identify.parameter_set import ParameterSet
@@ -32,15 +32,15 @@ from vsense_ros.mismatch.cross_validation import (
     tells_its_pieces,
 )
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.road import profile
 from vsense_ros.model.effects import EVERY
+from vsense_ros.model.effects.base import SPACING
 from vsense_ros.model.effects.unmodelled import axle_of_torque
 
 Array = NDArray[np.float64]
 
 SHORTLIST = 4  # candidates by their gain, as many by their cross-validation gain, and as many without their best window
 WORTH = 0.06  # least gain of a profile (a size for every place of the road) beyond that of one size for all places
-PROMISING = 0.5  # of the best score, below which no profile is fitted: each of its places costs a simulation
+PROMISING = 0.5  # of the best score, below which no profile is fitted: it has a parameter for each place
 TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
 SECANT = 1.0  # likely offsets: some effects have no slope at zero
 PAIRED = 8  # single hypotheses of which all pairs are tried
@@ -50,6 +50,8 @@ ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in for an
 # effect, it takes several fits to undo that.
 WORTH_REFINING = 0.01
+FEW = 40  # places of a profile up to which its hypotheses are refined: it has as many free parameters besides
+APART = 6  # places from one to the next of those that are changed together
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 SENSOR = "sensor"  # what the effects of the one layer act on
 TRIED = 3  # terms that are fitted in full
@@ -272,10 +274,9 @@ class Search:
         profile, at = profiles[_first(single)], hypothesis.fit
         if not self._known_well:
             return None
-        points = [parameter for parameter in profile.free_parameters if parameter.place is not None]
-        by_place = [self._at_place(self._column(profile.free_parameters[0]), point) for point in points]
-        slopes = [np.column_stack(parts) * points[0].deviation for parts in zip(*by_place, strict=True)]
-        fitted = self._fit(at.joined(points, slopes))
+        by_place = map(self._column, profile.places)
+        slopes = [np.column_stack(parts) * profile.places[0].deviation for parts in zip(*by_place, strict=True)]
+        fitted = self._fit(at.joined(profile.places, slopes))
         fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
         if at.value - fitted.value < WORTH * self.whole:
             return None
@@ -304,10 +305,6 @@ class Search:
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
             known = max(one.score if one is not None else 0.0, self.of_several_cars)
             if free.score > max(known + WORTH, PROMISING * best):
-                self._simulate(
-                    parameter for parameter in free.candidates[-1].free_parameters if parameter.place is not None
-                )
-                free = self._signature(at, present, free.candidates[-1:])
                 chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
         return list(chosen.values())
 
@@ -327,13 +324,30 @@ class Search:
             self._progress()
 
     def _simulate_new(self, candidates: Iterable[Candidate]) -> None:
-        """Secants of candidates that are met for the first time; what they do at single places `at_place` tells."""
-        free_parameters = (
-            parameter for candidate in candidates for parameter in candidate.free_parameters if parameter.place is None
-        )
-        self._simulate(
-            parameter for parameter in free_parameters if (parameter.name, parameter.form) not in self._columns
-        )
+        """Secants of candidates that are met for the first time, those of single places `together`."""
+        candidates = list(candidates)
+        free_parameters = (parameter for candidate in candidates for parameter in candidate.free_parameters)
+        new = [parameter for parameter in free_parameters if (parameter.name, parameter.form) not in self._columns]
+        self._simulate(parameter for parameter in new if parameter.place is None)
+        for candidate in candidates:
+            if candidate.along_road and candidate.places[0] in new:
+                self._simulate_together(candidate.places)
+
+    def _simulate_together(self, points: Sequence[FreeParameter]) -> None:
+        """Secants by a size at places: of those that are far from one another at once, as a car has soon forgotten
+        where it has been. What happens around a place is what the size there does."""
+        groups = [points[first::APART] for first in range(min(APART, len(points)))]
+        secants = slopes_by(self.residuals, self.start, self.base, [joined(group) for group in groups], SECANT)
+        windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
+        passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
+        for group, secant in zip(groups, secants, strict=True):
+            for point in group:
+                assert point.place is not None
+                self._columns[point.name, point.form] = [
+                    np.where(np.abs(at - point.place[1]) < APART / 2 * SPACING, part / point.deviation, 0.0)
+                    for at, part in zip(passed, secant, strict=True)
+                ]
+            self._progress()
 
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         free_parameters = tuple(parameter for candidate in new for parameter in candidate.free_parameters)
@@ -378,15 +392,8 @@ class Search:
         )
 
     def _column(self, parameter: FreeParameter) -> list[Array]:
-        """Secant per unit of a free parameter that was simulated, or of what `at_place` tells."""
-        key = parameter.name, parameter.form
-        if key not in self._columns and parameter.place is not None:
-            self._columns[key] = self._at_place(self._columns[parameter.place[0], parameter.form], parameter)
-        return self._columns[key]
-
-    def _at_place(self, everywhere: Sequence[Array], parameter: FreeParameter) -> list[Array]:
-        assert parameter.place is not None
-        return at_place(self.residuals, everywhere, parameter.place[1])
+        """Secant per unit of a free parameter."""
+        return self._columns[parameter.name, parameter.form]
 
     @cached_property
     def _in_pieces(self) -> bool:
@@ -431,9 +438,9 @@ class Search:
     def refined(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis fitted further with secants of its own. With those of the base fit, whose parameters may be
         far off because they stand in for the effect, it stops short."""
-        if any(candidate.along_road for candidate in hypothesis.candidates):
-            return hypothesis  # each place would cost a simulation
         at = hypothesis.fit
+        if sum(parameter.place is not None for parameter in at.free_parameters) > FEW:
+            return hypothesis  # each place would cost a simulation
         if hypothesis.gain > WORTH_REFINING:
             fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
             if fitted.value < at.value:
@@ -527,12 +534,3 @@ def _worth_their_freedom(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         if not e.candidates[-1].along_road:
             single[e.effects] = max(e.score, single.get(e.effects, 0.0))
     return [e for e in hypotheses if not e.candidates[-1].along_road or e.score > single.get(e.effects, 0.0) + WORTH]
-
-
-def at_place(residuals: Residuals, slopes: Sequence[Array], abscissa: float) -> list[Array]:
-    """Slopes by a size at one place, for a car that forgets at once where it has been: its slopes by the size
-    everywhere, times the share of the place."""
-    found = []
-    for window, names, everywhere in zip(residuals.predictor.dataset.windows, residuals.layout, slopes, strict=True):
-        found.append(np.tile(profile({abscissa: 1.0}, places(window)), len(names)) * everywhere)
-    return found

@@ -48,15 +48,17 @@ class Judged:
         return next((one.objection for one in self.ranked if one.hypothesis is hypothesis), "")
 
     def confidence(self, hypothesis: Hypothesis, effect: str) -> float:
-        """How probable it is that an effect of an explanation is there: by how far what it gains beyond the other
-        effects of the explanation leads what any other effect would; next to nothing where it is refused."""
+        """How probable it is that an effect of an explanation is there: by how far what it gains of what the other
+        effects of the explanation leave leads what any other effect would; next to nothing where it is refused."""
         rest = set(hypothesis.effects) - {effect}
         known = self._most(e for e in self.hypotheses if set(e.effects) == rest)
         others = (
             e for e in self.hypotheses
             if effect not in e.effects and rest < set(e.effects) and len(e.effects) == len(hypothesis.effects)
         )  # fmt: skip
-        found = confidence(self.proven[hypothesis] - known, self._most(others) - known, self.thresholds)
+        left = max(1 - known, self.thresholds.least_gain)
+        gain, other = (self.proven[hypothesis] - known) / left, (self._most(others) - known) / left
+        found = confidence(gain, other, self.thresholds)
         answer = {one for e in self.rivals for one in e.effects} | set(self.besides)
         return found if effect in answer else min(found, self.thresholds.refused)
 

@@ -61,7 +61,7 @@ struct filter {
     void *owner; /* of whoever defines the functions below */
     struct model model;
     double *state, *effects;
-    const double *reversion_mean;                                   /* what states behind the velocities return to */
+    double *reversion_mean;                                /* what states behind the velocities return to */
     long long effects_size;                                /* 0: nothing to remember */
     double gamma;                                          /* of the time integration, ROS2 */
     double *length;                                        /* [s] of the step, argument of the functions */
@@ -223,8 +223,8 @@ static void propagate_coordinates(const struct model *model, double h) {
 }
 
 /* Fills `road_map` for a step of `h` at a `speed`: what the road's slopes, their changes and its height become by how
- * the car then moves and by what the former were. A change of slope goes back to zero with the distance, the sooner
- * the farther the slope is from its mean: `roughness` holds for grade and bank one over that distance [1/m], the
+ * the car then moves and by what the former were. A change of slope goes back to its mean with the distance, the
+ * sooner the farther the slope is from its own: `roughness` holds for grade and bank one over that distance [1/m], the
  * variance of the change, and what the slope adds [1/m^2]. Returns in `noise` (2) the variances added to the changes. */
 static void road_map(const struct model *model, double h, double speed, double *noise) {
     double *const map = model->road_map;
@@ -296,15 +296,17 @@ static void propagate(const struct model *model, double h, double speed, const d
     for (int i = 0; i < 2; i++) p[(3 * MODEL + 2 + i) * (n + 1)] += changes[i];
 }
 
-/* The road under a car that has moved from the velocities `before` to those `after`; its slopes have a `mean`. */
-static void move_road(const struct model *model, double h, const double *before, const double *after,
-                      const double *mean, double *road) {
+/* The road under a car that has moved from the velocities `before` to those `after`. Slopes and their changes have a
+ * `mean`, of which the slopes change on the way, too. */
+static void move_road(const struct model *model, double h, const double *before, const double *after, double *mean,
+                      double *road) {
     double next[ROAD];
     const double *const map = model->road_map;
     for (int i = 0; i < 2; i++) {
         const double *const row = map + (2 + i) * FOLLOWED + BODY;
         next[i] = road[i];
-        next[2 + i] = row[2 + i] * road[2 + i] + row[i] * (road[i] - mean[i]);
+        next[2 + i] = mean[2 + i] + row[2 + i] * (road[2 + i] - mean[2 + i]) + row[i] * (road[i] - mean[i]);
+        mean[i] += h * before[0] * mean[2 + i];
     }
     next[ROAD - 1] = road[ROAD - 1];
     for (int i = 0; i < 3; i++) {
@@ -456,7 +458,7 @@ static int filter_predict(const struct filter *filter, double h, const double *d
     run_advance(filter);
     propagate(&filter->model, h, filter->state[MODEL], decay, noise);
     double *const slow = filter->state + SLOW;
-    const double *const mean = filter->reversion_mean;
+    double *const mean = filter->reversion_mean;
     move_road(&filter->model, h, filter->state + MODEL, filter->velocities, mean + MODEL, slow + MODEL);
     memcpy(filter->state, filter->coordinates, MODEL * sizeof(double));
     memcpy(filter->state + MODEL, filter->velocities, MODEL * sizeof(double));

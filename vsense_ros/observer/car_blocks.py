@@ -48,6 +48,7 @@ from vsense_ros.observer.state import (
     FORWARD,
     GAIN_COLUMNS,
     ROAD_STATES,
+    SLOPE_CHANGES,
     SLOPES,
     TWIST,
     Prior,
@@ -214,13 +215,14 @@ class CarBlocks:
         """Begin at a mean and a covariance."""
         self.mean[:], self.covariance[:] = belief.mean, belief.covariance
 
-    def follow_slopes(self, slopes: Array, along: Array) -> None:
+    def follow_slopes(self, slopes: Array, changes: Array, along: Array) -> None:
         """From now on the slopes of the road along and across the car (2,), positive uphill and with the left side
-        higher [rad], go back to these; where `along` (2,) is 1 the car has come to them on a road that has them, and
-        those that are estimated change as these do."""
-        mean = self.reversion_mean[SLOPES.start - _SLOW : SLOPES.stop - _SLOW]
-        self.mean[SLOPES] += along * (slopes - mean)
-        mean[:] = slopes
+        higher [rad], go back to these, and what they change by along the way [rad/m] to `changes` (2,); where `along`
+        (2,) is 1 the car has come to them on a road that has them, and those that are estimated change as these do."""
+        for part, told in ((SLOPES, slopes), (SLOPE_CHANGES, changes)):
+            mean = self.reversion_mean[part.start - _SLOW : part.stop - _SLOW]
+            self.mean[part] += along * (told - mean)
+            mean[:] = told
 
     # One step and one correction with full matrices, of which `car_blocks.c` knows the blocks
 
@@ -323,11 +325,14 @@ class CarBlocks:
         back = self.road_map[changes, TWIST_SIZE:]
         form = road[..., SURFACE] - self.mean[FORM]  # of sigma points
         road[..., changes] = (
-            road[..., changes] @ back[:, changes].T + (road[..., slopes] - mean[slopes]) @ back[:, slopes].T
+            mean[changes]
+            + (road[..., changes] - mean[changes]) @ back[:, changes].T
+            + (road[..., slopes] - mean[slopes]) @ back[:, slopes].T
         )
         road[..., [GRADE, BANK, ROAD_HEIGHT]] += h * (
             rate[:, 0] + faster[..., :TWIST_SIZE] @ by_velocity.T + form @ by_road.T
         )
+        mean[slopes] += h * self.mean[FORWARD] * mean[changes]
         slow -= self.reversion_mean
         slow *= process.decay
         slow += self.reversion_mean

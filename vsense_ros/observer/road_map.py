@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot, isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.estimation.reading import Map
+from vsense_ros.model import road_profile
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import YAW, X, Y
 from vsense_ros.model.effects.base import SPACING, Effect, RoadEffect
@@ -31,6 +33,7 @@ class Here:
     """The road where the car is."""
 
     slopes: Array  # (2,) along and across, positive uphill and with the left side higher [rad]
+    changes: Array  # (2,) of these along the way [rad/m], as far as profiles tell them
     known: Array  # (2,) 1 for each of them that a profile tells, 0 where it is as everywhere, or on the way there
     sizes: Mapping[str, float]  # of effects, by dotted name
 
@@ -65,7 +68,7 @@ class RoadMap:
         here = self.at(east, north, car.mean.item(YAW)) if sure else self._here({})
         if here is None:
             return
-        car.follow_slopes(here.slopes, car.surveyed[2:] * here.known)
+        car.follow_slopes(here.slopes, here.changes, car.surveyed[2:] * here.known)
         for name, size in here.sizes.items():
             if name in self._parameters:
                 car.parameters[self._parameters[name]] = size
@@ -80,37 +83,48 @@ class RoadMap:
             self._profiles = {e.id: Profile(_rows(e), self._on_map) for e in self._effects if _rows(e)}
         return self._here({id: profile.at(east, north, heading) for id, profile in self._profiles.items()})
 
-    def _here(self, told: Mapping[str, tuple[float, bool]]) -> Here:
-        """The road where profiles have `told` these values and whether they are surveyed there, by id."""
-        slopes, known, sizes = np.zeros(2), np.zeros(2), {}
+    def _here(self, told: Mapping[str, Told]) -> Here:
+        """The road where profiles have `told` this, by id."""
+        slopes, changes, known, sizes = np.zeros(2), np.zeros(2), np.zeros(2), {}
         for effect in self._effects:
             if isinstance(effect, RoadEffect) and effect.profile:
-                beyond, surveyed = told.get(effect.id, (0.0, False))
+                beyond, change, surveyed = told.get(effect.id, NOWHERE)
                 name = effect.size_name()
                 if surveyed:
-                    known += slope_by_size(effect) != 0.0
+                    by_size = slope_by_size(effect)
+                    known += by_size != 0.0
+                    changes += change * by_size
                 effect = effect.model_copy(update={name: getattr(effect, name) + beyond})
                 sizes[f"effects.{effect.id}.{name}"] = getattr(effect, name)
             slopes += effect.mean_slope
-        return Here(slopes, np.minimum(known, 1.0), sizes)
+        return Here(slopes, changes, np.minimum(known, 1.0), sizes)
+
+
+class Told(NamedTuple):
+    """What a profile tells of a place."""
+
+    value: float  # beyond what the size is everywhere
+    change: float  # of it along the way [1/m]
+    surveyed: bool  # whether the place lies between two rows
+
+
+NOWHERE = Told(0.0, 0.0, False)
 
 
 class Profile:
-    """What a size is along a road beyond what it is everywhere: linearly between places, which are rows of
-    `RoadEffect.profile` in the order in which the road comes to them."""
+    """What a size is along a road beyond what it is everywhere: between places, which are rows of `RoadEffect.profile`
+    in the order in which the road comes to them, without kinks."""
 
     def __init__(self, rows: Rows, on_map: Map) -> None:
-        east, north, self._direction, self._value = places(rows, on_map).T
+        east, north, self._direction, self._value, self._change = with_changes(rows, on_map).T
         self._at = np.column_stack([east, north])
-        chord = np.diff(self._at, axis=0)
-        length = np.hypot(*chord.T)
-        joined = np.flatnonzero((length > 0) & (length < JOINED))
+        length, joined = joined_chords(self._at)
         self._begin, self._length = joined, length[joined]
-        self._along = chord[joined] / self._length[:, None]
+        self._along = np.diff(self._at, axis=0)[joined] / self._length[:, None]
 
-    def at(self, east: float, north: float, heading: float) -> tuple[float, bool]:
-        """The value at a place [m] for who drives in a direction [rad], and whether it lies between two rows; beyond
-        the last one the value falls to zero, which it is off the road."""
+    def at(self, east: float, north: float, heading: float) -> Told:
+        """What it tells of a place [m] for who drives in a direction [rad]; beyond the last row the value falls to
+        zero, which it is off the road."""
         place, way = np.array([east, north]), np.array([np.cos(heading), np.sin(heading)])
         off = place - self._at[self._begin]
         along = np.sum(off * self._along, axis=1)
@@ -119,19 +133,36 @@ class Profile:
         on = (share >= 0) & (share <= 1) & (across < NEAR) & (self._along @ way > SAME_WAY)
         if on.any():
             i = int(np.argmin(np.where(on, across, np.inf)))
-            first = self._begin[i]
-            return float(np.interp(share[i], [0.0, 1.0], self._value[first : first + 2])), True
+            both = slice(self._begin[i], self._begin[i] + 2)
+            place_on = share.item(i), self._length.item(i)
+            return Told(*road_profile.between(*place_on, self._value[both], self._change[both]), True)
         east, north = (place - self._at).T
         ahead, aside = np.cos(self._direction), np.sin(self._direction)
         along, across = np.abs(east * ahead + north * aside), np.abs(north * ahead - east * aside)
         near = (along < SPACING) & (across < NEAR) & (np.cos(heading - self._direction) > SAME_WAY)
         if not near.any():
-            return 0.0, False
+            return NOWHERE
         i = int(np.argmin(np.where(near, along, np.inf)))
         ending, beginning = share[self._begin == i - 1], share[self._begin == i]
         if np.any(ending > 1) and np.any(beginning < 0):  # outside of a bend, abreast of the row
-            return float(self._value[i]), True
-        return float(self._value[i] * (1 - along[i] / SPACING)), False
+            return Told(float(self._value[i]), float(self._change[i]), True)
+        return Told(float(self._value[i] * (1 - along[i] / SPACING)), 0.0, False)
+
+
+def with_changes(rows: Rows, on_map: Map) -> Array:
+    """Rows of a `RoadEffect.profile` on a map, (n, 5): `places`, and what the value changes by along the road [1/m]."""
+    found = places(rows, on_map)
+    length, joined = joined_chords(found[:, :2])
+    apart = np.setdiff1d(np.arange(len(length)), joined) + 1
+    way = np.concatenate([[0.0], np.cumsum(length)])
+    stretches = zip(np.split(way, apart), np.split(found[:, 3], apart), strict=True)
+    return np.column_stack([found, np.concatenate([road_profile.changes(*one) for one in stretches])])
+
+
+def joined_chords(at: Array) -> tuple[Array, NDArray[np.int64]]:
+    """How far it is from each place (n, 2) to the next [m], (n - 1,), and which of them (k,) are joined by a road."""
+    length = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    return length, np.flatnonzero((length > 0) & (length < JOINED)).astype(np.int64)
 
 
 def places(rows: Rows, on_map: Map) -> Array:

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from vsense_ros.model import coordinates
 from vsense_ros.model.coordinates import (
     BANK,
+    BANK_CHANGE,
     COORDINATES,
     DISTURBANCES,
     DYNAMIC_COORDINATES,
     GRADE,
+    GRADE_CHANGE,
     PITCH,
     ROAD_HEIGHT,
     ROLL,
@@ -41,6 +43,7 @@ Array = NDArray[np.float64]
 Q, U, FORCE = (slice(i * COORDINATES, (i + 1) * COORDINATES) for i in range(3))
 DISTURB = slice(FORCE.stop, FORCE.stop + len(DISTURBANCES))
 SLOPES = slice(DISTURB.start + GRADE, DISTURB.start + BANK + 1)  # of the road, along and across
+SLOPE_CHANGES = slice(DISTURB.start + GRADE_CHANGE, DISTURB.start + BANK_CHANGE + 1)  # along the way
 ROAD_STATES = slice(DISTURB.start + coordinates.ROAD.start, DISTURB.start + coordinates.ROAD.stop)
 FORM = slice(DISTURB.start + coordinates.SURFACE.start, DISTURB.start + coordinates.SURFACE.stop)  # of the road
 TWIST = slice(U.start + coordinates.TWIST.start, U.start + coordinates.TWIST.stop)  # velocity and rates of the body

@@ -189,7 +189,7 @@ class RoadEffect(Effect):
     profile: tuple[tuple[float, float, float, float], ...] = Field(
         default=(),
         description="rows of latitude and longitude [deg], direction of the road counter-clockwise from east [rad], "
-        "and what the size is there beyond what it is everywhere",
+        "and what the size is there beyond what it is everywhere; between them it is a natural cubic spline",
         json_schema_extra={"unit": "", "role": "profile"},
     )
 

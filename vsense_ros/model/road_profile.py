@@ -1,0 +1,33 @@
+"""A road along which something changes, known at places: between these it has no kinks, which would shake a car.
+
+It is the natural cubic spline, which is linear in what is known. What is known of a place is felt a quarter as much
+behind each next one, with the other sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Array = NDArray[np.float64]
+
+
+def spline(at: Array, value: Array) -> CubicSpline:
+    """Through values (n,) at two places or more, `at` (n,) [m], which increase."""
+    return CubicSpline(at, value, bc_type="natural")
+
+
+def changes(at: Array, value: Array) -> Array:
+    """What the values (n,) at places `at` (n,) [m] change by per metre there; nothing of one place."""
+    return np.asarray(spline(at, value)(at, 1)) if len(at) > 1 else np.zeros(len(at))
+
+
+def between(share: float, length: float, value: Array, change: Array) -> tuple[float, float]:
+    """The same spline's value, and what it changes by per metre, where a `share` of the way from one place to the next,
+    which is so long [m], has been driven; (2,) are what both places have of them (Hermite's form)."""
+    (begin, end), rest = value.tolist(), 1 - share
+    first, last = length * change.item(0) - (end - begin), (end - begin) - length * change.item(1)
+    bent = rest * first + share * last
+    told = begin + share * (end - begin + rest * bent)
+    return told, (end - begin + (rest - share) * bent + share * rest * (last - first)) / length
