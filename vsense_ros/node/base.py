@@ -35,6 +35,7 @@ from vsense_ros.node import parameters, spin
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
 from vsense_ros.node.reader import LOSSLESS, Reader
+from vsense_ros.node.real_time import lock_memory
 from vsense_ros.node.time_base import TimeBase
 
 Params = TypeVar("Params", bound=NodeParameters)
@@ -323,6 +324,8 @@ def run_node(node_type: type[SensingNode], model: type[NodeParameters], argument
     try:
         node = node_type(name, model, parameters.shared_names(arguments))
         stop = node.finish = spin.Stop()
+        if node.parameters.lock_memory:
+            lock_memory()
         if node.parameters.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
