@@ -48,6 +48,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         *shared_files("config"),
+        *shared_files("deploy"),
         *shared_files("launch"),
         *shared_files("bags"),
         *shared_files("hw/rtl"),

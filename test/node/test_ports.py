@@ -6,6 +6,7 @@ import ctypes
 import os
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -171,3 +172,24 @@ def test_a_tcp_sensor_that_is_slow_keeps_its_connection() -> None:
         assert (link.losses, link.problem) == (0, "")
         link.stop()
         peer.close()
+
+
+def test_a_port_is_closed_once_its_reader_has_taken_everything(tmp_path: Path) -> None:
+    port = PtyPort(str(tmp_path / "imu"))
+    with serial.Serial(str(tmp_path / "imu"), timeout=1.0) as reader:
+        assert port.write(b"the last of all") == 0
+        held_up = threading.Timer(0.3, lambda: taken.append(reader.read(15)))
+        taken: list[bytes] = []
+        held_up.start()
+        port.close()
+        held_up.join()
+    assert taken == [b"the last of all"]
+
+
+def test_a_port_whose_reader_takes_nothing_is_closed_all_the_same(tmp_path: Path) -> None:
+    port = PtyPort(str(tmp_path / "imu"))
+    with serial.Serial(str(tmp_path / "imu"), timeout=1.0):
+        assert port.write(b"never read") == 0
+        began = time.monotonic()
+        port.close()
+    assert time.monotonic() - began < 4.0

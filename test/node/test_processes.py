@@ -726,6 +726,27 @@ def test_a_signal_ends_a_node_in_good_order(start: Start, tmp_path: Path, number
     assert (tmp_path / "bag" / "metadata.yaml").exists()
 
 
+def test_a_node_that_is_ended_works_off_what_has_come(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    """Three thousand messages at once, more than it has read when the signal comes."""
+    from geometry_msgs.msg import Vector3Stamped
+    from rclpy.duration import Duration
+    from rclpy.qos import QoSProfile
+
+    recorder = start("recorder", bag=str(tmp_path / "bag"), topics=["some/topic"])
+    recorder.wait_until_active()
+    with probe(environment) as client:
+        publisher = client.node.create_publisher(Vector3Stamped, "some/topic", QoSProfile(depth=4000))
+        client.until(lambda: publisher.get_subscription_count() == 1)
+        for _ in range(3000):
+            publisher.publish(Vector3Stamped())
+        assert publisher.wait_for_all_acked(Duration(seconds=10))
+        recorder.signal(signal.SIGINT)
+        assert recorder.wait_until_ended(10.0) == 0
+    assert len(read_bag(tmp_path / "bag")["some/topic"]) == 3000
+
+
 def test_a_node_that_fails_is_reported_with_its_words(start: Start) -> None:
     with pytest.raises(InputError, match=r"node observer ended with 2: .*vehicle is empty"):
         start("observer").wait_until_active()

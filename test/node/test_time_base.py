@@ -105,6 +105,17 @@ def test_of_what_arrives_without_a_clock_a_second_is_kept_and_the_rest_counted()
     assert arrivals.dropped == len(b"ab") * (301 - len(dated))
 
 
+def test_at_the_end_of_the_reading_all_is_dated_that_can_be() -> None:
+    base, arrivals = TimeBase(simulated=True), Arrivals[bytes](len)
+    arrivals.add(b"before any clock", 0)
+    assert not list(arrivals.dated(MS, base, at_the_end=True))
+    assert arrivals.dropped == len(b"before any clock")
+    base.tick(START, wall=2 * MS)
+    arrivals.add(b"last", 3 * MS)
+    assert not list(arrivals.dated(3 * MS, base))
+    assert list(arrivals.dated(3 * MS, base, at_the_end=True)) == [(b"last", START + MS)]
+
+
 @pytest.mark.parametrize("standing", [10, 1000])
 def test_a_clock_that_stands_still_and_then_runs_unseen_tells_no_time_of_its_own(standing: int) -> None:
     base, arrivals = TimeBase(simulated=True), Arrivals[str]()

@@ -508,7 +508,9 @@ def test_a_run_gives_all_outputs_and_reports_progress(vehicle: Vehicle, lane_cha
     assert result.realtime_factor > 0
     assert result.step_us_median > 0
     expected = {"odometry", "acceleration", "balance", "road", "sideslip", "parameters", "wheel_torques"}
-    expected |= {f"wheel_{what}/{wheel}" for what in ("force", "slip") for wheel in ("fl", "fr", "rl", "rr")}
+    expected |= {
+        f"wheel_{what}/{wheel}" for what in ("force", "force_deviation", "slip") for wheel in ("fl", "fr", "rl", "rr")
+    }
     assert set(result.output.channels) == {f"vsense/{name}" for name in expected}
     rows = {len(channel) for channel in result.output.channels.values()}
     assert rows == {len(result.output["vsense/odometry"])}

@@ -11,7 +11,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from vehicle import bags, frames, launched, lifecycle, soak, sources  # noqa: F401
+from vehicle import bags, frames, launched, lifecycle, soak, sources, viewing  # noqa: F401
 from vehicle.workshop import CHECKS, LeftOut, workshop
 from vsense_ros.evaluate.terminal import console, progress
 

@@ -41,6 +41,7 @@ def every_node(shop: Workshop, **more: object) -> dict[str, NodeProcess]:
         "gps_driver": shop.start("gps_driver", port=str(folder / "gnss"), **more),
         "imu_driver": shop.start("imu_driver", port=str(folder / "imu"), **more),
         "accelerator": shop.start("accelerator", **more),
+        "viewer": shop.start("viewer", port=0, **more),
     }
 
 

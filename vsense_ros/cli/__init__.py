@@ -22,6 +22,7 @@ from vsense_ros.cli import (
     simulate,
     trust,
     vehicle,
+    view,
 )
 from vsense_ros.cli.common import Commands
 
@@ -65,5 +66,6 @@ for _command in (
     *design.COMMANDS,
     *experiments.COMMANDS,
     *accelerator.COMMANDS,
+    *view.COMMANDS,
 ):
     main.add_command(_command)

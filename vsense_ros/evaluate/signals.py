@@ -145,8 +145,11 @@ def read_signals(recording: Recording, source: str) -> dict[str, Series]:
     for wheel in WHEELS:
         force = find_channel(recording, f"{source}/wheel_force/{wheel}")
         if force is not None:
+            deviation = find_channel(recording, f"{source}/wheel_force_deviation/{wheel}")
+            told = deviation is not None and np.array_equal(deviation.stamp, force.stamp)
             for column, letter in enumerate("xyz"):
-                keep(f"wheel_force_{wheel}_{letter}", force, force.columns["force"][:, column : column + 1])
+                variance = deviation.columns["force"][:, column] ** 2 if deviation is not None and told else None
+                keep(f"wheel_force_{wheel}_{letter}", force, force.columns["force"][:, column : column + 1], variance)
     return {name: found[name] for name in SIGNALS if name in found}
 
 

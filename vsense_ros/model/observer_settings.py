@@ -45,6 +45,10 @@ class Disturbances(Part):
         "-", "standard deviation of the relative error of the tyre radius", ge=0, default=0.01
     )
     radius_error_drift: float = parameter("-", "its change in one second", ge=0, default=1e-6)
+    load: float = parameter(
+        "kg", "standard deviation of what the car weighs beyond the file; it counts in the deviations of tyre forces "
+        "alone", ge=0, default=100.0,
+    )  # fmt: skip
 
     @model_validator(mode="before")
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Collection
@@ -18,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -33,11 +35,13 @@ from vsense_ros.node import parameters, spin
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.parameters import NodeParameters
 from vsense_ros.node.reader import LOSSLESS, Reader
+from vsense_ros.node.real_time import lock_memory
 from vsense_ros.node.time_base import TimeBase
 
 Params = TypeVar("Params", bound=NodeParameters)
 
 PROGRESS_TOPIC = "vsense/progress"
+_LAST = 0.5  # [s] for readers to take what was published before the end
 
 
 class SensingNode(LifecycleNode, Generic[Params]):
@@ -211,8 +215,16 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._connected = False
         self.get_logger().info("active")
 
+    def _wait_for_readers(self) -> None:
+        """What was published is lost with its publisher, as long as a reader has not taken it."""
+        deadline = time.monotonic() + _LAST
+        for topic, publisher in self._outputs.items():
+            if self.published[topic]:
+                publisher.wait_for_all_acked(Duration(seconds=max(deadline - time.monotonic(), 0.0)))
+
     def _close(self) -> None:
         self.release()
+        self._wait_for_readers()
         for timer in self._timers_of_mine:
             self.destroy_timer(timer)
         self._timers_of_mine = []
@@ -261,8 +273,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
         """Tell a replay that everything up to its clock message `stamp` [ns] has been worked off here."""
         if self._diagnostics_publisher is not None:
             seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-            time = Time(sec=seconds, nanosec=nanoseconds)
-            self._progress_publisher.publish(Header(stamp=time, frame_id=self.get_fully_qualified_name()))
+            stamp_there = Time(sec=seconds, nanosec=nanoseconds)
+            self._progress_publisher.publish(Header(stamp=stamp_there, frame_id=self.get_fully_qualified_name()))
 
     def _publish_diagnostics(self) -> None:
         statuses = self.diagnostics()
@@ -312,6 +324,8 @@ def run_node(node_type: type[SensingNode], model: type[NodeParameters], argument
     try:
         node = node_type(name, model, parameters.shared_names(arguments))
         stop = node.finish = spin.Stop()
+        if node.parameters.lock_memory:
+            lock_memory()
         if node.parameters.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:

@@ -115,8 +115,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             data=None if frame.is_remote else frame.data,
         )
         self._arrivals.add(message, frame.stamp if self._is_near(frame.stamp, wall) else wall)
-        for dated, received in self._arrivals.dated(wall, self.time_base):
-            self._feed(dated, received)
+        self._take(wall)
 
     @staticmethod
     def _is_near(stamp: int, wall: int) -> bool:
@@ -135,6 +134,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
             self._end.set()
             self._thread.join()
             self._thread = None
+            self._take(time.time_ns(), at_the_end=True)
 
     def release(self) -> None:
         self.stop()
@@ -152,6 +152,7 @@ class CanDriver(SensingNode[CanDriverParameters]):
         wait = _FIRST_WAIT
         while not self._end.is_set():
             try:
+                self._take(time.time_ns())
                 if self._bus is None:
                     self._bus = self._open()
                 wait = _FIRST_WAIT
@@ -186,8 +187,11 @@ class CanDriver(SensingNode[CanDriverParameters]):
                 # Some interfaces count from the start of the adapter: then the time of arrival is better than theirs.
                 stamped = round(frame.timestamp * 1e9)
                 self._arrivals.add(frame, stamped if self._is_near(stamped, wall) else wall)
-            for dated, received in self._arrivals.dated(wall, self.time_base):
-                self._feed(dated, received)
+            self._take(wall)
+
+    def _take(self, wall: int, *, at_the_end: bool = False) -> None:
+        for frame, received in self._arrivals.dated(wall, self.time_base, at_the_end=at_the_end):
+            self._feed(frame, received)
 
     def _feed(self, frame: can.Message, received: int) -> None:
         # Frames come in order, also where the mapping to a replay's time has just been corrected backwards.

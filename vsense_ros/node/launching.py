@@ -29,6 +29,7 @@ COMMON: Arguments = {
     "autostart": ("true", "nodes configure and activate themselves; false: a lifecycle manager does it"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "priority": ("0", "of the nodes among real-time processes (SCHED_FIFO), 1 to 99; 0: none"),
+    "lock_memory": ("false", "keep the memory of the nodes from being paged out"),
     "affinity": ("", "processors on which the nodes may run, such as 2,3; empty: all"),
     "discovery": ("", "LOCALHOST, SUBNET or OFF: who is looked for; empty: as the environment says, else LOCALHOST"),
 }
@@ -79,6 +80,8 @@ def node(given: Given, name: str, *, respawn: bool = False, simulated: bool = Fa
         if value not in (None, "", [])
     }
     chosen |= {"autostart": given.flag("autostart")}
+    if given.flag("lock_memory"):
+        chosen |= {"lock_memory": True}
     if name != "replay":
         chosen |= {"use_sim_time": simulated}
     files = [given.text("params_file")] if given.text("params_file") else []

@@ -34,6 +34,9 @@ class NodeParameters(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     autostart: bool = Field(True, description="configure and activate at start; otherwise wait for lifecycle services")
+    lock_memory: bool = Field(
+        False, description="keep the process's memory from being paged out (mlockall), from start on"
+    )
     summary: str = path_parameter("file for counts of messages, written at the end as JSON; empty: none")
 
 

@@ -7,6 +7,7 @@ import os
 import pty
 import select
 import socket
+import time
 import tty
 from pathlib import Path
 from typing import Protocol
@@ -16,6 +17,7 @@ import can
 from vsense_ros.errors import InputError
 
 _PATIENCE = 2.0  # [s] for which a reader may stall before bytes are given up
+_LOOK_EVERY = 0.005  # [s] whether a reader has taken everything
 
 
 class Port(Protocol):
@@ -28,7 +30,7 @@ class Port(Protocol):
         """Bytes that nobody took."""
 
     def close(self) -> None:
-        """Close it, and remove what it left in the file system."""
+        """Close it once the reader has taken everything, and remove what it left in the file system."""
 
 
 class PtyPort:
@@ -43,8 +45,9 @@ class PtyPort:
         os.set_blocking(self.master, False)
         with contextlib.suppress(FileNotFoundError):
             self.path.unlink()
+        self._reader = os.ttyname(slave)
         try:
-            self.path.symlink_to(os.ttyname(slave))
+            self.path.symlink_to(self._reader)
         except OSError as error:
             os.close(self.master)
             raise InputError(f"{path}: cannot make a link to a pseudo-terminal there: {error}") from None
@@ -67,9 +70,25 @@ class PtyPort:
         return 0
 
     def close(self) -> None:
+        self._wait_for_reader()
         os.close(self.master)
         with contextlib.suppress(FileNotFoundError):
             self.path.unlink()
+
+    def _wait_for_reader(self) -> None:
+        """The system throws away what waits in a terminal when its other end is closed."""
+        if not self.ready():
+            return
+        try:
+            terminal = os.open(self._reader, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            return
+        waiting = select.poll()
+        waiting.register(terminal, select.POLLIN)
+        deadline = time.monotonic() + _PATIENCE
+        while waiting.poll(0) and time.monotonic() < deadline:
+            time.sleep(_LOOK_EVERY)
+        os.close(terminal)
 
 
 class TcpPort:

@@ -297,7 +297,7 @@ def run_through_ros(
             nodes[name].wait_for("connected", _DISCOVERY)
         replay = start("replay", **source)
         elapsed = _follow(replay, nodes, progress)
-        time.sleep(0.5)  # what is still on its way through a driver
+        # In the order of their messages: each works off what has come, and waits until its readers have it.
         for name in (*drivers, "observer", "recorder", *(["accelerator"] if accelerator is not None else [])):
             if nodes[name].stop() != 0:
                 raise InputError(f"node {name} failed at its end: {nodes[name].output[-2000:]}")

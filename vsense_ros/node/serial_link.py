@@ -24,7 +24,7 @@ _KEEP_ALIVE = {socket.TCP_KEEPIDLE: 2, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPC
 class SerialLink:
     """Reads `port` in a thread and hands what arrives to `receive(data, wall_time_ns)`.
 
-    While nothing arrives `quiet(wall_time_ns)` is called, ten times a second.
+    While nothing arrives `quiet(wall_time_ns)` is called, ten times a second, or at each attempt to open.
 
     `port` is a device (`/dev/ttyUSB0`, `/dev/pts/3`) or `socket://host:port`. A port that cannot be opened, that
     disappears, or whose TCP server no longer answers, is tried again with growing waits. What `receive` or `quiet`
@@ -85,6 +85,7 @@ class SerialLink:
                     self._warn(f"trying again: {error}")
                 self.losses += not self.problem
                 self.problem = str(error)
+                self._hand_on(b"", time.time_ns())
             self._end.wait(wait)
             wait = min(2.0 * wait, _LONGEST_WAIT)
 
@@ -92,18 +93,23 @@ class SerialLink:
         while not self._end.is_set():
             data = link.read(1)  # wakes at the first byte; with more the arrival of the first would be late
             arrived = time.time_ns()
-            data += link.read(link.in_waiting) if data else b""
             try:
-                if data:
-                    self._receive(data, arrived)
-                else:
-                    self._quiet(arrived)
-            except Exception as error:  # of whatever kind: it is no fault of the port, which is read on
-                reason = f"{type(error).__name__}: {error}"
-                if reason != self._latest_fault[0]:
-                    self._warn(f"what was received could not be used: {data!r}\n{traceback.format_exc()}")
-                self.faults += 1
-                self._latest_fault = (reason, time.monotonic())
+                data += link.read(link.in_waiting) if data else b""
+            finally:  # the port may be gone now, what it gave is not
+                self._hand_on(data, arrived)
+
+    def _hand_on(self, data: bytes, arrived: int) -> None:
+        try:
+            if data:
+                self._receive(data, arrived)
+            else:
+                self._quiet(arrived)
+        except Exception as error:  # of whatever kind: it is no fault of the port, which is read on
+            reason = f"{type(error).__name__}: {error}"
+            if reason != self._latest_fault[0]:
+                self._warn(f"what was received could not be used: {data!r}\n{traceback.format_exc()}")
+            self.faults += 1
+            self._latest_fault = (reason, time.monotonic())
 
     def diagnostic(self) -> Diagnostic:
         """Whether the port is open, and what of its bytes could not be used."""

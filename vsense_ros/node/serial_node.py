@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any, Protocol, TypeVar
 
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -69,6 +70,7 @@ class SerialSensorNode(SensingNode[Params]):
     def stop(self) -> None:
         if self._link is not None:
             self._link.stop()
+            self._take(time.time_ns(), at_the_end=True)
 
     def release(self) -> None:
         self.stop()
@@ -77,8 +79,8 @@ class SerialSensorNode(SensingNode[Params]):
         self._arrivals.add(data, wall)
         self._take(wall)
 
-    def _take(self, wall: int) -> None:
-        for chunk, received in self._arrivals.dated(wall, self.time_base):
+    def _take(self, wall: int, *, at_the_end: bool = False) -> None:
+        for chunk, received in self._arrivals.dated(wall, self.time_base, at_the_end=at_the_end):
             with self._lock:
                 try:
                     samples = self._decoder.feed(chunk, received)

@@ -24,6 +24,7 @@ except ImportError:  # rclpy before 7.1.3
 
 _FOREVER = 1e8  # [s]
 _GRACE = 1.5  # [s] for a job that is interrupted to come to an end
+_LAST = 1.0  # [s] for what has arrived before the end was asked for
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -92,14 +93,17 @@ class Stop:
 
 
 def spin(node: Node, stop: Stop) -> None:
-    """Run the callbacks of `node` until `stop`.
+    """Run the callbacks of `node` until `stop`, and those of messages that have arrived by then.
 
     `EventsExecutor.spin()` never calls anything in the PyPI wheels of Jazzy, and every call of
-    `spin_until_future_complete` leaves a task behind: hence the one call here, with a future for the end.
+    `spin_until_future_complete` leaves a task behind: hence the two calls here, with a future for the end.
     """
     executor: Any = EventsExecutor() if EventsExecutor is not None else SingleThreadedExecutor()
     executor.add_node(node)
+    worked_off: Future = Future()
     try:
         executor.spin_until_future_complete(stop.future, timeout_sec=_FOREVER)
+        executor.create_task(worked_off.set_result, None)  # which queues up behind what waits
+        executor.spin_until_future_complete(worked_off, timeout_sec=_LAST)
     finally:
         executor.remove_node(node)

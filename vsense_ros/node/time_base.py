@@ -120,9 +120,10 @@ class Arrivals(Generic[Item]):
         """`item` arrived at the wall time `wall` [ns]."""
         self._held.append((item, wall))
 
-    def dated(self, wall: int, time_base: TimeBase) -> Iterator[tuple[Item, int]]:
-        """What can be dated at the wall time `wall` [ns], oldest first, with times of arrival [ns]."""
-        while self._held and (time_base.settled(wall) or wall - self._held[0][1] > _HELD):
+    def dated(self, wall: int, time_base: TimeBase, *, at_the_end: bool = False) -> Iterator[tuple[Item, int]]:
+        """What can be dated at the wall time `wall` [ns], oldest first, with times of arrival [ns]; at the end of the
+        reading all of it."""
+        while self._held and (at_the_end or time_base.settled(wall) or wall - self._held[0][1] > _HELD):
             item, arrived = self._held.popleft()
             at = time_base.at(arrived)
             if at is None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsense_ros.codegen import Kernel
 from vsense_ros.estimation.filter import Gaussian
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.car.steps import GAMMA, model_functions, sensor_functions
+from vsense_ros.model.car.steps import GAMMA, compiled_wheel_forces, model_functions, sensor_functions
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     BANK,
@@ -66,6 +66,7 @@ SURVEYED = 4  # numbers that tell where the road was last looked up, and what wa
 _SLOW = U.stop  # states from here on decay by themselves, towards a mean
 _UNIT = np.eye(COORDINATES)
 ROADS = ROAD.stop  # states of the road under the car
+_OF_FORCES = np.concatenate([DYNAMIC, np.arange(U.start, U.stop), np.arange(DISTURB.start, DISTURB.stop)])
 TWIST_SIZE = TWIST.stop - TWIST.start
 ROAD_SLOW = slice(ROAD_STATES.start - _SLOW, ROAD_STATES.stop - _SLOW)  # of the states behind the velocities
 
@@ -168,6 +169,7 @@ class CarBlocks:
             functions["force"], [q, self.inputs, around, self.parameters, self.effects, self.error[FORCE]]
         )
         self._present = Kernel(functions["dynamics"], self.arguments)
+        self._wheel_forces = Kernel(compiled_wheel_forces(car), self.arguments)
         sensing = sensor_functions(car, self.sensor_list)
         self.sensed: dict[str, Sensed] = {}
         for i, (name, sensor, biases) in enumerate(
@@ -343,6 +345,16 @@ class CarBlocks:
         through[:, DYNAMIC], through[:, U] = self.by_q, self.by_u
         through[:, FORCE], through[:, DISTURB] = _UNIT, self.by_disturbances
         return through
+
+    def through_wheels(self) -> tuple[Array, Array]:
+        """Derivatives by the errors: of force x, y, z and aligning moment of each wheel as the model has them, (16, n),
+        and of the generalized forces along y and about z that it lacks, (2, n)."""
+        self._wheel_forces.call()
+        derivative, mass = self._wheel_forces.results
+        by_error, lacking = np.zeros((len(derivative), self.layout.size)), np.zeros((2, self.layout.size))
+        by_error[:, _OF_FORCES] = derivative
+        lacking[:, FORCE] = mass
+        return by_error, lacking
 
     def sense(self, sensor: str, value: Array) -> tuple[Array, Array]:
         known = self.sensed[sensor]

@@ -27,15 +27,19 @@ from vsense_ros.model.coordinates import (
     Y,
 )
 from vsense_ros.model.sensors.wheel_speeds import NAMES as WHEEL_NAMES
+from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.state import DISTURB, FORCE, TWIST
 
 Array = NDArray[np.float64]
 
 BALANCE = "vsense/balance"
+_MASS = "chassis.mass"
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]  # of three axes
 _POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT, BANK, GRADE))]] * 2)
 _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
+_VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
+_LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -56,6 +60,8 @@ class Estimate:
     variance: Array  # (n,) of the errors of the state
     names: tuple[str, ...]  # of the state
     axle_distances: Array  # (2,) of the front and the rear axle from cog [m]
+    acceleration_covariance: Array  # (6, 6) of acceleration and angular acceleration
+    wheel_variance: Array  # (4, 4) of force x, y, z [N²] and aligning moment [N² m²] of each wheel
     # (6,) force [N] and moment [N m] of the tyres beyond what the inertial sensor feels, as `model.car.balance` and
     # low-passed; NaN while it is not heard.
     unbalanced: Array = field(default_factory=lambda: np.full(6, np.nan))
@@ -65,7 +71,7 @@ class Estimate:
         """Read a filter, and leave it as it is."""
         state, covariance = filter.belief()
         udot, wheels = filter.car.present()
-        return cls(
+        made = cls(
             stamp,
             state.copy(),
             filter.inputs.copy(),
@@ -76,7 +82,11 @@ class Estimate:
             covariance.diagonal().copy(),
             filter.names,
             filter.car.axle_distances,
+            np.empty((6, 6)),
+            np.empty((4, 4)),
         )
+        _fill_variances(made, filter.car, covariance)
+        return made
 
     @property
     def position(self) -> Array:
@@ -146,6 +156,11 @@ class Estimate:
         return self.inputs[..., 1:] + self.state[..., FORCE][..., SPIN]
 
     @property
+    def wheel_deviations(self) -> Array:
+        """Standard deviations of force x, y, z [N] and aligning moment [N m], rows as those of `wheels`, (4, 4)."""
+        return np.sqrt(np.maximum(self.wheel_variance, 0.0))
+
+    @property
     def side_slip(self) -> Array:
         """Angle [rad], its standard deviation [rad] and its rate [rad/s], (3,); zero with an infinite deviation at
         rest."""
@@ -171,6 +186,46 @@ def _on_map(covariance: Array) -> Array:
     """Of position and attitude on the map (6, 6), to first order: height, roll and pitch are those over the road and
     those of the road."""
     return _OVER_AND_OF_ROAD @ covariance[_POSE_AND_ROAD] @ _OVER_AND_OF_ROAD.T
+
+
+def _fill_variances(e: Estimate, car: CarBlocks, belief: Array) -> None:
+    """Those of accelerations and tyre forces, to first order, from the covariance of the filter's errors.
+
+    Tyre forces are in proportion to the mass, of which the car's motion tells next to nothing: what it may weigh beyond
+    the file adds that share of each force, or what is left of it where the filter estimates the mass.
+    """
+    n = car.layout.size
+    covariance = belief[:n, :n]
+    if not covariance[FORCE, FORCE].any():  # of a filter that has no errors of forces: those that it assumes
+        covariance = covariance.copy()
+        covariance[FORCE, FORCE] = np.diag(car.prior.deviation[FORCE] ** 2)
+    by_error = car.through()[:6]
+    by_error[:3, _VELOCITY] += _across(e.rates)
+    by_error[:3, _RATES] -= _across(e.velocity)
+    e.acceleration_covariance[:] = by_error @ covariance @ by_error.T
+
+    by_error, lacking = car.through_wheels()
+    to_front, to_rear = e.axle_distances
+    front = (to_rear * lacking[0] + lacking[1]) / (to_front + to_rear)
+    load = e.model_wheels[2]
+    cosine = np.cos(e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
+    for axle, found in ((slice(0, 2), front / cosine), (slice(2, 4), lacking[0] - front)):  # as `with_lateral_error`
+        total = load[axle].sum()
+        if total > 0:
+            by_error[_LATERAL_FORCES][axle] += np.outer(load[axle] / total, found)
+    variance = np.sum((by_error @ covariance) * by_error, axis=1).reshape(4, 4).T
+    mass = car.vehicle.physics.chassis.mass
+    of_mass = car.vehicle.observer.surroundings.load**2
+    if _MASS in e.names:
+        place = e.names.index(_MASS)
+        mass, of_mass = e.state[place], belief[place, place]
+    e.wheel_variance[:] = variance + (e.wheels[:4] / mass) ** 2 * of_mass
+
+
+def _across(a: Array) -> Array:
+    """The matrix (3, 3) that makes a × b of b."""
+    x, y, z = a.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -219,7 +274,7 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axl
 def estimate_samples(e: Estimate) -> list[Sample]:
     """An estimate as the messages of the output topics; of `stacked` ones, fields have one row for each."""
     rows = e.velocity.shape[:-1]
-    wheels, absent = e.wheels, np.zeros((*rows, 0))
+    wheels, deviations, absent = e.wheels, e.wheel_deviations, np.zeros((*rows, 0))
     unbalanced = {"force": e.unbalanced[..., :3], "torque": e.unbalanced[..., 3:]}
     samples = [
         messages.odometry(
@@ -231,7 +286,9 @@ def estimate_samples(e: Estimate) -> list[Sample]:
             e.rates,
             e.twist_covariance,
         ),
-        messages.acceleration(e.stamp, e.acceleration, e.angular_acceleration, np.zeros((*rows, 36))),
+        messages.acceleration(
+            e.stamp, e.acceleration, e.angular_acceleration, e.acceleration_covariance.reshape(*rows, 36)
+        ),
         Sample("vsense/road", "geometry_msgs/msg/Vector3Stamped", e.stamp, {"vector": e.road}, "cog"),
         Sample(BALANCE, "geometry_msgs/msg/WrenchStamped", e.stamp, unbalanced, "cog"),
         messages.side_slip(e.stamp, e.side_slip),
@@ -246,17 +303,12 @@ def estimate_samples(e: Estimate) -> list[Sample]:
     ]
     for i, wheel in enumerate(WHEELS):
         frame = f"contact_{wheel}"
-        torque = np.zeros((*rows, 3))
-        torque[..., 2] = wheels[..., 3, i]
-        samples.append(
-            Sample(
-                f"vsense/wheel_force/{wheel}",
-                "geometry_msgs/msg/WrenchStamped",
-                e.stamp,
-                {"force": wheels[..., :3, i], "torque": torque},
-                frame,
-            )
-        )
+        for topic, wrench in (("wheel_force", wheels), ("wheel_force_deviation", deviations)):
+            torque = np.zeros((*rows, 3))
+            torque[..., 2] = wrench[..., 3, i]
+            values = {"force": wrench[..., :3, i], "torque": torque}
+            kind = "geometry_msgs/msg/WrenchStamped"
+            samples.append(Sample(f"vsense/{topic}/{wheel}", kind, e.stamp, values, frame))
         slips = {"vector": wheels[..., 4:, i]}
         samples.append(Sample(f"vsense/wheel_slip/{wheel}", "geometry_msgs/msg/Vector3Stamped", e.stamp, slips, frame))
     return samples

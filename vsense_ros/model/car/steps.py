@@ -30,6 +30,8 @@ from vsense_ros.model.coordinates import (
     TRAVEL,
     TWIST,
     WHEELS,
+    YAW,
+    Y,
     Z,
 )
 from vsense_ros.model.multibody.tree import inverse_spd, solve_dominant
@@ -247,6 +249,17 @@ def force_function(car: Car) -> ca.Function:
     )
 
 
+def wheel_force_function(car: Car) -> ca.Function:
+    """(…) → derivatives of force x, y, z and aligning moment of each wheel, fl, fr, rl, rr, by `DYNAMIC_COORDINATES`, u
+    and disturbances (16×28); rows y and yaw of the mass matrix (2×14)."""
+    columns = [*DYNAMIC_COORDINATES, *range(COORDINATES, 2 * COORDINATES + len(DISTURBANCES))]
+    state = ca.vertcat(car.q, car.u, car.disturbances)
+    derivative = ca.jacobian(ca.vec(car.wheel_outputs[:4, :]), state)[:, columns]
+    acceleration = ca.SX.sym("acceleration", COORDINATES)
+    mass = ca.jacobian(car.inertia_times(acceleration)[[Y, YAW]], acceleration)
+    return codegen.function("wheel_forces", _arguments(car), [derivative, mass], _names(car))
+
+
 def internal_state_function(car: Car) -> ca.Function:
     """(…, h) → the internal state of the effects for a step of `h` [s] that begins now."""
     h = ca.SX.sym("h")
@@ -271,7 +284,7 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 @cache
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
-    functions = None if codegen.compiler() is None else _compiled(car)
+    functions = None if codegen.compiler() is None else _compiled("car", car, _functions)
     return {f.name(): f for f in functions or _for_virtual_machine(car)}
 
 
@@ -291,11 +304,11 @@ def _functions(car: Car) -> list[ca.Function]:
     return [*functions, internal_state_function(car)] if car.internal_state.numel() else functions
 
 
-def _compiled(car: Car) -> list[ca.Function] | None:
+def _compiled(name: str, car: Car, make: Callable[[Car], list[ca.Function]]) -> list[ca.Function] | None:
     """The functions compiled, with what the corners have in common done for all four at once."""
     alike = car.corners_alike
-    functions, corners = _functions(alike), codegen.Corners(_alike(alike), {"placement": alike.placed})
-    return codegen.loaded("car", codegen.native_source(functions, corners), functions)
+    functions, corners = make(alike), codegen.Corners(_alike(alike), {"placement": alike.placed})
+    return codegen.loaded(name, codegen.native_source(functions, corners), functions)
 
 
 def _alike(car: Car) -> codegen.Alike:
@@ -327,6 +340,17 @@ def _alike(car: Car) -> codegen.Alike:
         return (argument, element), None
 
     return alike
+
+
+@cache
+def compiled_wheel_forces(car: Car) -> ca.Function:
+    """`wheel_force_function`, compiled where possible."""
+    functions = None if codegen.compiler() is None else _compiled("wheel_forces", car, _wheel_functions)
+    return functions[0] if functions else wheel_force_function(car)
+
+
+def _wheel_functions(car: Car) -> list[ca.Function]:
+    return [wheel_force_function(car)]
 
 
 @cache

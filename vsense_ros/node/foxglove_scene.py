@@ -1,0 +1,143 @@
+"""What estimates look like in three dimensions: the way that the car came, and at each tyre its force in the circle of
+what it could have."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, pi, sin
+
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    Timestamp,
+    Vector3,
+)
+
+from vsense_ros.messages.recording import Sample
+from vsense_ros.messages.topics import WHEELS
+from vsense_ros.model.constants import GRAVITY
+from vsense_ros.model.vehicle import Vehicle
+
+PATH, TYRES = "vsense/view/path", "vsense/view/tyres"
+_TYRES_EVERY = 40_000_000  # [ns]
+_PATH_EVERY = 1_000_000_000  # [ns]
+_PATH_STEP = 0.5  # [m]
+_LONGEST_PATH = 20_000  # points; then every second one goes
+_LOAD = 4000.0  # [N] drawn as one metre where the car is not known
+_CIRCLE = [(cos(2 * pi * i / 48), sin(2 * pi * i / 48)) for i in range(48)]
+_BLUE, _GREY, _RED = (
+    Color(r=0.1, g=0.45, b=0.9, a=1.0),
+    Color(r=0.6, g=0.6, b=0.6, a=1.0),
+    Color(r=0.9, g=0.1, b=0.1, a=1.0),
+)
+_NOWHERE = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+_NEAR_THE_LIMIT = 0.85  # share of the circle from which on a force is red
+
+
+class Scene:
+    """Of one car; a length of one metre is the load of a wheel at rest, or 4000 N where the car is not known."""
+
+    def __init__(self, vehicle: Vehicle | None = None, prefix: str = "") -> None:
+        """`prefix` stands before the names of the car's frames."""
+        self._prefix = prefix
+        self._friction = None if vehicle is None else vehicle.physics.road.friction
+        load = _LOAD if vehicle is None else vehicle.physics.chassis.mass * GRAVITY / 4
+        self._scale = 1.0 / load
+        self.forget()
+
+    def forget(self) -> None:
+        """The recording is shown from another place on."""
+        self._path: list[tuple[float, float, float]] = []
+        self._path_told = self._tyres_told = -(2**62)
+        self._forces: dict[str, tuple[float, float, float]] = {}
+
+    def add(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
+        """What a message changes, with the topic to draw it on."""
+        if sample.topic.endswith("vsense/odometry"):
+            return self._on_odometry(sample)
+        head, _, wheel = sample.topic.rpartition("/")
+        if head.endswith("vsense/wheel_force") and wheel in WHEELS:
+            return self._on_force(sample, wheel)
+        return []
+
+    def _on_odometry(self, sample: Sample) -> list[tuple[str, SceneUpdate]]:
+        place = sample.values["position"].tolist()
+        last = self._path[-1] if self._path else None
+        if last is None or hypot(place[0] - last[0], place[1] - last[1]) > _PATH_STEP:
+            self._path.append((place[0], place[1], place[2]))
+            if len(self._path) > _LONGEST_PATH:
+                del self._path[1::2]
+        if len(self._path) < 2 or 0 <= sample.stamp - self._path_told < _PATH_EVERY:
+            return []
+        self._path_told = sample.stamp
+        line = LinePrimitive(
+            type=LinePrimitiveLineType.LineStrip,
+            pose=_NOWHERE,
+            thickness=2.0,
+            scale_invariant=True,
+            points=[Point3(x=x, y=y, z=z) for x, y, z in self._path],
+            color=_BLUE,
+        )
+        entity = SceneEntity(timestamp=_time(sample.stamp), frame_id=sample.frame_id, id="path", lines=[line])
+        return [(PATH, SceneUpdate(entities=[entity]))]
+
+    def _on_force(self, sample: Sample, wheel: str) -> list[tuple[str, SceneUpdate]]:
+        x, y, z = sample.values["force"].tolist()
+        self._forces[wheel] = (x, y, z)
+        if len(self._forces) < len(WHEELS) or wheel != WHEELS[-1]:
+            return []
+        if 0 <= sample.stamp - self._tyres_told < _TYRES_EVERY:
+            return []
+        self._tyres_told = sample.stamp
+        entities = [self._tyre(sample.stamp, name) for name in WHEELS]
+        return [(TYRES, SceneUpdate(entities=entities))]
+
+    def sizes(self, wheel: str) -> tuple[float, float, float | None]:
+        """Of a tyre: length of its force [m], that force's direction from ahead to the left [rad], and the radius of
+        the circle of what it could have [m]; None where the car is not known."""
+        x, y, z = self._forces[wheel]
+        radius = None if self._friction is None else self._scale * self._friction * max(z, 0.0)
+        return self._scale * hypot(x, y), atan2(y, x), radius
+
+    def _tyre(self, stamp: int, wheel: str) -> SceneEntity:
+        length, turned, radius = self.sizes(wheel)
+        lines, color = [], _BLUE
+        if radius is not None:
+            color = _RED if length > _NEAR_THE_LIMIT * radius else _BLUE
+            lines = [
+                LinePrimitive(
+                    type=LinePrimitiveLineType.LineLoop,
+                    pose=_NOWHERE,
+                    thickness=2.0,
+                    scale_invariant=True,
+                    points=[Point3(x=radius * c, y=radius * s) for c, s in _CIRCLE],
+                    color=_GREY,
+                )
+            ]
+        head = min(0.15, 0.5 * length)
+        arrow = ArrowPrimitive(
+            pose=Pose(position=Vector3(), orientation=Quaternion(z=sin(turned / 2), w=cos(turned / 2))),
+            shaft_length=length - head,
+            shaft_diameter=0.04,
+            head_length=head,
+            head_diameter=0.1,
+            color=color,
+        )
+        return SceneEntity(
+            timestamp=_time(stamp),
+            frame_id=f"{self._prefix}contact_{wheel}",
+            id=f"tyre {wheel}",
+            frame_locked=True,
+            arrows=[arrow],
+            lines=lines,
+        )
+
+
+def _time(stamp: int) -> Timestamp:
+    return Timestamp(*divmod(stamp, 1_000_000_000))
