@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import FreeParameter, joined, with_offsets
-from vsense_ros.identify.least_squares import DivergedError, Fit, fit, slopes_at, slopes_by
+from vsense_ros.identify.least_squares import STEP, DivergedError, Fit, fit, slopes_by
 from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate, shapes, terms
@@ -50,7 +50,6 @@ ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in for an
 # effect, it takes several fits to undo that.
 WORTH_REFINING = 0.01
-FEW = 40  # places of a profile up to which its hypotheses are refined: it has as many free parameters besides
 APART = 6  # places from one to the next of those that are changed together
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 SENSOR = "sensor"  # what the effects of the one layer act on
@@ -277,7 +276,7 @@ class Search:
         by_place = map(self._column, profile.places)
         slopes = [np.column_stack(parts) * profile.places[0].deviation for parts in zip(*by_place, strict=True)]
         fitted = self._fit(at.joined(profile.places, slopes))
-        fitted = self._fit(replace(fitted, slopes=slopes_at(self.residuals, self.start, fitted, self._progress)))
+        fitted = self._fit(replace(fitted, slopes=self._slopes_at(fitted)))
         if at.value - fitted.value < WORTH * self.whole:
             return None
         candidates = (*(c for c in hypothesis.candidates if c is not single), profile)
@@ -334,20 +333,37 @@ class Search:
                 self._simulate_together(candidate.places)
 
     def _simulate_together(self, points: Sequence[FreeParameter]) -> None:
-        """Secants by a size at places: of those that are far from one another at once, as a car has soon forgotten
-        where it has been. What happens around a place is what the size there does."""
+        """Secants of the base fit by a size at places."""
+        for point, slopes in zip(points, self._slopes_of_places(self.base, points, SECANT), strict=True):
+            self._columns[point.name, point.form] = [part / point.deviation for part in slopes]
+
+    def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Array]]:
+        """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
+        once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
         groups = [points[first::APART] for first in range(min(APART, len(points)))]
-        secants = slopes_by(self.residuals, self.start, self.base, [joined(group) for group in groups], SECANT)
         windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
         passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
+        found: dict[str, list[Array]] = {}
+        secants = slopes_by(self.residuals, self.start, at, [joined(group) for group in groups], step)
         for group, secant in zip(groups, secants, strict=True):
             for point in group:
                 assert point.place is not None
-                self._columns[point.name, point.form] = [
-                    np.where(np.abs(at - point.place[1]) < APART / 2 * SPACING, part / point.deviation, 0.0)
-                    for at, part in zip(passed, secant, strict=True)
-                ]
+                near = [np.abs(way - point.place[1]) < APART / 2 * SPACING for way in passed]
+                found[point.name] = [np.where(here, part, 0.0) for here, part in zip(near, secant, strict=True)]
             self._progress()
+        return [found[point.name] for point in points]
+
+    def _slopes_at(self, at: Fit) -> list[Array]:
+        """By window, (rows, k): slopes by all free parameters of a fit from where it is, per deviation."""
+        known = [parameter for parameter in at.free_parameters if parameter.place is None]
+        points = [parameter for parameter in at.free_parameters if parameter.place is not None]
+        columns = {}
+        for parameter, column in zip(known, slopes_by(self.residuals, self.start, at, known), strict=True):
+            columns[parameter.name] = column
+            self._progress()
+        columns |= {p.name: c for p, c in zip(points, self._slopes_of_places(at, points, STEP), strict=True)}
+        in_order = (columns[parameter.name] for parameter in at.free_parameters)
+        return [np.column_stack(parts) for parts in zip(*in_order, strict=True)]
 
     def _signature(self, at: Fit, present: tuple[Candidate, ...], new: tuple[Candidate, ...]) -> Signature:
         free_parameters = tuple(parameter for candidate in new for parameter in candidate.free_parameters)
@@ -439,10 +455,8 @@ class Search:
         """The hypothesis fitted further with secants of its own. With those of the base fit, whose parameters may be
         far off because they stand in for the effect, it stops short."""
         at = hypothesis.fit
-        if sum(parameter.place is not None for parameter in at.free_parameters) > FEW:
-            return hypothesis  # each place would cost a simulation
         if hypothesis.gain > WORTH_REFINING:
-            fitted = self._fit(replace(at, slopes=slopes_at(self.residuals, self.start, at, self._progress)))
+            fitted = self._fit(replace(at, slopes=self._slopes_at(at)))
             if fitted.value < at.value:
                 hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
         return self._on_the_road(hypothesis)
