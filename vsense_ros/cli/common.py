@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from vsense_ros.errors import InputError
+from vsense_ros.files.names import printable
 
 if TYPE_CHECKING:  # at run time it would load the whole model before the first line of help
     from vsense_ros.estimation.catalogue import Catalogue
@@ -78,10 +79,10 @@ class Commands(click.Group):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            click.echo(f"vsense: {error}", err=True)
+            click.echo(f"vsense: {printable(str(error))}", err=True)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
-            click.echo(f"vsense: {place}{error.strerror or error}", err=True)
+            click.echo(f"vsense: {printable(f'{place}{error.strerror or error}')}", err=True)
         ctx.exit(FAULT)
 
 
@@ -122,7 +123,7 @@ def key_value_pairs(_: click.Context, __: click.Parameter, pairs: tuple[str, ...
 def warn(text: str) -> None:
     """One line on stderr, if there is something to be said."""
     if text:
-        click.echo(f"warning: {text}", err=True)
+        click.echo(f"warning: {printable(text)}", err=True)
 
 
 def distinct_names(paths: Sequence[Path | Stretch]) -> dict[Path, str]:

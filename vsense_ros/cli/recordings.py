@@ -9,6 +9,7 @@ import click
 
 from vsense_ros.cli.common import EXISTING, Commands, key_value_pairs
 from vsense_ros.errors import InputError
+from vsense_ros.files.names import printable
 
 
 @click.command("import")
@@ -91,10 +92,10 @@ def _propose(sources: tuple[Path, ...]) -> None:
         if not source.is_file():
             raise InputError(f"{source}: no such file; --guess proposes a mapping for a table or a measurement file")
         proposal = guess(source)
-        click.echo(f"# A proposal for {source.name}: look at every line, then import with --mapping.")
-        for remark in proposal.remarks:
-            click.echo(f"# {remark}")
-        click.echo(proposal.text, nl=False)
+        remarks = [f"A proposal for {source.name}: look at every line, then import with --mapping.", *proposal.remarks]
+        for remark in remarks:
+            click.echo(f"# {' '.join(printable(remark).split())}")  # on its line, whatever a column is called
+        click.echo(printable(proposal.text), nl=False)
 
 
 @click.command()
@@ -125,7 +126,7 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
         inspection = inspect(recording, known_topics())
     show_inspection(inspection, console())
     for mend in mends(recording):
-        click.echo(f"What would mend it: {mend} (`vsense run` and `vsense explain` do it with --mend).")
+        click.echo(f"What would mend it: {printable(str(mend))} (`vsense run` and `vsense explain` do it with --mend).")
 
 
 @click.group(invoke_without_command=True, cls=Commands)

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from vsense_ros.evaluate.picture import MUTED, STYLE
+from vsense_ros.files.names import drawn
 from vsense_ros.model.handling.response import Response
 
 SPEEDS = tuple(range(10, 101, 10))  # [km/h]
@@ -57,7 +58,7 @@ def draw_bode(responses: Mapping[str, Response], title: str, path: Path) -> Path
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(3.1 * len(responses) + 1, 7), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.suptitle(drawn(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(2, len(responses), sharex=True, sharey="row", squeeze=False)
         for i, (name, response) in enumerate(responses.items()):
             bode({"": response}, panels[0][i], panels[1][i])

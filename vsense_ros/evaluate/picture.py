@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore, align
 from vsense_ros.evaluate.signals import MOST_POINTS, SIGNALS, Array, Series, Signal, read_signals, thin
+from vsense_ros.files.names import drawn
 from vsense_ros.messages.topics import WHEELS
 
 ESTIMATE = "#0072B2"
@@ -99,7 +100,7 @@ def compose(drive: Drive) -> Figure:
 
 
 def _head(figure: Figure, drive: Drive) -> None:
-    figure.text(0.045, 0.962, drive.title, fontsize=17.0, fontweight="bold", va="center", color=TRUTH)
+    figure.text(0.045, 0.962, drawn(drive.title), fontsize=17.0, fontweight="bold", va="center", color=TRUTH)
     facts = drive.facts()
     if np.isfinite(drive.step_us_median):
         facts.append(f"{drive.step_us_median:.0f} µs a step")

@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from math import isnan
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.report import balance_in_words, named, score_cells
 from vsense_ros.evaluate.signals import SIGNALS
+from vsense_ros.files.names import printable
 from vsense_ros.messages.inspect import Inspection
 
 PIPE_WIDTH = 110  # of lines that go into a file or a pipe
 
 
+class PlainConsole(Console):
+    """A console to which brackets mean nothing, and whose texts cannot steer the terminal: names of topics, vehicles
+    and files are what somebody else wrote."""
+
+    def __init__(self, *, stderr: bool = False, width: int | None = None) -> None:
+        super().__init__(stderr=stderr, width=width, highlight=False, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
 def console(*, stderr: bool = False) -> Console:
     """A console as wide as the terminal, and wide enough for the tables where there is none."""
-    found = Console(stderr=stderr, highlight=False)
-    return found if found.is_terminal else Console(stderr=stderr, highlight=False, width=PIPE_WIDTH)
+    found = PlainConsole(stderr=stderr)
+    return found if found.is_terminal else PlainConsole(stderr=stderr, width=PIPE_WIDTH)
 
 
 def say(text: str) -> None:
     """Print a sentence in one line, whatever brackets its paths and names have."""
-    console().print(text, soft_wrap=True, markup=False)
+    console().print(text, soft_wrap=True)
 
 
 def plain_table(*headings: str, right: Collection[str] = ()) -> Table:
@@ -43,7 +57,7 @@ def plain_table(*headings: str, right: Collection[str] = ()) -> Table:
 def progress(label: str) -> Iterator[Callable[[float], None]]:
     """A progress bar on stderr; yields the function that takes the share done, 0 to 1."""
     bar = Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=40),
         TaskProgressColumn(),
         TimeElapsedColumn(),
@@ -73,7 +87,7 @@ def in_files(done: Callable[[float], None]) -> Callable[[str, int, int], None]:
 @contextmanager
 def waiting(label: str) -> Iterator[None]:
     """A moving sign on stderr for work whose length is not known beforehand."""
-    with console(stderr=True).status(label):
+    with console(stderr=True).status(Text(label)):
         yield
 
 

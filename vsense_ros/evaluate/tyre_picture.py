@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vsense_ros.evaluate.picture import MUTED, STYLE
+from vsense_ros.files.names import drawn
 from vsense_ros.model.parameter import symbols, vector
 from vsense_ros.model.tyres import Tyre, TyreInput, relaxation_rate
 
@@ -72,7 +73,7 @@ def draw(tyre: Tyre, title: str, path: Path) -> Path:
         figure = Figure(figsize=(11, 9.2), layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(3, 3)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.suptitle(drawn(title), x=0.01, ha="left", fontsize=12, fontweight="bold")
         _pure(bench, panels[0])
         _combined(bench, panels[1])
         _rest(bench, panels[2])

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vsense_ros.evaluate.picture import MUTED, STYLE
+from vsense_ros.files.names import drawn
 from vsense_ros.model.effects.tyre_underinflation import TyreUnderinflation
 from vsense_ros.model.tyres import Tyre, TyreInput
 
@@ -67,7 +68,9 @@ def draw_rig(tyre: Tyre, title: str, path: Path) -> Path:
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(10, 4.2), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(f"{title} on a rig, {LOAD / 1000:g} kN", x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.suptitle(
+            f"{drawn(title)} on a rig, {LOAD / 1000:g} kN", x=0.01, ha="left", fontsize=12, fontweight="bold"
+        )
         left, right = figure.subplots(1, 2)
         way = np.linspace(0.0, TRAVEL, 400)
         rig = TyreRig(tyre, conicity=CONICITY)

@@ -18,6 +18,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.evaluate.picture import MUTED, STYLE
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
+from vsense_ros.files.names import drawn
 from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
@@ -127,8 +128,8 @@ def draw(found: Report, path: Path) -> Path:
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 1.7 * rows + 1.0), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(f"{found.filter} on {found.drive}: what is left of a deviation", x=0.01, ha="left", fontsize=12,
-                        fontweight="bold")  # fmt: skip
+        title = f"{found.filter} on {drawn(found.drive)}: what is left of a deviation"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         t, motion = found.told.t, found.told.motion
         edges = np.flatnonzero(np.diff(motion)) + 1

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
@@ -277,7 +277,7 @@ def _errors(results: Results, number: int, manoeuvre: str, columns: list[tuple[s
     for row in ROWS:
         ours = (results[manoeuvre, *column].rmse[row.signal] for column in columns)
         his = (row.error_ekf[number], row.spi[number])
-        table.add_row(escape(row.label), *(f"{value:.3g}" for value in (*his, *ours)))
+        table.add_row(Text(row.label), *(f"{value:.3g}" for value in (*his, *ours)))
     return table
 
 

@@ -18,6 +18,7 @@ from vsense_ros.evaluate.handling_picture import bode
 from vsense_ros.evaluate.picture import ESTIMATE, MUTED, STYLE, TRUTH
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
+from vsense_ros.files.names import drawn
 from vsense_ros.identify.characterise import Characteristics, Scatter
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof
 from vsense_ros.model.handling.response import Response
@@ -75,7 +76,7 @@ def draw(found: Characteristics, vehicle: Vehicle | None, path: Path) -> Path:
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(13, 9.5), layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(found.title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.suptitle(drawn(found.title), x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(3, 3)
         _understeer_and_roll(found, panels[0])
         _stiffness(found, panels[0][2], panels[1])

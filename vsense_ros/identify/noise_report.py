@@ -10,12 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from vsense_ros.evaluate.consistency import Consistency
 from vsense_ros.evaluate.picture import ESTIMATE, MUTED, STYLE
 from vsense_ros.evaluate.signals import SIGNALS
+from vsense_ros.files.names import drawn
 from vsense_ros.identify.noise import Figures, Tuning
 
 _WIDTH = 120  # of the tables
@@ -32,7 +33,7 @@ def show(tuning: Tuning, console: Console) -> None:
         table.add_row(found.path, f"{found.before:.3g}", f"{found.after:.3g}", known)
     console.print(table)
     for title, before, after in _pairs(tuning):
-        console.print(f"\n[bold]{title}")
+        console.print(Text(f"\n{title}", style="bold"))
         console.print(_sensors(before, after))
         if before.errors:
             console.print()
@@ -63,7 +64,7 @@ def _sensors(before: Figures, after: Figures) -> Table:
         pair = [figures.sensors[name] for figures in (before, after)]
         low, high = pair[1].nis_interval
         table.add_row(
-            escape(name),
+            Text(name),
             str(pair[1].messages),
             _change(pair, "refused", "d"),
             _change(pair, "log_likelihood", ".3f"),
@@ -114,7 +115,7 @@ def draw(tuning: Tuning, path: Path) -> Path:
 
 
 def _nis(axes: Axes, title: str, before: Figures, after: Figures) -> None:
-    axes.set_title(f"{title}: NIS per component")
+    axes.set_title(f"{drawn(title)}: NIS per component")
     _points(axes, *([one.nis for one in figures.sensors.values()] for figures in (before, after)))
     for row, one in enumerate(after.sensors.values()):
         low, high = one.nis_interval

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from vsense_ros.evaluate.report import page_environment
 from vsense_ros.files.atomic import atomic_write, in_place_of
+from vsense_ros.files.names import cell
 from vsense_ros.mismatch.answer_schema import EffectEntry
 from vsense_ros.mismatch.fleet import FAILED, TABLE, Result
 from vsense_ros.mismatch.page import PAGE as REPORT
@@ -126,7 +127,13 @@ def write(results: Sequence[Result], out: Path) -> None:
     with atomic_write(out / SHEET) as file:
         sheet = csv.DictWriter(file, [field.name for field in fields(_Line)])
         sheet.writeheader()
-        sheet.writerows(asdict(line) | {"effects": "; ".join(line.effects)} for line in lines)
+        for line in lines:
+            texts = {
+                "vehicle": cell(line.vehicle),
+                "effects": cell("; ".join(line.effects)),
+                "reason": cell(line.reason),
+            }
+            sheet.writerow(asdict(line) | texts)
     effects = _frequency(results)
     page = page_environment("vsense_ros.mismatch").get_template("fleet.html.j2")
     text = page.render(
