@@ -328,7 +328,8 @@ def cornering_stiffness(found: Information, axle: str, start: Mapping[str, float
 
 
 def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, prior: Array) -> list[Product]:
-    if not {f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "peak")} & set(one.free):
+    axles = [axle for axle in AXLES if {f"{axle}_stiffness", f"{axle}_peak"} & set(one.free)]
+    if not axles:
         return []
     halves: list[list[Drive]] = [[], []]
     for drive in drives:
@@ -340,7 +341,7 @@ def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, pr
         halves[1].append(drive.part(middle, len(drive.inputs), begun))
     said = [weigh(one, half, weighed.values, one.begin(), prior) for half in halves]
     made = []
-    for axle in AXLES:
+    for axle in axles:
         value, deviation = cornering_stiffness(weighed, axle, one.values)
         first, second = (cornering_stiffness(half, axle, one.values) for half in said)
         before = best.PRIOR * 2**0.5 * value
