@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vehicle.workshop import CAR, LeftOut, Workshop, check
+from vsense_ros.node.processes import NodeProcess, lost
 
 minutes = 30.0  # of the soak
 _SETTLED = 5.0  # [min] after which memory is to be flat
@@ -56,32 +57,39 @@ def real_time(priority: int) -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def begin(shop: Workshop) -> dict[str, Any]:
+def begin(shop: Workshop) -> dict[str, NodeProcess]:
     """A drive over and over through observer and recorder; all three nodes by name."""
-    summary, bag = str(shop.folder / "observer.json"), str(shop.folder / "bag")
+
+    def start(name: str, **parameters: Any) -> NodeProcess:
+        return shop.start(name, summary=str(shop.folder / f"{name}.json"), **parameters)
+
+    bag = str(shop.folder / "bag")
     nodes = {
-        "observer": shop.start("observer", vehicle=CAR, use_sim_time=True, rate=250.0, summary=summary),
-        "recorder": shop.start("recorder", bag=bag, use_sim_time=True, max_bagfile_size=50_000_000),
+        "observer": start("observer", vehicle=CAR, use_sim_time=True, rate=250.0),
+        "recorder": start("recorder", bag=bag, use_sim_time=True, max_bagfile_size=50_000_000),
     }
     for node in nodes.values():
         node.wait_until_active()
-    nodes["replay"] = shop.start("replay", bag=str(shop.drive()), rate=1.0, loop=True, consumers=2)
+    nodes["observer"].wait_for("connected", 60.0)
+    nodes["replay"] = start("replay", bag=str(shop.drive()), rate=1.0, loop=True, consumers=2)
     nodes["replay"].wait_for("begins", 60.0)
     return nodes
 
 
-def latency(shop: Workshop) -> dict[str, float]:
-    """Percentiles [ms] that the observer has left."""
-    return json.loads((shop.folder / "observer.json").read_text())["latency_ms"]
+def end(shop: Workshop, nodes: dict[str, NodeProcess]) -> tuple[dict[str, float], int]:
+    """Stop them in the order of their messages: percentiles of the observer's latency [ms], and messages lost."""
+    for name in ("replay", "observer", "recorder"):
+        assert nodes[name].stop() == 0, nodes[name].output[-1000:]
+    summaries = {name: json.loads((shop.folder / f"{name}.json").read_text()) for name in nodes}
+    return summaries["observer"]["latency_ms"], lost(summaries)
 
 
 @check("observer and recorder at 250 Hz: memory is flat and estimates are prompt")
 def soak(shop: Workshop) -> str:
     nodes = begin(shop)
-    replay = nodes.pop("replay")
     began = time.monotonic()
     worked_before, could_before = busy()
-    own_before = sum(worked(node.pid) for node in (*nodes.values(), replay))
+    own_before = sum(worked(node.pid) for node in nodes.values())
     settled = min(_SETTLED, minutes / 3) * 60
     early: dict[str, float] = {}
     while (passed := time.monotonic() - began) < minutes * 60:
@@ -92,17 +100,15 @@ def soak(shop: Workshop) -> str:
         time.sleep(1.0)
     late = {name: resident(node.pid) for name, node in nodes.items()}
     worked_after, could_after = busy()
-    own = sum(worked(node.pid) for node in (*nodes.values(), replay)) - own_before
+    own = sum(worked(node.pid) for node in nodes.values()) - own_before
     elsewhere = max(worked_after - worked_before - own, 0.0) / (could_after - could_before)
-    assert replay.stop() == 0, replay.output[-1000:]
-    for node in nodes.values():
-        assert node.stop() == 0, node.output[-1000:]
+    took, missing = end(shop, nodes)
     growth = {name: late[name] / early[name] - 1 for name in nodes}
-    took = latency(shop)
     figure = ", ".join(f"{name} {late[name]:.0f} MiB ({growth[name]:+.1%})" for name in nodes)
     figure += f"; p50 {took['p50']:.2f} ms, p99 {took['p99']:.2f} ms over {minutes:g} min"
-    figure += f", others had {elsewhere:.0%} of the processors"
+    figure += f", {missing} messages lost, others had {elsewhere:.0%} of the processors"
     assert all(share < _GROWTH for share in growth.values()), figure
+    assert missing == 0, figure
     assert elsewhere > _ELSEWHERE or took["p99"] <= _IDLE, figure
     return figure
 
@@ -119,9 +125,9 @@ def loaded(shop: Workshop) -> str:
         for burner in burners:
             burner.kill()
             burner.wait()
-    for node in reversed(nodes.values()):
-        assert node.stop() == 0, node.output[-1000:]
-    took = latency(shop)
+    took, missing = end(shop, nodes)
     figure = f"p50 {took['p50']:.2f} ms, p99 {took['p99']:.2f} ms beside {len(burners)} loops, priority {_PRIORITY}"
+    figure += f", {missing} messages lost"
     assert took["p99"] <= _LOADED, figure
+    assert missing == 0, figure
     return figure
