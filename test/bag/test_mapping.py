@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -191,3 +193,28 @@ def test_a_broken_mdf4_file_is_an_input_error(tmp_path: Path) -> None:
     file.write_bytes(b"MDF     4.10    " + bytes(200))
     with pytest.raises(InputError, match="damaged: no measurement header at byte 64"):
         import_recording(file, mapping={"topics": {}})
+
+
+def test_an_mdf4_file_whose_channel_lies_beyond_its_record_is_an_input_error_and_no_crash(tmp_path: Path) -> None:
+    """In a process of its own, which reading beyond the data would end."""
+    file = measurement(tmp_path / "drive.mf4", {"Delta": (np.arange(2000) * 0.01, np.ones(2000))})
+    data = bytearray(file.read_bytes())
+    at = -1
+    while (at := data.find(b"##CN", at + 1)) >= 0:  # each channel: links, four bytes, then where it is in a record
+        links = int.from_bytes(data[at + 16 : at + 24], "little")
+        place = at + 24 + 8 * links + 4
+        data[place : place + 4] = (2**28).to_bytes(4, "little")
+    file.write_bytes(data)
+    code = f"""
+from vsense_ros.bag.importers import import_recording
+from vsense_ros.errors import InputError
+angle = {{"column": "Delta", "unit": "deg"}}
+wanted = {{"topics": {{"vehicle/steering": {{"position": {{"steering_wheel": angle}}}}}}}}
+try:
+    import_recording({str(file)!r}, mapping=wanted)
+except InputError as error:
+    print("refused:", error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr[-500:]
+    assert "refused:" in done.stdout

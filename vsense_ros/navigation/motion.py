@@ -16,6 +16,7 @@ from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.space import MOTION, filters_of, parameters_of
 
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
+_ACCELERATIONS = slice(MOTION.index("forward_acceleration"), MOTION.index("vertical_acceleration") + 1)
 _FORWARD, _LATERAL, _SIDE_SLIP = (MOTION.index(n) for n in ("forward_velocity", "lateral_velocity", "side_slip"))
 
 
@@ -36,6 +37,7 @@ class Motions:
     value: Array
     pose_covariance: Array  # (n, 6, 6)
     twist_covariance: Array  # (n, 6, 6)
+    acceleration_covariance: Array  # (n, 3, 3), the noise of the accelerometers included
     side_slip: Array  # (n, 3): angle, deviation, rate (not told: 0)
     told: tuple[str, ...]
     parameter_names: tuple[str, ...]
@@ -52,10 +54,11 @@ class Motions:
         found = [messages.odometry(stamp, v[..., 0:3], orientation, pose, v[..., 6:9], v[..., 9:12], twist)]
         if "forward_acceleration" in self.told:
             rows = v.shape[:-1]
-            covariance = np.zeros((*rows, 36))
-            untold = [7 * axis for axis in (2, 3, 4, 5) if axis != 2 or MOTION[14] not in self.told]
-            covariance[..., untold] = messages.UNTOLD
-            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), covariance))
+            covariance = np.zeros((*rows, 6, 6))
+            covariance[..., :3, :3] = row(self.acceleration_covariance)
+            covariance[..., [3, 4, 5], [3, 4, 5]] = messages.UNTOLD
+            flat = covariance.reshape(*rows, 36)
+            found.append(messages.acceleration(stamp, v[..., 12:15], np.zeros((*rows, 3)), flat))
         if self.tells_side_slip:
             found.append(messages.side_slip(stamp, row(self.side_slip)))
         if self.parameter_names:
@@ -82,7 +85,10 @@ class Readout:
             at = Symbols(system)
             told = system.motion(at.x, at.u, at.theta)
             value = expression(list(told.values()))
-            functions.append(ca.Function("motion", at.now, [value, at.by_error(value)]))
+            felt = [i for i, name in enumerate(system.inputs) if name.startswith("acceleration_")]
+            noise = at.theta.acceleration_noise if "acceleration_noise" in system.parameters else 0.0
+            by_reading = noise * ca.densify(ca.jacobian(value, at.u.vector)[:, felt])
+            functions.append(ca.Function("motion", at.now, [value, at.by_error(value), by_reading]))
             names.append(list(told))
             own = [n for n in system.names if n not in MOTION and n in system.error_names]
             slow += [f"{part}.{n}" if definition.is_cascade else n for n in own]
@@ -101,23 +107,26 @@ class Readout:
         """Of one or more times."""
         n, count = len(snapshots), len(MOTION)
         value, covariance = np.zeros((n, count)), np.zeros((n, count, count))
-        by_error: list[tuple[Array, Array, Array]] = []
+        by_error: list[tuple[Array, Array, Array, Array]] = []
         for i, (function, part) in enumerate(zip(self._functions, self._parts, strict=True)):
             mean, spread, inputs = (np.array([s.parts[i][k] for s in snapshots]) for k in range(3))
             theta = parameters_of(part)
             mapped = function.map(n) if n > 1 else function
-            found, slope = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
+            found, slope, noise = mapped(mean.T, inputs.T, np.repeat(theta[:, None], n, axis=1))
             k, e = function.size1_out(0), spread.shape[1]
             jacobian = np.array(slope).reshape(k, n, e).transpose(1, 0, 2)
-            by_error.append((np.array(found).T, jacobian, spread))
+            by_reading = np.array(noise).reshape(k, n, -1).transpose(1, 0, 2)
+            by_error.append((np.array(found).T, jacobian, spread, by_reading))
         for place, i, row in self._told:
             value[:, place] = by_error[i][0][:, row]
             for other, j, column in self._told:
                 if i == j:
-                    _, jacobian, spread = by_error[i]
+                    _, jacobian, spread, by_reading = by_error[i]
                     covariance[:, place, other] = np.einsum(
                         "ne,nef,nf->n", jacobian[:, row], spread, jacobian[:, column]
                     )
+                    if all(_ACCELERATIONS.start <= at < _ACCELERATIONS.stop for at in (place, other)):
+                        covariance[:, place, other] += np.sum(by_reading[:, row] * by_reading[:, column], axis=1)
         untold = [i for i, name in enumerate(MOTION) if name not in self.told]
         covariance[:, untold, untold] = messages.UNTOLD
         slip = _side_slip(value, covariance, self.told)
@@ -128,6 +137,7 @@ class Readout:
             value,
             covariance[:, 0:6, 0:6],
             covariance[:, 6:12, 6:12],
+            covariance[:, _ACCELERATIONS, _ACCELERATIONS],
             slip,
             self.told,
             self.parameter_names,

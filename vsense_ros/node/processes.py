@@ -312,7 +312,7 @@ def run_through_ros(
         output=replace(recording, channels=mine),
         step_us_median=observed["step_us_median"] or float("nan"),
         realtime_factor=summaries["replay"]["seconds"] / elapsed,
-        messages_lost=_lost(summaries) + recording.messages_lost,
+        messages_lost=lost(summaries) + recording.messages_lost,
         diagnostics=[
             Diagnostic(d["name"], Level(d["level"]), d["message"], d["values"]) for d in observed["diagnostics"]
         ],
@@ -356,17 +356,18 @@ def _summary(path: Path) -> dict[str, Any]:
         raise InputError(f"node {path.stem} left no summary: {error}") from None
 
 
-def _lost(summaries: Mapping[str, Mapping[str, Any]]) -> int:
-    """Messages that were published for somebody and did not reach him."""
+def lost(summaries: Mapping[str, Mapping[str, Any]]) -> int:
+    """Messages that were published for somebody and did not reach him, by the summaries that the nodes of a run have
+    left, by their names."""
     observer, recorder = summaries["observer"], summaries["recorder"]
     received, recorded = observer["received"], recorder["recorded"]
-    lost = sum(summary.get("lost_in_bag", 0) for summary in summaries.values())
-    lost += sum(count for summary in summaries.values() for count in summary.get("not_taken", {}).values())
+    missing = sum(summary.get("lost_in_bag", 0) for summary in summaries.values())
+    missing += sum(count for summary in summaries.values() for count in summary.get("not_taken", {}).values())
     for name, summary in summaries.items():
         if name == "accelerator":
             continue  # whose answers nobody records; the observer counts them
         for topic, count in summary["published"].items():
-            lost += max(count - recorded.get(topic.removeprefix("/"), 0), 0)
+            missing += max(count - recorded.get(topic.removeprefix("/"), 0), 0)
             if name != "observer" and topic in received:
-                lost += max(count - received[topic], 0)
-    return lost
+                missing += max(count - received[topic], 0)
+    return missing

@@ -1,0 +1,29 @@
+"""Standard deviations of accelerations are as large as their errors, the accelerometers' noise included."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vsense_ros.bag import read_bag
+from vsense_ros.evaluate.consistency import errors_of
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.estimates import UNTOLD
+from vsense_ros.navigation.run import run
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize(("name", "told"), [("strapdown", 3), ("triple_kkf", 2), ("integrated", 2)])
+def test_errors_of_accelerations_are_as_large_as_told(name: str, told: int) -> None:
+    """`integrated` has its lateral acceleration from its model, and no accelerometer's noise in it."""
+    drive = read_bag(ROOT / "bags/double_lane_change").between(0.0, 6.0)
+    output = run(drive, load_vehicle(ROOT / "config/vehicles/prototype_model.yaml"), name).output
+    found = {key: error for key, error in errors_of(output, drive).items() if key.endswith("acceleration")}
+    assert len(found) == told
+    for key, error in found.items():
+        assert 0.1 < error.nees < 2.5, key
+        assert error.inside > 0.8, key
+    angular = output["vsense/acceleration"].columns["covariance"][:, [21, 28, 35]]
+    assert (angular == UNTOLD).all()
