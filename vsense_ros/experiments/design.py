@@ -305,7 +305,7 @@ def show(found: Design, console: Console) -> None:
     plan, parts = found.plan, found.budget
     errors = plan.errors
     console.print(
-        f"[bold]{plan.manoeuvre}[/bold] at {parts.speed:.1f} m/s: turns for up to {parts.turning:.1f} s, side slip "
+        f"{plan.manoeuvre} at {parts.speed:.1f} m/s: turns for up to {parts.turning:.1f} s, side slip "
         f"changes by {np.degrees(parts.slip_rate):.2f} °/s (RMS).",
     )
     console.print(
@@ -319,7 +319,7 @@ def show(found: Design, console: Console) -> None:
     table = plain_table("Side slip as course less heading, closed forms", "[°]", right=("[°]",))
     for name, part in parts.parts.items():
         table.add_row(name, f"{part:.2g}")
-    table.add_row("[bold]together[/bold]", f"[bold]{parts.total:.2g}[/bold]")
+    table.add_row("together", f"{parts.total:.2g}", style="bold")
     console.print(table)
     headings = ("side slip", "by noise", "by its model", "stated", "heading", "stated of it")
     table = plain_table("Filter, RMSE [°]", *headings, right=headings)
@@ -338,21 +338,19 @@ def _show_choices(found: Design, wanted: float, console: Console) -> None:
     for receiver in BY_PRICE:
         for rate in RATES:
             row = [one for one in found.choices if (one.receiver, one.rate) == (receiver, rate)]
-            cells = [
-                f"[bold]{c.side_slip:.3f} ✓[/bold]" if c.side_slip <= wanted else f"{c.side_slip:.3f}  " for c in row
-            ]
+            cells = [f"{c.side_slip:.3f} ✓" if c.side_slip <= wanted else f"{c.side_slip:.3f}  " for c in row]
             table.add_row(f"{receiver}, {rate:g} Hz", *cells)
     console.print(table)
     reach = cheapest(found.choices, wanted)
     if reach:
         words = "; ".join(f"{one.receiver} at {one.rate:g} Hz with {one.grade} inertial sensors" for one in reach)
-        console.print(f"[bold]Enough for {wanted:g}°[/bold], and nothing cheaper is: {words}.", soft_wrap=True)
+        console.print(f"Enough for {wanted:g}°, and nothing cheaper is: {words}.", soft_wrap=True)
         return
     best = min(found.choices, key=lambda one: one.side_slip)
     own = found.filters[found.best].side_slip
     model = f" Without any noise the filter's own model leaves {own.model:.3f}°." if own is not None else ""
     console.print(
-        f"[bold]None reaches {wanted:g}°[/bold]; the best is {best.side_slip:.3f}° of {best.receiver} at {best.rate:g} "
+        f"None reaches {wanted:g}°; the best is {best.side_slip:.3f}° of {best.receiver} at {best.rate:g} "
         f"Hz with {best.grade} inertial sensors.{model} Two antennas (--antennas) or another filter may help.",
         soft_wrap=True,
     )

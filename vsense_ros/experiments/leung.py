@@ -326,7 +326,7 @@ def show(found: Found, console: Console) -> None:
         table = plain_table("", *headings, right=headings)
         for row, columns in rows.items():
             table.add_row(row, *(_cell(columns.get(heading)) for heading in headings))
-        console.print(f"\n[bold]Table {name}[/bold]: {title}")
+        console.print(f"\nTable {name}: {title}", style="bold")
         console.print(table)
     console.print(
         "\nOurs ± spread over seeds (thesis). N: RMSE over range [%], R: 100 RMSE [SI]; after "

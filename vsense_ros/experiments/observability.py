@@ -95,9 +95,7 @@ def advice(found: Report, state: str) -> str:
 
 def show(found: Report, console: Console) -> None:
     """Print the states, and combinations that were not told."""
-    console.print(
-        f"[bold]{found.filter}[/bold] on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units"
-    )
+    console.print(f"{found.filter} on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units")
     headings = ("at start", "at the end", "left", "told after")
     table = plain_table("state", *headings, "while, or what would tell it", right=headings)
     for state in found.told.states:
@@ -106,7 +104,7 @@ def show(found: Report, console: Console) -> None:
         known = state.told_at is not None
         table.add_row(
             state.name, f"{state.before:.3g}", f"{state.after:.3g}", f"{100 * state.left:.0f} %",
-            f"{state.told_at:.1f} s" if known else "[bold]not yet[/bold]",
+            f"{state.told_at:.1f} s" if known else "not yet",
             state.motion if known else advice(found, state.name),
         )  # fmt: skip
     console.print(table)
