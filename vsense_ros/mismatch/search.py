@@ -51,6 +51,7 @@ ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
 # effect, it takes several fits to undo that.
 WORTH_REFINING = 0.01
 APART = 6  # places from one to the next of those that are changed together
+FEW = 40  # places of a profile up to which explanations are refined: on 76, on two laps, that doubled the computing
 STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
 SENSOR = "sensor"  # what the effects of the one layer act on
 TRIED = 3  # terms that are fitted in full
@@ -455,6 +456,8 @@ class Search:
         """The hypothesis fitted further with secants of its own. With those of the base fit, whose parameters may be
         far off because they stand in for the effect, it stops short."""
         at = hypothesis.fit
+        if sum(parameter.place is not None for parameter in at.free_parameters) > FEW:
+            return hypothesis
         if hypothesis.gain > WORTH_REFINING:
             fitted = self._fit(replace(at, slopes=self._slopes_at(at)))
             if fitted.value < at.value:
