@@ -20,7 +20,6 @@ OPEN = {
     ("gyro z +0.1 rad/s, rising for 1 s", CIRCLE): "a rise is told from driving late: 0.46 m/s for a tenth of a second",
     ("gyro z nothing but noise", LANE_CHANGE): "told from driving straight on late: 0.39 m/s for a tenth of a second",
     ("accelerometer y -2 m/s², 1 s", LANE_CHANGE): "less than its gate: found after 0.35 s, 0.51 m/s wrong until then",
-    ("wheel speeds silent for 4 s", CIRCLE): "0.09 m/s, 3.2 standard deviations: the observer's car is too heavy",
     ("gyro x +0.1 rad/s, 2 s", RAV4): "3 standard deviations of this gyro: found after 1.6 s, 0.2 m/s wrong until then",
 }
 FAST = {

@@ -25,6 +25,7 @@ bias that is not known any more, since it may have jumped.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -45,6 +46,7 @@ _BLOCK = 20_000_000  # [ns] in which innovations are summed
 _WINDOWS = np.array([1, 2, 10, 50])  # blocks of the sums that are looked at: the first two for jumps
 # Which blocks, of a ring of as many as are looked at, each sum is of when the newest is at a place of it.
 _ADDED = 1.0 * ((np.arange(50)[:, None, None] - np.arange(50)) % 50 < _WINDOWS[:, None])
+_sum = np.add.reduce
 _ALARM = 4.5  # standard deviations of such a sum
 _JUMP = 9.5  # the same, of one block or two: the axis has jumped away from what all others say
 _JUST_NOW = 200_000_000  # [ns] that are done again then
@@ -75,15 +77,27 @@ REMEMBERED = 2.5  # [s] that a timeline has to keep for votes
 
 class Sums:
     """Of the whitened innovations of a sensor with m components over the last blocks: `totals` and `counts` (4, m) of
-    each of `_WINDOWS`."""
+    each of `_WINDOWS`.
+
+    It is called with every message: all views are made ahead, and beside its total each component has its number times
+    `_ALARM`², so that one product tells what a sum is to be held against.
+    """
 
     def __init__(self, m: int) -> None:
-        self._rows, self._row, self._until = np.zeros((_ROWS, m)), 0, 0
-        self._blocks, self._block = np.zeros((len(_ADDED), 2 * m)), 0  # totals and counts
-        self._windows, self._square = np.zeros((len(_WINDOWS), 2 * m)), np.zeros((len(_WINDOWS), m))
-        self._limit, self._beyond = np.zeros_like(self._square), np.zeros(self._square.shape, dtype=bool)
-        self.totals, self.counts = self._windows[:, :m], self._windows[:, m:]
-        self.begun = False
+        rows, blocks = np.full((_ROWS, 2 * m), _ALARM**2), np.zeros((len(_ADDED), 2 * m))
+        self._components, self._rows, self._blocks = m, rows, blocks
+        self._values = [row[:m] for row in rows]
+        self._first = [rows[:k] for k in range(_ROWS + 1)]
+        self._sums, self._totals = list(blocks), [block[:m] for block in blocks]
+        self._windows = np.zeros((len(_WINDOWS), 2 * m))
+        self.totals, self._limits = self._windows[:, :m], self._windows[:, m:]
+        self._square, self._beyond = np.zeros((len(_WINDOWS), m)), np.zeros((len(_WINDOWS), m), dtype=bool)
+        self._row, self._block, self._until, self.begun = 0, 0, 0, False
+
+    @property
+    def counts(self) -> Array:
+        """How many innovations each sum is of (4, m)."""
+        return np.rint(self._limits / _ALARM**2)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -92,30 +106,28 @@ class Sums:
     def forget(self, component: int) -> None:
         """All that a component has said."""
         self._rows[:, component] = 0.0
-        for part in (self.totals, self.counts, *np.split(self._blocks, 2, axis=1)):
-            part[:, component] = 0.0
+        for part in (self._blocks, self._windows):
+            part[:, [component, self._components + component]] = 0.0
 
     def add(self, stamp: int, whitened: Array) -> bool:
         """Take in a message (m,), NaN where a component was absent; True where it ends a block after which a sum is as
         far from zero as `_ALARM`."""
-        row = self._row
-        self._rows[row] = whitened
+        row, place = self._row, self._block
+        self._values[row][:] = whitened
         self._row = row = row + 1
         if stamp < self._until and row < _ROWS:
             return False
-        rows, place, m = self._rows[:row], self._block, len(whitened)
-        new = self._blocks[place]
-        total = np.add.reduce(rows, axis=0, out=new[:m])
-        new[m:] = row
+        total = self._totals[place]
+        _sum(self._first[row], axis=0, out=self._sums[place])
         if not isfinite(total.dot(total)):
-            there = rows == rows
-            new[:m], new[m:] = np.where(there, rows, 0.0).sum(axis=0), there.sum(axis=0)
+            values = self._first[row][:, : self._components]
+            there = values == values
+            self._sums[place][:] = np.hstack([np.where(there, values, 0.0).sum(axis=0), there.sum(axis=0) * _ALARM**2])
         np.dot(_ADDED[place], self._blocks, out=self._windows)
         self._block = place + 1 if place + 1 < len(_ADDED) else 0
         self._row, self._until, self.begun = 0, stamp + _BLOCK, True
-        np.multiply(self.totals, self.totals, out=self._square)
-        np.multiply(self.counts, _ALARM**2, out=self._limit)
-        return bool(np.count_nonzero(np.greater(self._square, self._limit, out=self._beyond)))
+        np.square(self.totals, out=self._square)
+        return bool(np.count_nonzero(np.greater(self._square, self._limits, out=self._beyond)))
 
     def far(self) -> Array:
         """How far each sum is from zero (4, m) [standard deviations]."""
@@ -148,15 +160,14 @@ class Axes:
     wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
     refused_from: dict[int, tuple[int, int, int]] = field(default_factory=dict)  # first, last [ns], how many
     sums: Sums = field(init=False)
-    values: Array = field(init=False)
-    value_row: int = 0
+    newest: deque[Array] = field(default_factory=lambda: deque(maxlen=_FROZEN))  # as they came
+    looked: int = 0  # messages since the last look for frozen axes
     asked: int = 0
     held: Array = field(init=False)  # share of values that equal the one before
 
     def __post_init__(self) -> None:
         m = len(self.words)
-        self.sums, self.values = Sums(m), np.full((_FROZEN - 1 + _LOOKS, m), np.nan)
-        self.held = np.ones(m)
+        self.sums, self.held = Sums(m), np.ones(m)
 
     @property
     def there(self) -> NDArray[np.bool_]:
@@ -238,7 +249,7 @@ class Vote:
         for axes in self.axes.values():
             axes.sums.clear()
             axes.refused_from.clear()
-            axes.value_row = 0
+            axes.newest.clear()
             for out in axes.out.values():
                 out.agreed_from = 0
 
@@ -255,9 +266,9 @@ class Vote:
         """Let the filter use a message; `first` if it has not been used before. What is not believed of it becomes NaN
         in the event, so that it is not believed when it happens again either."""
         if first:
-            axes.values[axes.value_row] = event.value
-            axes.value_row += 1
-            if axes.value_row == len(axes.values):
+            axes.newest.append(event.value)
+            axes.looked += 1
+            if axes.looked >= _LOOKS:
                 self._look_for_frozen(axes)
             if axes.out:
                 self._ask(axes, event)
@@ -316,15 +327,16 @@ class Vote:
     def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
         """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
         agreement with all just before, has jumped itself: it has no vote."""
-        mean, before = self._loud.get(index, (1.0, stamp))
-        if nis <= limit:
-            self._no_vote.discard(index)
-        elif mean < _CALM:
+        mean, before = self._loud.get(index) or (1.0, stamp)
+        if nis > limit and mean < _CALM:
             self._no_vote.add(index)
+        elif self._no_vote and nis <= limit:
+            self._no_vote.discard(index)
         if index in self._no_vote:
             return
-        share = min(max(stamp - before, 0) * 1e-9, 1.0)
-        mean += share * (min(nis, 100.0) / components - mean)
+        passed = stamp - before
+        if passed > 0:
+            mean += min(passed * 1e-9, 1.0) * (min(nis, 100.0) / components - mean)
         self._loud[index] = mean, stamp
         if mean > _LOUD:
             self._sound(stamp, stamp - _LOOK_BACK)
@@ -337,16 +349,19 @@ class Vote:
 
     def _look_for_frozen(self, axes: Axes) -> None:
         """Whether an axis is frozen."""
-        values = axes.values
-        same = values[1:] == values[:-1]
-        if np.count_nonzero(same[-1]):
-            frozen = same[1 - _FROZEN :].all(axis=0)
-            for axis in np.flatnonzero(frozen & (axes.held < _LIVELY)).tolist():
+        axes.looked, newest = 0, axes.newest
+        if len(newest) < _FROZEN:
+            return
+        same = newest[-1] == newest[-2]
+        if not np.count_nonzero(same):
+            axes.held *= 1 - _SHARE  # a noisy sensor hardly says the same twice
+            return
+        if np.count_nonzero(same & (newest[-1] == newest[-_FROZEN])):
+            values = np.array(newest)[-_FROZEN:]
+            for axis in np.flatnonzero((values == values[-1]).all(axis=0) & (axes.held < _LIVELY)).tolist():
                 if axis not in axes.out and self._moving():
                     self._frozen.append((axes, axis, float(values[-1, axis])))
-        axes.held += _SHARE * (np.add.reduce(same, axis=0) / len(same) - axes.held)
-        values[: _FROZEN - 1] = values[1 - _FROZEN :]
-        axes.value_row = _FROZEN - 1
+        axes.held += _SHARE * (same - axes.held)
 
     def froze(self, index: int, value: Array) -> None:
         """All of a sensor has said this for so long that it is frozen."""
