@@ -9,6 +9,7 @@ from typing import Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.state_space import Measurement, StateSpace
@@ -92,5 +93,5 @@ def table(families: Iterable[FilterFamily]) -> Table:
         found.add_column(heading, overflow="fold")
     for one in families:
         lists = (", ".join(part) for part in (one.states, one.inputs, one.sensors))
-        found.add_row(f"[bold]{one.name}", one.title, *lists, one.when)
+        found.add_row(Text(one.name, style="bold"), one.title, *lists, one.when)
     return found
