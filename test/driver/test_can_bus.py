@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 import math
+import socket
 from itertools import pairwise
+from pathlib import Path
 
 import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.driver.can_bus import open_bus, paced, schedule
+from vsense_ros.driver.can_bus import keep_more, open_bus, paced, schedule
 from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
 
@@ -142,3 +144,19 @@ def test_what_is_sent_on_a_bus_arrives_on_it():
 def test_a_bus_that_cannot_be_opened_is_refused_in_words(interface, channel, expected):
     with pytest.raises(InputError, match=expected):
         open_bus(interface, channel)
+
+
+def test_the_kernel_is_asked_to_keep_what_a_driver_without_processor_does_not_read() -> None:
+    """With a datagram socket, as that of a CAN interface is one; as many as the machine allows."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there, socket.socket(type=socket.SOCK_DGRAM) as here:
+        allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        before = there.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        assert keep_more(there) >= min(2 * allowed, 8_000_000) > before
+        there.bind(("127.0.0.1", 0))
+        for _ in range(150):
+            here.sendto(bytes(16), there.getsockname())
+        there.setblocking(False)
+        assert sum(len(there.recv(64)) for _ in range(150)) == 150 * 16
+        larger = there.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        assert keep_more(there) == larger

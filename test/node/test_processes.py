@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -373,6 +374,40 @@ def test_a_bag_replayed_as_fast_as_can_be_is_recorded_without_loss(start: Start,
         np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
         for field, column in channel.columns.items():
             np.testing.assert_array_equal(copy[topic].columns[field], column, err_msg=f"{topic} {field}")
+
+
+def test_a_consumer_that_had_no_processor_when_the_topics_were_announced_gets_every_message(
+    start: Start, environment: Mapping[str, str], tmp_path: Path
+) -> None:
+    """Another one has heard of them all: what the replay waits for is each consumer, not a subscriber of each topic."""
+    drive = small_drive(5.0)
+    write_bag(tmp_path / "drive", drive)
+    with ExitStack() as running:
+
+        def record(name: str) -> NodeProcess:
+            parameters = {"bag": str(tmp_path / name), "use_sim_time": True}
+            return running.enter_context(NodeProcess("recorder", parameters, environment, name=name))
+
+        prompt, held_up = record("prompt"), record("held_up")
+        for recorder in (prompt, held_up):
+            recorder.wait_until_active()
+        _replay_while_one_is_held_up(start, tmp_path / "drive", held_up)
+        for recorder in (prompt, held_up):
+            copy = recorded(recorder, tmp_path / recorder.name)
+            for topic, channel in drive.channels.items():
+                np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
+
+
+def _replay_while_one_is_held_up(start: Start, bag: Path, held_up: NodeProcess) -> None:
+    held_up.signal(signal.SIGSTOP)
+    try:
+        replay = start("replay", bag=str(bag), rate=0, consumers=2, wait=60.0)
+        replay.wait_for("active", 60.0)
+        time.sleep(1.0)
+        assert not replay.says("begins")
+    finally:
+        held_up.signal(signal.SIGCONT)
+    assert replay.wait_until_ended(120.0) == 0, replay.output
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["a publisher that was there", "a publisher that comes later"])

@@ -124,3 +124,10 @@ def test_the_table_of_a_fleet_begins_no_formula(tmp_path: Path) -> None:
     with (tmp_path / "fleet.csv").open(newline="", encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     assert not any(str(value).startswith(("=", "@", "+")) for value in row.values())
+
+
+def test_no_text_of_ours_has_markup_that_would_be_printed_as_it_stands() -> None:
+    """What is to be bold is a text with a style."""
+    for path in sorted((ROOT / "vsense_ros").rglob("*.py")):
+        found = re.findall(r"\[/?(?:bold|dim|italic|red|green|yellow)[a-z ]*\]", path.read_text(encoding="utf-8"))
+        assert not found, path

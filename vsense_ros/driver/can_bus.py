@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -19,6 +20,17 @@ INTERFACES = {
 }
 
 
+_WAITING = 4_000_000  # [byte] that the kernel is asked to keep of a bus
+
+
+def keep_more(endpoint: socket.socket) -> int:
+    """Have the kernel keep what waits to be read from a socket, as far as net.core.rmem_max allows; how much that is
+    now [byte]. By default a few hundred CAN frames fill it, and the next are lost."""
+    if endpoint.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < 2 * _WAITING:  # the kernel doubles what is asked for
+        endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WAITING)
+    return endpoint.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
 def open_bus(interface: str, channel: str, bitrate: int | None = None, **options: Any) -> can.BusABC:
     """Open a bus through python-can; `InputError` says what is missing if that fails.
 
@@ -31,7 +43,10 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **options
     if bitrate is not None:
         options["bitrate"] = bitrate
     try:
-        return can.Bus(channel=channel, interface=interface, **options)
+        bus = can.Bus(channel=channel, interface=interface, **options)
+        if isinstance(endpoint := getattr(bus, "socket", None), socket.socket):
+            keep_more(endpoint)
+        return bus
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         raise InputError(
             f"cannot open CAN interface {interface} on channel {channel!r}: {error}; expected {INTERFACES[interface]}"

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.signals import wrap
@@ -304,10 +305,11 @@ def show(found: Design, console: Console) -> None:
     """Print what is to be expected, and what to buy."""
     plan, parts = found.plan, found.budget
     errors = plan.errors
-    console.print(
-        f"{plan.manoeuvre} at {parts.speed:.1f} m/s: turns for up to {parts.turning:.1f} s, side slip "
-        f"changes by {np.degrees(parts.slip_rate):.2f} °/s (RMS).",
+    rest = (
+        f" at {parts.speed:.1f} m/s: turns for up to {parts.turning:.1f} s, side slip changes by "
+        f"{np.degrees(parts.slip_rate):.2f} °/s (RMS)."
     )
+    console.print(Text.assemble((plan.manoeuvre, "bold"), rest))
     console.print(
         f"Fixes at {1 / errors.fix_period:g} Hz of {errors.fix:g} m/s; gyro {np.degrees(errors.gyro.noise):.2g} °/s a "
         f"sample, bias {np.degrees(errors.gyro.bias):.2g} °/s; accelerometers {errors.force.noise:.2g} m/s², bias "
@@ -338,22 +340,26 @@ def _show_choices(found: Design, wanted: float, console: Console) -> None:
     for receiver in BY_PRICE:
         for rate in RATES:
             row = [one for one in found.choices if (one.receiver, one.rate) == (receiver, rate)]
-            cells = [f"{c.side_slip:.3f} ✓" if c.side_slip <= wanted else f"{c.side_slip:.3f}  " for c in row]
+            cells = [
+                Text(f"{c.side_slip:.3f} ✓", style="bold") if c.side_slip <= wanted else Text(f"{c.side_slip:.3f}  ")
+                for c in row
+            ]
             table.add_row(f"{receiver}, {rate:g} Hz", *cells)
     console.print(table)
     reach = cheapest(found.choices, wanted)
     if reach:
         words = "; ".join(f"{one.receiver} at {one.rate:g} Hz with {one.grade} inertial sensors" for one in reach)
-        console.print(f"Enough for {wanted:g}°, and nothing cheaper is: {words}.", soft_wrap=True)
+        enough = Text.assemble((f"Enough for {wanted:g}°", "bold"), f", and nothing cheaper is: {words}.")
+        console.print(enough, soft_wrap=True)
         return
     best = min(found.choices, key=lambda one: one.side_slip)
     own = found.filters[found.best].side_slip
     model = f" Without any noise the filter's own model leaves {own.model:.3f}°." if own is not None else ""
-    console.print(
-        f"None reaches {wanted:g}°; the best is {best.side_slip:.3f}° of {best.receiver} at {best.rate:g} "
-        f"Hz with {best.grade} inertial sensors.{model} Two antennas (--antennas) or another filter may help.",
-        soft_wrap=True,
+    rest = (
+        f"; the best is {best.side_slip:.3f}° of {best.receiver} at {best.rate:g} Hz with {best.grade} inertial "
+        f"sensors.{model} Two antennas (--antennas) or another filter may help."
     )
+    console.print(Text.assemble((f"None reaches {wanted:g}°", "bold"), rest), soft_wrap=True)
 
 
 def write(found: Design, path: Path) -> None:

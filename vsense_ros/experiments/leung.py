@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.text import Text
 
 from vsense_ros.bag.importers import genesis
 from vsense_ros.errors import InputError
@@ -326,7 +327,7 @@ def show(found: Found, console: Console) -> None:
         table = plain_table("", *headings, right=headings)
         for row, columns in rows.items():
             table.add_row(row, *(_cell(columns.get(heading)) for heading in headings))
-        console.print(f"\nTable {name}: {title}", style="bold")
+        console.print(Text.assemble("\n", (f"Table {name}", "bold"), f": {title}"))
         console.print(table)
     console.print(
         "\nOurs ± spread over seeds (thesis). N: RMSE over range [%], R: 100 RMSE [SI]; after "

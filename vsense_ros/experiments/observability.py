@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from rich.console import Console
+from rich.text import Text
 
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.picture import MUTED, STYLE
@@ -95,7 +96,8 @@ def advice(found: Report, state: str) -> str:
 
 def show(found: Report, console: Console) -> None:
     """Print the states, and combinations that were not told."""
-    console.print(f"{found.filter} on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units")
+    rest = f" on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units"
+    console.print(Text.assemble((found.filter, "bold"), rest))
     headings = ("at start", "at the end", "left", "told after")
     table = plain_table("state", *headings, "while, or what would tell it", right=headings)
     for state in found.told.states:
@@ -104,7 +106,7 @@ def show(found: Report, console: Console) -> None:
         known = state.told_at is not None
         table.add_row(
             state.name, f"{state.before:.3g}", f"{state.after:.3g}", f"{100 * state.left:.0f} %",
-            f"{state.told_at:.1f} s" if known else "not yet",
+            f"{state.told_at:.1f} s" if known else Text("not yet", style="bold"),
             state.motion if known else advice(found, state.name),
         )  # fmt: skip
     console.print(table)

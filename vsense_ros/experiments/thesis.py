@@ -240,15 +240,15 @@ def show(results: Results, console: Console) -> None:
     """His figures and ours side by side, as wide as they are."""
     console.width = max(console.width, _WIDTH)
     for i, manoeuvre in enumerate(MANOEUVRES):
-        console.print(f"Manoeuvre {i + 1}: {manoeuvre.title}", style="bold")
+        console.print(Text(f"Manoeuvre {i + 1}: {manoeuvre.title}", style="bold"))
         for full in (False, True):
             columns = [column for column in _columns(results) if (column[0] in _FULL) == full]
             if columns:
                 console.print(_errors(results, i, manoeuvre.name, columns))
-    console.print("Rear right tyre forces in percent of their largest magnitude, manoeuvre 2", style="bold")
+    console.print(Text("Rear right tyre forces in percent of their largest magnitude, manoeuvre 2", style="bold"))
     console.print(_percentages(results, MANOEUVRES[1].name))
-    heading = "Mass [kg] and friction at the end of manoeuvres 1 and 2 (true: 600; 0.8, 0.6), cost of a step"
-    console.print(heading, style="bold")
+    words = "Mass [kg] and friction at the end of manoeuvres 1 and 2 (true: 600; 0.8, 0.6), cost of a step"
+    console.print(Text(words, style="bold"))
     console.print(_costs(results))
     console.print(
         "Thesis: his simplified model at 4 ms on his own car, in percent of forces that the slides do not name.\n"

@@ -71,7 +71,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._diagnostics_publisher: Any = None
         self._progress_publisher: Any = None
         self._connected = False
-        Reader(self, Clock, "/clock", self._on_clock)
+        self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
 
     # What a node adds
 
@@ -100,6 +100,12 @@ class SensingNode(LifecycleNode, Generic[Params]):
 
     def on_clock(self, stamp: int) -> None:
         """A `/clock` message told this time [ns]."""
+
+    def renew_clock_reader(self) -> None:
+        """Listen to `/clock` by the newest of this node's subscriptions. They are announced in the order in which they
+        are made: whoever's clock is heard here knows all others, and what he publishes comes."""
+        self._clock_reader.close()
+        self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
 
     # Publishing
 
@@ -200,6 +206,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         except BaseException:
             self._close()
             raise
+        self.renew_clock_reader()
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self._progress_publisher = self.create_publisher(Header, PROGRESS_TOPIC, LOSSLESS)
         self._timers_of_mine = [

@@ -8,6 +8,7 @@ rosbag2's recorder has them.
 from __future__ import annotations
 
 import sys
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from itertools import chain, count
@@ -29,6 +30,7 @@ from vsense_ros.node.reader import Reader
 
 _STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
 _WRITE_EVERY = 0.5  # [s]
+_ANOTHER_CLOCK = 1.0  # [s] of wall time without /clock, after which it may be that of another replay
 _MOST_HELD = 1000
 _OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
 _NOT_BY_ITSELF = ("/clock", "/rosout", "/parameter_events")
@@ -70,6 +72,7 @@ class Recorder(SensingNode[RecorderParameters]):
         self._remembered = 0  # [byte]
         self._paused = False
         self._failure = ""
+        self._clock_heard = -_ANOTHER_CLOCK  # wall time [s]
         self._folder = self._free_folder()
         self._make(self._folder)
         if not self.parameters.overwrite:
@@ -125,7 +128,7 @@ class Recorder(SensingNode[RecorderParameters]):
 
     def start(self) -> None:
         self._timers_of_recording = [
-            self.create_steady_timer(0.1, self._look_for_topics),
+            self.create_steady_timer(0.1, self._look),
             self.create_steady_timer(_WRITE_EVERY, self._write),
         ]
         self._look_for_topics()
@@ -174,7 +177,12 @@ class Recorder(SensingNode[RecorderParameters]):
             return False
         return topic.startswith(f"{namespace}/") or topic in _OF_ALL
 
-    def _look_for_topics(self) -> None:
+    def _look(self) -> None:
+        self._look_for_topics()
+
+    def _look_for_topics(self) -> bool:
+        """Listen to topics that have appeared; whether there were any."""
+        known = len(self._inputs)
         for topic, kinds in self.get_topic_names_and_types():
             if topic in self._inputs or topic in self._refused or not self._wants(topic):
                 continue
@@ -193,6 +201,10 @@ class Recorder(SensingNode[RecorderParameters]):
             latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
             description = describe(kind, type_hash, offered_text([p.qos_profile for p in publishers]))
             self._inputs[topic] = self._subscribe(topic, description, accepted, latched)
+        if len(self._inputs) == known:
+            return False
+        self.renew_clock_reader()
+        return True
 
     def _subscribe(self, topic: str, description: TopicDescription, accepted: Any, latched: bool) -> Reader:
         kind = self._kinds[topic] = description.kind
@@ -271,11 +283,22 @@ class Recorder(SensingNode[RecorderParameters]):
         return "; ".join(f"{why} {', '.join(topics)}" for why, topics in reasons if topics)
 
     def on_clock(self, stamp: int) -> None:
-        if self.state == "active":
-            if self._held and self.now() > 0:
-                held, self._held = self._held, []
-                for receive, data in held:
-                    receive(data)
+        if self.state != "active":
+            return
+        if self._held and self.now() > 0:
+            held, self._held = self._held, []
+            for receive, data in held:
+                receive(data)
+        silent, self._clock_heard = time.monotonic() - self._clock_heard, time.monotonic()
+        if silent >= _ANOTHER_CLOCK:
+            self.executor.create_task(self._begin_with_clock, stamp)
+        else:
+            self.report_progress(stamp)
+
+    def _begin_with_clock(self, stamp: int) -> None:
+        """A replay announces its topics before its clock: they are known here, and are to be recorded from the first
+        message on. It sends none before this node tells of progress, which it does once it listens to them."""
+        if self.state == "active" and not self._look_for_topics():
             self.report_progress(stamp)
 
     def diagnostics(self) -> list[Diagnostic]:

@@ -48,6 +48,7 @@ from vsense_ros.node.reader import LOSSLESS
 NANO = 1_000_000_000
 _TICK = 10_000_000  # [ns] between clock messages: of wall time, or of recorded time where that runs slower
 _LOOK_EVERY = 0.05  # [s] for whom a replay still waits
+_TELL_AGAIN = 0.2  # [s] after which consumers that are behind are told the time again
 _FAST_TICK = 20_000_000  # [ns] of recorded time with rate 0
 
 Send = Callable[[Any], int]  # sends one item; how much of it nobody took
@@ -120,7 +121,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._not_taken: dict[str, int] = {}
         self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
         self.lost_in_bag = 0
-        self._now = 0
+        self._now = self._told = 0
         self._lead = round(p.lead * NANO * p.rate)
         times, sources, items = self._load()
         if not len(times):
@@ -389,11 +390,13 @@ class Replay(SensingNode[ReplayParameters]):
             while self._progress and min(self._progress.values()) < moment:
                 if self._paused or self._ended or self._seek is not None:
                     return False
-                self._condition.wait(0.5)
+                if not self._condition.wait(_TELL_AGAIN):
+                    self._publish_clock(self._told)  # to one that began to listen anew meanwhile
         return True
 
     def _publish_clock(self, stamp: int) -> None:
         if self._clock_output is not None:
+            self._told = stamp
             seconds, nanoseconds = divmod(stamp, NANO)
             self._clock_output.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
@@ -436,7 +439,8 @@ class Replay(SensingNode[ReplayParameters]):
                         behind = [name for name, done in self._progress.items() if done < moment]
                         self.get_logger().warning(f"{', '.join(behind)} did not finish in {self.parameters.wait:g} s")
                         return
-                    self._condition.wait(0.1)
+                    if not self._condition.wait(_TELL_AGAIN):
+                        self._publish_clock(moment)
 
     # What comes from outside
 
