@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from vsense_ros.accelerator.client import Client, Direct
@@ -37,6 +36,7 @@ from vsense_ros.node import autoware
 from vsense_ros.node.accelerator_link import TopicLink
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
+from vsense_ros.node.durations import Durations
 from vsense_ros.node.origin import read_origin, write_origin
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import LATCHED, Reader
@@ -47,7 +47,6 @@ from vsense_ros.observer.implicit import implicit_error_ekf
 from vsense_ros.observer.monitor import load_limits
 
 _MOST_FRAMES = 20  # that are told
-_TIMES_KEPT = 1_000_000
 _PERCENTILES = (50, 90, 99, 99.9)
 
 
@@ -133,8 +132,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self._wanted_frames.setdefault(sensor.topic, set()).add(sensor.frame_id)
         self._wanted_frames = {topic: set() if "" in f else f for topic, f in self._wanted_frames.items()}
         self._delays: dict[str, int] = {}  # of the newest message of each topic [ns]
-        self.step_times: list[float] = []
-        self.latencies: list[float] = []
+        self.step_times, self.latencies = Durations(), Durations()
         self._newest_due = False
         self._announce(car)
         self._foreign: set[tuple[str, str]] = set()  # topics and frames that were refused
@@ -246,7 +244,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self._delays[topic] = sample.received - sample.stamp
         before = time.perf_counter()
         observer.add(sample)
-        self._keep(self.step_times, time.perf_counter() - before)
+        self.step_times.add(time.perf_counter() - before)
         if self._noise_untold:
             self._tell_noise(observer)
         if self._identification is not None:
@@ -324,16 +322,11 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._keep_origin(observer)
         now = self.time_base.now()
         if now is not None:
-            self._keep(self.latencies, (now - observer.stamp) * 1e-9)
+            self.latencies.add((now - observer.stamp) * 1e-9)
 
     def _in_published_frame(self, sample: Sample) -> Sample:
         frame, child = sample.frame_id, sample.child_frame_id
         return replace(sample, frame_id=self._frames.get(frame, frame), child_frame_id=self._frames.get(child, child))
-
-    @staticmethod
-    def _keep(values: list[float], value: float) -> None:
-        if len(values) < _TIMES_KEPT:
-            values.append(value)
 
     def on_clock(self, stamp: int) -> None:
         if self.state == "active":
@@ -401,7 +394,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             "received": dict(self.received),
             "unreadable": self.unreadable,
             "refused_frames": self.refused_frames,
-            "step_us_median": float(np.median(self.step_times) * 1e6) if self.step_times else None,
+            "step_us_median": 1e6 * self.step_times.percentile(50) if self.step_times.count else None,
             "latency_ms": percentiles(self.latencies),
             "parameters": self._observer.parameters() if self._observer.started else {},
             "accelerator": dict(self._client.counts) if self._client is not None else {},
@@ -420,11 +413,9 @@ def _observer(name: str, vehicle: Vehicle, origin: tuple[float, float, float] | 
     return Observer(vehicle, origin, make)
 
 
-def percentiles(seconds: list[float]) -> dict[str, float]:
+def percentiles(found: Durations) -> dict[str, float]:
     """Percentiles of times, in milliseconds, by name; empty without times."""
-    if not seconds:
-        return {}
-    return {f"p{q:g}": float(v) * 1e3 for q, v in zip(_PERCENTILES, np.percentile(seconds, _PERCENTILES), strict=True)}
+    return {f"p{q:g}": 1e3 * found.percentile(q) for q in _PERCENTILES} if found.count else {}
 
 
 def main() -> int:
