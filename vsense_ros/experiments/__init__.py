@@ -1,1 +1,1 @@
-"""What the project has measured, one command each: demo, Genesis laps, tables of the thesis, simplification."""
+"""What is measured and tried on simulated drives, one command each: demo, Genesis laps, tables of papers, designs."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 PLANT = "jaguar_saloon"
 STEP = 0.01  # [s] between readings
 KEPT = 10  # steps between estimates that are scored
+STEERING_RATIO = 17.58  # steering-wheel over road-wheel angle (table A.1), in which table B.2 tells errors
+LEVEL = (
+    1e-3  # [rad] by which the road may lean: the plant's is level, which every filter of the thesis takes for granted
+)
 SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not tell its window
 _DEGREE = np.pi / 180
 
@@ -45,7 +49,7 @@ class Error(NamedTuple):
 
 
 _GYRO, _FORCE = Error(0.1 * _DEGREE, 1.0 * _DEGREE), Error(0.5, 1.0)
-_STEERING = Error(1.0 * _DEGREE / 17.58, 5.0 * _DEGREE / 17.58)
+_STEERING = Error(1.0 * _DEGREE / STEERING_RATIO, 5.0 * _DEGREE / STEERING_RATIO)
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,16 @@ def score(error: Array, true: Array, settled: NDArray[np.bool_]) -> dict[str, fl
         "rmse": float(np.sqrt(np.mean(error[settled] ** 2))) if settled.any() else float("nan"),
         "whole": float(np.sqrt(np.mean(error**2))),
         "range": float(np.ptp(true)),
+    }
+
+
+def score_side_slip(error: Array, deviation: Array, settled: NDArray[np.bool_]) -> dict[str, Any]:
+    """How true the stated deviation (n,) [rad] of a side slip is when settled: `nees`, the mean of the error (n,) [rad]
+    squared over it, and the deviation's own root mean square."""
+    stated = np.where(np.isfinite(deviation), deviation, np.nan)[settled]
+    return {
+        "nees": {"side_slip": float(np.nanmean((error[settled] / stated) ** 2))},
+        "expected_side_slip": float(np.sqrt(np.nanmean(stated**2))),
     }
 
 

@@ -13,7 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.evaluate.signals import wrap
-from vsense_ros.experiments.leung_drives import KEPT, SETTLED, STEP, Case, Errors, Readings, Truth, score
+from vsense_ros.experiments.leung_drives import (
+    KEPT,
+    LEVEL,
+    SETTLED,
+    STEP,
+    Case,
+    Errors,
+    Readings,
+    Truth,
+    score,
+    score_side_slip,
+)
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Channel, Recording
@@ -32,7 +43,6 @@ _START = 1_000_000_000  # [ns]
 
 BOUND = "bound"
 OBSERVERS: dict[str, MakeFilter] = {"error_ekf": error_ekf, "spi": spi, BOUND: error_ekf}
-LEVEL = 1e-3  # [rad] of grade and bank, as the other filters are told
 # What differs between two cars of a kind and shows in side slip, by a tenth: stiffness of the tyres.
 PARAMETERS = {f"{axle}.cornering_scale": EstimatedParameter(deviation=0.1) for axle in ("front", "rear")}
 
@@ -125,7 +135,8 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
 
     Of `BOUND` the stated deviation counts, not the error: the covariance of a filter of the plant's own equations,
     along the true drive, is the Cramér-Rao bound of any filter without a bias (Tichavský, Muravchik & Nehorai 1998, eq.
-    21). The noise of the steering angle, an input, is left out: the true bound is somewhat larger.
+    21). The noise of the steering angle, an input, is left out: the true bound is somewhat larger. At the limit (DO55)
+    its estimate leaves the true drive, so that the bound there is only about right.
     """
     observer = Observer(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
     found: list[Estimate] = []
@@ -149,8 +160,4 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
         "side_slip": (wrap(made.side_slip[:, 0] - truth.side_slip[at]), truth.side_slip[at]),
     }
     scores: dict[str, Any] = {key: score(error, true, settled) for key, (error, true) in values.items()}
-    deviation = made.side_slip[:, 1]
-    square = (values["side_slip"][0] / deviation)[settled] ** 2
-    scores["nees"] = {"side_slip": float(np.nanmean(square))}
-    scores["expected_side_slip"] = float(np.sqrt(np.nanmean(deviation[settled] ** 2)))
-    return scores
+    return scores | score_side_slip(values["side_slip"][0], made.side_slip[:, 1], settled)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsense_ros.evaluate.picture import BAND, TRUTH
 from vsense_ros.evaluate.signals import read_signals, wrap
 from vsense_ros.experiments.leung import ROWS, SECTION_4_4, SHORT
-from vsense_ros.experiments.leung_drives import Case, Errors, Readings, Truth, drive_plant, readings
+from vsense_ros.experiments.leung_drives import STEERING_RATIO, Case, Errors, Readings, Truth, drive_plant, readings
 from vsense_ros.experiments.leung_models_picture import COLOURS, labelled, page
 from vsense_ros.experiments.leung_study import estimate, follow
 from vsense_ros.files.installed import vehicle_path
@@ -40,7 +40,6 @@ UNITS = {
     "steering_bias": ("bias at the steering wheel", "[°]"), "side_slip_error": ("side slip error", "[°]"),
     "yaw_rate_error": ("yaw rate error", "[°/s]"),
 }  # fmt: skip
-RATIO = 17.58  # of the steering
 _ERRORS = frozenset({"yaw", "forward_velocity", "side_slip_error", "yaw_rate_error"})
 
 
@@ -153,8 +152,9 @@ def _truth(quantity: str, truth: Truth) -> tuple[Array | None, float]:
     """What a quantity truly was, None where its error is drawn or nobody knows it; and the factor to its unit."""
     degrees = float(np.degrees(1.0))
     if quantity == "steering_bias":
-        return np.full(len(truth.t), Errors().steering.bias), degrees * RATIO
-    biases = {"gyro_bias": Errors().gyro.bias, "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0}
+        return np.full(len(truth.t), Errors().steering.bias), degrees * STEERING_RATIO
+    force = Errors().force.bias
+    biases = {"gyro_bias": Errors().gyro.bias, "acceleration_bias_x": force, "acceleration_bias_y": force}
     if quantity in biases:
         return np.full(len(truth.t), biases[quantity]), degrees if quantity == "gyro_bias" else 1.0
     angles = {"yaw", "side_slip", "yaw_rate", "side_slip_error", "yaw_rate_error"}

@@ -48,7 +48,9 @@ def run_smoothed(
     navigator.filter.filter = record
     found: list[Snapshot] = []
     snapshots: list[Snapshot] = []
+    messages = 0
     for count in follow(navigator, record, recording, step, snapshots, lambda share: done(0.7 * share)):
+        messages += 1
         if isinstance(record, FixedLag) and len(snapshots) >= len(record.instants) and count:
             when, belief = record.delayed()
             at = snapshots[0].stamp + round(when * 1e9)
@@ -68,7 +70,7 @@ def run_smoothed(
     elapsed = time.perf_counter() - began
     return Run(
         output=as_recording(navigator.readout.motions(kept), recording),
-        step_us_median=1e6 * elapsed / max(len(snapshots), 1),
+        step_us_median=1e6 * elapsed / max(messages, 1),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
         diagnostics=navigator.diagnostics(),
