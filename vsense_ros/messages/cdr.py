@@ -14,6 +14,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import FIELDS, Channel, Sample
 
 _HEADER = b"\x00\x01\x00\x00"
+_STAMP = struct.Struct("<iI")
+_HALF = 2**31  # of the range of seconds, beyond which they begin again at the other end
 _SIZES = {"int8": 1, "uint8": 1, "byte": 1, "uint16": 2, "int32": 4, "uint32": 4, "float64": 8}
 _FORMATS = {
     "int8": "i1",
@@ -82,6 +85,32 @@ class _Layout:
     template: bytes  # a message with these strings and all numbers zero
     offsets: Mapping[str, tuple[str, int, int]]  # field → numpy format, count, byte offset
     fixed: NDArray[np.intp]  # positions of the bytes that are the same in every message of this layout
+
+    @cached_property
+    def wide(self) -> Mapping[str, tuple[int, int]]:
+        """Of fields of 64-bit numbers: first byte, and the one after the last."""
+        return {name: (at, at + 8 * n) for name, (format_, n, at) in self.offsets.items() if format_ == "<f8"}
+
+    @cached_property
+    def others(self) -> tuple[str, ...]:
+        """All other fields that are no part of the stamp."""
+        return tuple(name for name in self.offsets if name not in self.wide and name not in ("sec", "nanosec"))
+
+    @cached_property
+    def empty(self) -> tuple[str, ...]:
+        """Fields of the message type that messages of this layout have no numbers for."""
+        return tuple(name for name in FIELDS[self.strings.kind] if name not in self.offsets)
+
+    @cached_property
+    def runs(self) -> tuple[tuple[int, int, bytes], ...]:
+        """The fixed bytes: first position, the one after the last, and what stands there."""
+        parts = np.split(self.fixed, np.flatnonzero(np.diff(self.fixed) > 1) + 1)
+        ends = [(int(part[0]), int(part[-1]) + 1) for part in parts]
+        return tuple((begin, end, self.template[begin:end]) for begin, end in ends)
+
+    def fits(self, data: bytes) -> bool:
+        """Whether a message, not shorter than the template, has this layout."""
+        return all(data[begin:end] == text for begin, end, text in self.runs)
 
     @cached_property
     def dtype(self) -> np.dtype:
@@ -252,9 +281,41 @@ def _filled(
     return rows.view(np.uint8).reshape(len(stamps), len(layout.template))
 
 
+# Layouts of samples and messages of late, by all that decides them and by type and length: an observer says and hears
+# the same kinds of message hundreds of times a second.
+_of_samples: dict[object, _Layout] = {}
+_of_messages: dict[tuple[str, int], _Layout] = {}
+_MOST_LAYOUTS = 1024
+
+
+def _remember(layouts: dict[Any, _Layout], key: object, layout: _Layout) -> None:
+    if len(layouts) >= _MOST_LAYOUTS:
+        layouts.clear()
+    layouts[key] = layout
+
+
 def encode(sample: Sample) -> bytes:
     """A sample as CDR bytes; fields that `values` lacks are zero (empty for a JointState)."""
-    return _filled(sample, np.array([sample.stamp]), {n: np.atleast_1d(v) for n, v in sample.values.items()}).tobytes()
+    values = sample.values
+    sizes = tuple([(name, value.shape) for name, value in values.items()])
+    key = sample.kind, sample.frame_id, sample.child_frame_id, sample.names, sizes
+    layout = _of_samples.get(key)
+    if layout is None:
+        values = {name: np.atleast_1d(value) for name, value in values.items()}
+        message = _filled(sample, np.array([sample.stamp]), values).tobytes()
+        layout = _layout(_strings_of(sample, values))
+        if not layout.others:
+            _remember(_of_samples, key, layout)
+        return message
+    data = bytearray(layout.template)
+    seconds, nanoseconds = divmod(sample.stamp, 1_000_000_000)
+    _STAMP.pack_into(data, len(_HEADER), (seconds + _HALF) % (2 * _HALF) - _HALF, nanoseconds)
+    wide = layout.wide
+    for name, value in values.items():
+        if name in wide:
+            begin, end = wide[name]
+            data[begin:end] = value.astype(np.float64, copy=False).tobytes()
+    return bytes(data)
 
 
 def encode_channel(channel: Channel) -> NDArray[np.uint8]:
@@ -267,13 +328,22 @@ def decode(kind: str, data: bytes, topic: str = "", received: int | None = None)
 
     Raises `InputError` if the bytes are not a little-endian CDR message of this type.
     """
-    layout = _checked_layout(kind, data, topic)
-    row = np.frombuffer(data, layout.dtype, 1)[0]
-    values = {name: np.array(row[name], dtype=np.float64) for name in layout.offsets if name not in ("sec", "nanosec")}
-    for name in FIELDS[kind]:
-        values.setdefault(name, np.zeros(0))
+    layout = _of_messages.get((kind, len(data)))
+    if layout is None or not layout.fits(data):
+        layout = _checked_layout(kind, data, topic)
+        _remember(_of_messages, (kind, len(data)), layout)
+    values = {
+        name: np.frombuffer(data, np.float64, (end - begin) // 8, begin).copy()
+        for name, (begin, end) in layout.wide.items()
+    }
+    if layout.others:
+        row = np.frombuffer(data, layout.dtype, 1)[0]
+        values |= {name: np.array(row[name], dtype=np.float64) for name in layout.others}
+    for name in layout.empty:
+        values[name] = np.zeros(0)
     strings = layout.strings
-    stamp = int(row["sec"][0]) * 1_000_000_000 + int(row["nanosec"][0])
+    seconds, nanoseconds = _STAMP.unpack_from(data, len(_HEADER))
+    stamp = seconds * 1_000_000_000 + nanoseconds
     return Sample(topic, kind, stamp, values, strings.frame_id, strings.names, strings.child_frame_id, received)
 
 

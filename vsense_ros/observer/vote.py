@@ -16,7 +16,9 @@ the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged by
 
    with w the whitened innovation and d its standard deviation: twice the logarithm of what the likelihood of all other
    measurements gains (Schweppe 1965). A right axis helps to predict the others, so that Δ is negative; Δ > `_GAIN` is
-   evidence of more than 10¹⁹ to 1. The filter then goes back to before the contradiction, and on without the axis.
+   evidence of more than 10¹⁹ to 1. Less will do, `_GAIN_OF_ITS_OWN`, of an axis whose own innovations of the last 0.2 s
+   add up to `_OF_ITS_OWN` standard deviations: two tests then say the same. The filter then goes back to before the
+   contradiction, and on without the axis.
 
 A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
 asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
@@ -44,6 +46,7 @@ _REFUSALS = 3  # at least so many, after which an axis has jumped: no single out
 _STREAK = 50_000_000  # [ns] after which a refusal does not belong to those before
 _BLOCK = 20_000_000  # [ns] in which innovations are summed
 _WINDOWS = np.array([1, 2, 10, 50])  # blocks of the sums that are looked at: the first two for jumps
+_SHORT = 2  # which of them is that of 0.2 s
 # Which blocks, of a ring of as many as are looked at, each sum is of when the newest is at a place of it.
 _ADDED = 1.0 * ((np.arange(50)[:, None, None] - np.arange(50)) % 50 < _WINDOWS[:, None])
 _sum = np.add.reduce
@@ -58,6 +61,8 @@ _URGENT = 1_000_000_000  # [ns] after the alarm each time, to the second
 _BEFORE = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again in a vote
 _LOOK_BACK = 2_000_000_000  # [ns] that this is at most
 _GAIN = 90.0  # twice a logarithm of likelihoods
+_OF_ITS_OWN = 7.0  # standard deviations of an axis's own sum of 0.2 s, with which
+_GAIN_OF_ITS_OWN = 15.0  # the same is enough
 _WORTH_A_VOTE = 0.0  # the same, of leaving out the whole sensor
 _DISAGREE = 3.5  # mean square of whitened innovations, beyond which a sensor does not agree with the others
 _NEARLY = 0.35  # of the largest gain, from which on another axis may be the wrong one
@@ -452,15 +457,18 @@ class Vote:
         if not found:
             return
         best = max(found, key=lambda one: one.gain)
-        if best.gain < _SUSPECT or best.disagreement > _DISAGREE:
+        enough, suspect = _GAIN, _SUSPECT
+        if best.axes.sums.far()[_SHORT, best.left[0]] > _OF_ITS_OWN:
+            enough = suspect = _GAIN_OF_ITS_OWN
+        if best.gain < suspect or best.disagreement > _DISAGREE:
             return
         self._pause = _PAUSES[0]
-        if best.gain < _GAIN:
+        if best.gain < enough:
             return
         self._alarm = None
         # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
         for one in found:
-            if one.gain > max(_SUSPECT, _NEARLY * best.gain) and one.disagreement <= _DISAGREE:
+            if one.gain > max(suspect, _NEARLY * best.gain) and one.disagreement <= _DISAGREE:
                 self._take_out(one.axes, one.left[0], since, "contradicts the others")
                 self._undo(timeline, since, one.axes, one.left[0])
         self._loud.clear()
