@@ -40,6 +40,9 @@ _POSE_AND_ROAD = np.ix_(*[[*range(6), *(DISTURB.start + i for i in (ROAD_HEIGHT,
 _OVER_AND_OF_ROAD = np.column_stack([np.eye(6), [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, -1, 0]])
 _VELOCITY, _RATES = (slice(TWIST.start + part.start, TWIST.start + part.stop) for part in (slice(0, 3), slice(3, 6)))
 _LATERAL_FORCES = slice(1, None, 4)  # of force x, y, z and moment of each wheel
+# A vector a times this is the matrix (3, 3) that makes a × b of b.
+_ACROSS = np.zeros((3, 3, 3))
+_ACROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _ACROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
 _SMALLEST_SPEED = 0.5  # [m/s] below it a side-slip angle has no meaning
 
 
@@ -164,7 +167,7 @@ class Estimate:
     def side_slip(self) -> Array:
         """Angle [rad], its standard deviation [rad] and its rate [rad/s], (3,); zero with an infinite deviation at
         rest."""
-        forward, lateral = self.velocity[..., 0], self.velocity[..., 1]
+        forward, lateral, _ = self.velocity.T
         square = forward**2 + lateral**2
         rests = square < _SMALLEST_SPEED**2
         divisor = np.maximum(square, _SMALLEST_SPEED**2)
@@ -172,9 +175,8 @@ class Estimate:
         covariance = self.twist_covariance
         variance = by_forward**2 * covariance[..., 0, 0] + by_lateral**2 * covariance[..., 1, 1]
         variance += 2 * by_forward * by_lateral * covariance[..., 0, 1]
-        acceleration, yaw_rate = self.acceleration, self.rates[..., 2]
-        rate = by_forward * (acceleration[..., 0] + yaw_rate * lateral)
-        rate += by_lateral * (acceleration[..., 1] - yaw_rate * forward)
+        (along, across, _), yaw_rate = self.acceleration.T, self.rates[..., 2]
+        rate = by_forward * (along + yaw_rate * lateral) + by_lateral * (across - yaw_rate * forward)
         result = np.empty((*np.shape(rests), 3))
         result[..., 0] = np.where(rests, 0.0, np.arctan2(lateral, forward))
         result[..., 1] = np.where(rests, np.inf, np.sqrt(np.maximum(variance, 0.0)))
@@ -200,32 +202,23 @@ def _fill_variances(e: Estimate, car: CarBlocks, belief: Array) -> None:
         covariance = covariance.copy()
         covariance[FORCE, FORCE] = np.diag(car.prior.deviation[FORCE] ** 2)
     by_error = car.through()[:6]
-    by_error[:3, _VELOCITY] += _across(e.rates)
-    by_error[:3, _RATES] -= _across(e.velocity)
+    by_error[:3, _VELOCITY] += e.rates.dot(_ACROSS)
+    by_error[:3, _RATES] -= e.velocity.dot(_ACROSS)
     e.acceleration_covariance[:] = by_error @ covariance @ by_error.T
 
     by_error, lacking = car.through_wheels()
     to_front, to_rear = e.axle_distances
     front = (to_rear * lacking[0] + lacking[1]) / (to_front + to_rear)
-    load = e.model_wheels[2]
     cosine = np.cos(e.inputs[0] - e.state[DISTURB.start + STEERING_OFFSET])
-    for axle, found in ((slice(0, 2), front / cosine), (slice(2, 4), lacking[0] - front)):  # as `with_lateral_error`
-        total = load[axle].sum()
-        if total > 0:
-            by_error[_LATERAL_FORCES][axle] += np.outer(load[axle] / total, found)
-    variance = np.sum((by_error @ covariance) * by_error, axis=1).reshape(4, 4).T
+    of_axles = np.array([front / cosine, lacking[0] - front])  # as in `with_lateral_error`
+    by_error[_LATERAL_FORCES] += (_shares(e.model_wheels[2])[..., None] * of_axles[:, None]).reshape(4, -1)
+    variance = np.einsum("ij,ij->i", by_error @ covariance, by_error).reshape(4, 4).T
     mass = car.vehicle.physics.chassis.mass
     of_mass = car.vehicle.observer.surroundings.load**2
     if _MASS in e.names:
         place = e.names.index(_MASS)
         mass, of_mass = e.state[place], belief[place, place]
     e.wheel_variance[:] = variance + (e.wheels[:4] / mass) ** 2 * of_mass
-
-
-def _across(a: Array) -> Array:
-    """The matrix (3, 3) that makes a × b of b."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -262,13 +255,17 @@ def with_lateral_error(wheels: Array, force: Array, steering: Array | float, axl
     to_front, to_rear = axle_distances[..., 0], axle_distances[..., 1]
     lateral, yaw = force[..., Y], force[..., YAW]
     front = (to_rear * lateral + yaw) / (to_front + to_rear)
-    corrected = wheels.copy()
-    for axle, error in ((slice(0, 2), front / np.cos(steering)), (slice(2, 4), lateral - front)):
-        load = wheels[..., 2, axle]
-        total = load.sum(axis=-1, keepdims=True)
-        share = np.divide(load, total, out=np.zeros_like(load), where=total > 0)
-        corrected[..., 1, axle] += error[..., None] * share
+    corrected, share = wheels.copy(), _shares(wheels[..., 2, :])
+    corrected[..., 1, :2] += (front / np.cos(steering))[..., None] * share[..., 0, :]
+    corrected[..., 1, 2:] += (lateral - front)[..., None] * share[..., 1, :]
     return corrected
+
+
+def _shares(load: Array) -> Array:
+    """Of vertical forces (…, 4) [N], each wheel's share of its axle's (…, 2, 2); zero where an axle has none."""
+    load = load.reshape(*load.shape[:-1], 2, 2)
+    total = load.sum(axis=-1, keepdims=True)
+    return np.asarray(load / np.where(total > 0, total, np.inf))
 
 
 def estimate_samples(e: Estimate) -> list[Sample]:

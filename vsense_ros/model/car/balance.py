@@ -56,7 +56,7 @@ class CarBalance:
         """What these must be, (…, 6), from the specific force at cog in the axes of the body (…, 3) [m/s²], the change
         of its rates (…, 3) [rad/s²], its angles over the road (…) [rad] and the speed (…) [m/s], with the drag of the
         vehicle file. A body that leans is taken to turn about the axes of the road, at the height of cog at rest."""
-        x, y, z = (force[..., i] for i in range(3))
+        x, y, z = force.T
         c, s = np.cos(roll), np.sin(roll)
         y, z = c * y - s * z, s * y + c * z
         c, s = np.cos(pitch), np.sin(pitch)

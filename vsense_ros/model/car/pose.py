@@ -14,7 +14,9 @@ def position_on_map(q: Array, disturbances: Array) -> Array:
     """Of `cog` (…, 3) [m], from coordinates (…, 14) and disturbances (…, 7)."""
     along, across = np.sin(disturbances[..., GRADE]), np.sin(disturbances[..., BANK])
     height = disturbances[..., ROAD_HEIGHT] + q[..., Z] * np.sqrt(1 - along**2 - across**2)
-    return np.stack([q[..., X], q[..., Y], height], axis=-1)
+    result = np.empty((*np.shape(height), 3))
+    result[..., 0], result[..., 1], result[..., 2] = q[..., X], q[..., Y], height
+    return result
 
 
 def orientation_on_map(q: Array, disturbances: Array) -> Array:
@@ -43,17 +45,16 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
 
 def product(first: Array, second: Array) -> Array:
     """Of two quaternions x, y, z, w (…, 4): what is turned by the second, and then by the first."""
-    ax, ay, az, aw = np.moveaxis(first, -1, 0)
-    bx, by, bz, bw = np.moveaxis(second, -1, 0)
-    return np.stack(
+    ax, ay, az, aw = first.T
+    bx, by, bz, bw = second.T
+    return np.array(
         [
             aw * bx + ax * bw + ay * bz - az * by,
             aw * by - ax * bz + ay * bw + az * bx,
             aw * bz + ax * by - ay * bx + az * bw,
             aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
+        ]
+    ).T
 
 
 def angles(orientation: Array) -> Array:
