@@ -126,3 +126,16 @@ def test_the_observer_follows_every_manoeuvre_with_the_wrong_mass_and_friction(n
     assert scores["yaw_rate"].rmse < np.radians(0.5)
     assert scores["speed"].rmse < 0.1
     assert all(int(d.values.get("refused", 0)) == 0 for d in result.diagnostics)
+
+
+def test_the_vertical_velocity_of_the_hills_is_what_their_height_changes_by() -> None:
+    recording = read_bag(BAGS / "hills")
+    reference, velocity = recording["reference/odometry"], recording["gps/velocity"]
+    height = reference.columns["position"][:, 2]
+    climb = np.gradient(height, reference.seconds)
+    there = np.interp(velocity.stamp, reference.stamp, climb)
+    error = velocity.columns["linear"][:, 2] - there
+    stated = np.sqrt(velocity.columns["covariance"][0, 14])
+    assert np.std(there) > 5 * stated
+    assert abs(error.mean()) < 4 * stated / len(error) ** 0.5
+    assert 0.8 * stated < error.std() < 1.5 * stated

@@ -136,3 +136,34 @@ def test_a_wrong_height_is_refused_and_turns_no_road(vehicle: Vehicle, hills: Re
     assert max(course.largest(2.0)[:2]) < 0.2
     assert "WARN" in course.levels("height", BEGIN, BEGIN + 1.0)
     assert course.levels("position", BEGIN, BEGIN + 6.0) == {"OK"}
+
+
+def pitch_error(vehicle: Vehicle, hills: Recording) -> float:
+    """Root mean square from 6 s on [deg]."""
+    observer, off = Observer(vehicle, hills.map_origin), []
+    reference = hills["reference/odometry"]
+    pitch = Rotation.from_quat(reference.columns["orientation"]).as_euler("ZYX")[:, 1]
+    for sample in messages(hills):
+        observer.add(sample)
+        if observer.started and sample.topic == IMU and seconds(hills, sample) > 6.0:
+            estimate = observer.snapshot()
+            off.append(estimate.attitude[1] - np.interp(estimate.stamp, reference.stamp, pitch))
+    return float(np.degrees(np.sqrt(np.mean(np.square(off)))))
+
+
+def test_the_vertical_velocity_of_a_receiver_tells_the_grade(vehicle: Vehicle, hills: Recording) -> None:
+    found = pitch_error(with_height(vehicle), hills)
+    assert found < 0.2
+    assert found < 0.5 * pitch_error(vehicle, hills)
+
+
+def test_a_vertical_velocity_that_lies_is_refused_and_turns_no_road(vehicle: Vehicle, hills: Recording) -> None:
+    def rises(sample: Sample) -> Sample:
+        later = seconds(hills, sample) > BEGIN
+        return changed(sample, linear=sample.values["linear"] + [0.0, 0.0, 20.0 * later])
+
+    samples = altered(messages(hills, BEGIN + 6.0), lambda s: s.topic == "gps/velocity", rises)
+    course = follow(Observer(with_height(vehicle), hills.map_origin), samples, hills)
+    assert max(course.largest(2.0)[:2]) < 0.2
+    assert "WARN" in course.levels("vertical_velocity", BEGIN, BEGIN + 1.0)
+    assert course.levels("velocity", BEGIN, BEGIN + 6.0) == {"OK"}

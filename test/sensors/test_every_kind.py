@@ -78,7 +78,7 @@ def test_what_a_simulated_message_says_is_read_as_the_truth_up_to_its_noise(sens
     truth = 0.1 * rng.standard_normal((n, m))
     assert sensor.sampling is not None
     quantum = np.array(sensor.sampling.quantum)
-    drive = SimulatedDrive(truth, np.zeros((n, 3)), ORIGIN, rng, 0.0, quantum)
+    drive = SimulatedDrive(truth, np.zeros((n, 3)), ORIGIN, rng, 0.0, quantum, lambda point: np.zeros(n))
     content = sensor.simulated(drive)
     on_map, read = Map(ORIGIN), np.empty((n, m))
     for row in range(n):
@@ -102,3 +102,10 @@ def test_speeds_of_a_car_on_equal_wheels_are_the_same_by_all_ways_to_tell_them(s
     value[1, 0] = np.nan
     assert_allclose(sensor.speeds(value, np.full(4, radius)), [0.0, 10.0 if rolling else np.nan, 25.0])
     assert np.isnan(sensor.mean_speed(value, radius)[1])
+
+
+def test_a_vertical_velocity_of_exactly_zero_is_no_measurement() -> None:
+    sensor, read, variance = KINDS["gnss_vertical_velocity"](), np.empty(1), np.empty(1)
+    for up in (0.0, -0.0, 0.25):
+        sensor.read((), {"linear": np.array([10.0, 0.0, up])}, read, variance)
+        assert np.isnan(read[0]) if up == 0 else read[0] == up

@@ -43,8 +43,9 @@ from vsense_ros.model.coordinates import (
     SPEED_X,
     YAW_RATE,
 )
-from vsense_ros.model.sensors import GnssPosition
+from vsense_ros.model.sensors import GnssPosition, GnssVelocity
 from vsense_ros.model.sensors.gnss_height import GnssHeight
+from vsense_ros.model.sensors.gnss_vertical_velocity import GnssVerticalVelocity
 from vsense_ros.model.simulation.surface import Waves
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
@@ -158,10 +159,13 @@ def rav4(progress: Progress | None = None) -> dict[str, float]:
 
 
 def with_height(vehicle: Vehicle) -> Vehicle:
-    """The vehicle with the height of its GNSS receiver; in a simulation all of its error is new each time."""
+    """The vehicle with the height and the vertical velocity of its GNSS receiver; in a simulation all of the height's
+    error is new each time."""
     position = next(sensor for sensor in vehicle.sensors.values() if isinstance(sensor, GnssPosition))
+    velocity = next(sensor for sensor in vehicle.sensors.values() if isinstance(sensor, GnssVelocity))
     height = GnssHeight(position=position.position, noise=2 * position.noise, topic=position.topic)
-    return vehicle.model_copy(update={"sensors": {**vehicle.sensors, "height": height}})
+    vertical = GnssVerticalVelocity(position=velocity.position, noise=2 * velocity.noise, topic=velocity.topic)
+    return vehicle.model_copy(update={"sensors": {**vehicle.sensors, "height": height, "vertical_velocity": vertical}})
 
 
 def on_plant(name: str, driven: Vehicle, known: Vehicle, progress: Progress | None = None) -> dict[str, float]:

@@ -14,8 +14,10 @@ is improbable for any one bag (about one in a hundred), and shows as one step of
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.car.car import car_of
@@ -69,7 +71,8 @@ def record(
                 truth[:, older == age] = _truth(trajectory, vehicle, sensor, then)[:, older == age]
             steps, limit = np.array(sampling.quantum), np.array(sampling.limit)
             place = position_on_map(trajectory.q[rows], _around(trajectory)[rows])
-            drive = SimulatedDrive(truth, place, ORIGIN, rng, float(biased), steps, limit)
+            climb = partial(_climb, trajectory, rows)
+            drive = SimulatedDrive(truth, place, ORIGIN, rng, float(biased), steps, climb, limit)
             channels.append(_channel(sensor, rows, sampling, sensor.simulated(drive)))
     channels += _reference(trajectory)
     latitude, longitude, height = ORIGIN
@@ -102,6 +105,18 @@ def _truth(trajectory: Trajectory, vehicle: Vehicle, sensor: SensorBase, rows: n
     motion = (values[rows].T for values in (trajectory.q, trajectory.u, trajectory.udot))
     result = function(*motion, around, trajectory.inputs[rows].T, biases, mounting)[0]
     return np.array(result).reshape(-1, len(rows), order="F").T
+
+
+def _climb(trajectory: Trajectory, rows: np.ndarray, point: Array) -> Array:
+    """Upward velocity on the map (rows,) [m/s] of a point of the body (3,) [m], in the axes of `cog`: the difference of
+    its heights a millisecond before and after."""
+    before, after = (np.clip(rows + step, 0, len(trajectory.t) - 1) for step in (-1, 1))
+    heights = []
+    for then in (before, after):
+        q, road = trajectory.q[then], _around(trajectory)[then]
+        arm = Rotation.from_quat(orientation_on_map(q, road)).apply(point)
+        heights.append(position_on_map(q, road)[:, 2] + arm[:, 2])
+    return np.asarray((heights[1] - heights[0]) / (trajectory.t[after] - trajectory.t[before]))
 
 
 def _around(trajectory: Trajectory) -> Array:

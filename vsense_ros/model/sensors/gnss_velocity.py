@@ -85,7 +85,8 @@ class GnssVelocity(SensorBase):
         horizontal = drive.digitized(self.disturbed(drive))
         covariance = np.zeros(36)
         covariance[: 3 * 7 : 7] = self.noise**2 * np.array([1, 1, 4])
-        up = drive.digitized(2 * self.noise * drive.rng.standard_normal((len(drive), 1)))
+        climb = drive.climb(self.mounting())[:, None]
+        up = drive.digitized(climb + 2 * self.noise * drive.rng.standard_normal((len(drive), 1)))
         return Content(
             {
                 "linear": np.column_stack([horizontal, up]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
@@ -43,6 +44,7 @@ class SimulatedDrive:
     rng: np.random.RandomState  # from which errors are drawn
     bias: float  # 1, or 0 for sensors without biases
     quantum: Array  # steps of the values
+    climb: Callable[[Array], Array]  # upward velocity (n,) [m/s] of a point of the body, (3,) [m] in the axes of `cog`
     limit: Array = field(default_factory=lambda: np.array([inf]))  # largest amounts of the values
 
     def __len__(self) -> int:
