@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,6 +16,9 @@ from vsense_ros.evaluate.faults import ACCELEROMETER, GYRO, IMU, Fault
 from vsense_ros.experiments.faults import CASES, CIRCLE, LANE_CHANGE, RAV4, STEP, Case, drive, examine, observe
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.diagnostic import Level
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.vehicle import Vehicle
 
 # What does not hold yet, by title and drive, and why.
 OPEN = {
@@ -127,6 +132,38 @@ def test_no_axis_is_taken_out_on_laps_without_wheel_speeds(lap: str) -> None:
         pytest.skip(str(error))
     said = observe(recording, load_vehicle(vehicle_path("genesis_identified"))).said
     assert not any("not believed" in line.message or "tilted" in line.message for _, line in said["imu"])
+
+
+def _with_second_receiver(of: str, too_fast: float) -> tuple[Recording, Vehicle]:
+    """A drive with a second GNSS velocity that states 0.1 m/s and is too fast [m/s] from the start, and the car."""
+    recording, car = drive(of), load_vehicle(vehicle_path("prototype_model"))
+    own = recording["gps/velocity"]
+    linear = own.columns["linear"].copy()
+    linear[:, :2] *= 1 + too_fast / np.maximum(np.hypot(linear[:, 0], linear[:, 1]), 1.0)[:, None]
+    covariance = np.zeros_like(own.columns["covariance"])
+    covariance[:, [0, 7, 14]] = 0.1**2
+    columns = {**own.columns, "linear": linear, "covariance": covariance}
+    second = replace(own, topic="gps2/velocity", columns=columns)
+    sensor = car.sensors["velocity"].model_copy(update={"topic": second.topic})
+    recording = replace(recording, channels={**recording.channels, second.topic: second})
+    return recording, car.model_copy(update={"sensors": {"second": sensor, **car.sensors}})
+
+
+@pytest.mark.parametrize("of", [LANE_CHANGE, CIRCLE])
+@pytest.mark.parametrize("too_fast", [-2.0, 5.0])
+def test_a_receiver_that_lies_from_the_start_is_outvoted(of: str, too_fast: float) -> None:
+    """By the wheels and the other receiver: once the filter had followed it, it would refuse them."""
+    run = observe(*_with_second_receiver(of, too_fast))
+    assert np.abs(run.lateral[run.after(0.0)]).max() < 0.3
+    assert run.resets == 0
+    assert any("most sensors say" in line.message for _, line in run.said["second"])
+    assert all(line.level == Level.OK for t, line in run.said["velocity"] if t > 1.0)
+
+
+@pytest.mark.parametrize("of", [LANE_CHANGE])
+def test_a_second_receiver_that_tells_the_truth_is_believed(of: str) -> None:
+    said = observe(*_with_second_receiver(of, 0.0)).said["second"]
+    assert not any("most sensors say" in line.message for _, line in said)
 
 
 def test_a_fault_changes_what_it_says_and_nothing_else() -> None:

@@ -1,4 +1,9 @@
-"""What it takes to start: messages until they tell how the car moves; a start at a wrong speed is worse than none."""
+"""What it takes to start: messages until they tell how the car moves; a start at a wrong speed is worse than none.
+
+Until the filter knows the speed well, any sensor that tells another one draws it there, and those that are right are
+refused from then on. So in the first seconds sensors of the speed are held against each other: where three or more are
+there, one that differs from the median of all is not believed.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +18,10 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 
 _DISAGREEMENT = 5.0  # [m/s] between first speeds, beyond which one of them is wrong
+_APART = 0.05  # of the median of all speeds, and
+_APART_AT_LEAST = 0.5  # [m/s] by which one has to differ from it not to be believed
+_FEWEST = 3  # speeds of which one can be told to be wrong
+UNSURE = 2_000_000_000  # [ns] from the start on in which speeds are held against each other
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,7 @@ class Beginning:
         self._kinds = [sensor.kind for sensor in intake.sensors]
         self._first: dict[int, Event] = {}  # newest measurement of each sensor
         self._gathered: dict[int, int] = {}  # when these arrived [ns]
+        self._newest: dict[int, tuple[int, float]] = {}  # stamp [ns] and speed [m/s] that each sensor told last
         self._first_stamp = 0
 
     @property
@@ -42,6 +52,7 @@ class Beginning:
     def clear(self) -> None:
         """Begin anew."""
         self._first.clear()
+        self._newest.clear()
 
     def add(self, event: Event) -> Start | None:
         """Take in a measurement; what to start with, once that is known."""
@@ -50,9 +61,9 @@ class Beginning:
             if not abs(speed) < self._fastest:
                 self._intake.refuse(index, f"speed {speed:.3g} m/s before the start, limit {self._fastest:g}")
                 return None
-        if not self._keep(event):
+        if not self._keep(event) or self.doubts(event):
             return None
-        kinds = {self._kinds[i]: e for i, e in self._first.items()}
+        kinds = {self._kinds[i]: e for i, e in self._first.items() if self._differs(i) is None}
         speeds = self._speeds(kinds.values())
         waited = (stamp - self._first_stamp) * 1e-9
         missing = (sensor for sensor in self._intake.sensors if sensor.kind not in kinds)
@@ -61,6 +72,33 @@ class Beginning:
         if np.ptp(np.abs(speeds)) > _DISAGREEMENT and waited < LONGEST_GAP:
             return None
         return Start(stamp, speeds[0], kinds)
+
+    def doubts(self, event: Event) -> bool:
+        """Whether a measurement tells another speed than most sensors do; it is then refused."""
+        sensor = self._intake.sensors[event.sensor]
+        speed = sensor.first_speed(event.value, self._vehicle)
+        if speed is None:
+            return False
+        self._newest[event.sensor] = event.stamp, abs(speed)
+        middle = self._differs(event.sensor)
+        if middle is None:
+            return False
+        self._intake.refuse(event.sensor, f"speed {speed:.3g} m/s, where most sensors say {middle:.3g} m/s")
+        return True
+
+    def _differs(self, index: int) -> float | None:
+        """The speed [m/s] that most sensors tell, where this one tells another; None where it does not, or where there
+        are too few to say."""
+        told = self._newest.get(index)
+        if told is None:
+            return None
+        speeds = [speed for stamp, speed in self._newest.values() if abs(stamp - told[0]) < LONGEST_GAP * 1e9]
+        if len(speeds) < _FEWEST:
+            return None
+        middle = float(np.median(speeds))
+        near = max(_APART_AT_LEAST, _APART * middle)
+        agree = sum(abs(speed - middle) <= near for speed in speeds)
+        return middle if abs(told[1] - middle) > near and 2 * agree > len(speeds) else None
 
     def _keep(self, event: Event) -> bool:
         """What is far apart in time, one of them by a wrong clock, does not describe the same start. A clock that

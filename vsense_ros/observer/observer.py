@@ -24,7 +24,7 @@ from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
 from vsense_ros.observer import diagnostics
 from vsense_ros.observer.alignment import Alignment
 from vsense_ros.observer.balance import Balance
-from vsense_ros.observer.beginning import Beginning, Start
+from vsense_ros.observer.beginning import UNSURE, Beginning, Start
 from vsense_ros.observer.catalogue import MakeFilter, default_filter
 from vsense_ros.observer.estimate import BALANCE, Estimate, estimate_samples
 from vsense_ros.observer.monitor import Limits, Monitor
@@ -171,6 +171,8 @@ class Observer:
                 self.intake.restart(index)
                 self._gather(event)
             elif timing is Timing.USED:
+                if self.stamp < self._started_at + UNSURE and self._beginning.doubts(event):
+                    continue
                 self.intake.believe(index, sample.stamp)
                 self.balance.measured(event)
                 if self._timeline.add(event):
