@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -190,3 +191,23 @@ def test_files_that_unpack_to_gigabytes_are_refused_in_bounded_memory(tmp_path: 
         assert done.stdout.startswith("refused:"), (name, done.stdout, done.stderr[-2000:])
         assert int(done.stdout.split()[-1]) < 1_600_000, name  # [KiB]
     assert resource.getrlimit(resource.RLIMIT_DATA)[0] == resource.RLIM_INFINITY
+
+
+@pytest.mark.slow
+def test_a_table_of_text_takes_little_more_than_twice_its_size(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    path, options = formats.csv(tmp_path, 10_000.0)
+    (tmp_path / "options.yaml").write_text(yaml.safe_dump(options["mapping"]))
+    code = (
+        "from vsense_ros.bag.importers import import_recording, text_table\n"
+        "def told(what):\n"
+        "    lines = open('/proc/self/status').read().splitlines()\n"
+        "    return next(int(line.split()[1]) for line in lines if line.startswith(what)) * 1024\n"
+        "before = told('VmRSS')\n"
+        f"recording = import_recording({str(path)!r}, mapping={str(tmp_path / 'options.yaml')!r})\n"
+        "print(told('VmHWM') - before)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert int(done.stdout) < 2.7 * path.stat().st_size

@@ -6,6 +6,8 @@ A component that a source does not have is NaN; a whole field that it does not h
 
 from __future__ import annotations
 
+import ctypes
+import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -36,15 +38,26 @@ def gps_minus_utc(unix: float) -> int:
     return next((leap for since, leap in _LEAP_SECONDS if unix >= since), 13)
 
 
+def give_back() -> None:
+    """Return to the system what has been freed: glibc keeps it in pieces, after large tables several times what is in
+    use. Other C libraries do so by themselves."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    if trim is not None:
+        trim(0)
+
+
 def nanoseconds(seconds: Array, base: int = 0) -> Stamps:
     """Times [s] relative to `base` [ns] as integer nanoseconds.
 
     Whole seconds are converted apart, because a float64 of the size of Unix time resolves 0.2 µs only.
     """
-    whole = np.floor(seconds)
-    found = whole.astype(np.int64)
+    part = np.floor(seconds)
+    found = part.astype(np.int64)
     found *= 1_000_000_000
-    found += np.rint((seconds - whole) * 1e9).astype(np.int64)
+    np.subtract(seconds, part, out=part)
+    part *= 1e9
+    np.rint(part, out=part)
+    found += part.astype(np.int64)
     found += base
     return found
 
@@ -141,8 +154,12 @@ def joints(topic: str, stamp: Stamps, field: str, values: Mapping[str, Array]) -
 
 def course_velocity(speed: Array, course: Array, up: Array | None = None) -> Array:
     """ENU velocity (n, 3) [m/s] from speed over ground [m/s] and course [rad, clockwise from north]."""
-    vertical = np.full_like(speed, np.nan) if up is None else up
-    return np.column_stack([speed * np.sin(course), speed * np.cos(course), vertical])
+    found = np.empty((len(speed), 3))
+    np.sin(course, out=found[:, 0])
+    np.cos(course, out=found[:, 1])
+    found[:, :2] *= np.asarray(speed)[:, None]
+    found[:, 2] = np.nan if up is None else up
+    return found
 
 
 def enu_from_geodetic(latitude: Array, longitude: Array, altitude: Array, origin: tuple[float, float, float]) -> Array:

@@ -347,7 +347,11 @@ def apply(mapping: ColumnMapping, columns: Columns, name: str, source: str, base
     of the mapping."""
     notes: list[str] = []
     made = _Maker(mapping, columns, mapping.time.base if base is None else base, notes)
-    channels = {topic: made.channel(topic, fields) for topic, fields in mapping.topics.items() if fields}
+    channels = {}
+    for topic, fields in mapping.topics.items():
+        if fields:
+            channels[topic] = made.channel(topic, fields)
+            build.give_back()
     return Recording(channels, name, tuple(dict.fromkeys(notes)), 0, {"source": source})
 
 
@@ -356,6 +360,7 @@ class _Maker:
 
     def __init__(self, mapping: ColumnMapping, columns: Columns, base: int, notes: list[str]) -> None:
         self._mapping, self._columns, self._base, self._notes = mapping, columns, base, notes
+        self._stamps: tuple[Array, build.Stamps] | None = None
 
     def channel(self, topic: str, fields: Mapping[str, Any]) -> Channel:
         signals = [(field, signal) for field, value in fields.items() for signal in _signals(value)]
@@ -370,7 +375,7 @@ class _Maker:
         else:
             keep = np.isfinite(raw[longest].values)
             self._notes.append(f"{topic}: its columns have different times; interpolated to those of {longest}")
-        time = time[keep]
+        time = time if keep.all() else time[keep]
         if not len(time):
             raise InputError(f"{topic}: none of its columns ({', '.join(map(str, raw))}) holds a number")
         if not (np.abs(time) < _LAST).all():
@@ -380,17 +385,24 @@ class _Maker:
 
         def value(field: str, signal: Signal | None) -> Array:
             if signal is None:
-                return np.full(len(time), np.nan)
+                return np.broadcast_to(np.nan, len(time))
             found = [self._brought(raw[ref], keep, time, field in _WRAPPING) for ref in signal.refs]
-            own = found[0] if len(found) == 1 else np.mean(found, axis=0)
+            own = found.pop(0) if len(found) == 1 else np.mean(found, axis=0)
             key = f"{topic}.{field}"
             unit = _unit(key, signal, next((raw[ref].unit for ref in signal.refs if raw[ref].unit), ""))
             factor = _factor("mapping", key, signal, unit, _QUANTITIES[topic][field])
-            return signal.sign * (signal.scale * own + signal.offset) * factor
+            own *= signal.scale  # in its place: tables are long
+            own += signal.offset
+            own *= signal.sign * factor
+            return own
 
-        return _Fields(topic, fields, value, len(time), self._mapping.origin).channel(
-            build.nanoseconds(time, self._base)
-        )
+        return _Fields(topic, fields, value, len(time), self._mapping.origin).channel(self._stamps_of(time))
+
+    def _stamps_of(self, time: Array) -> build.Stamps:
+        """Of topics whose rows are the same, once."""
+        if self._stamps is None or self._stamps[0] is not time:
+            self._stamps = time, build.nanoseconds(time, self._base)
+        return self._stamps[1]
 
     def _updates(self, topic: str, raw: Mapping[Ref, Column], keep: np.ndarray) -> np.ndarray:
         """Rows at which a slower source brought something new, where a faster table repeats its values."""
@@ -445,7 +457,13 @@ class _Fields:
         given = self._fields.get(field) or [None, None, None]
         if not isinstance(given, list):
             raise InputError(f"mapping: {self._topic}.{field}: expected three values: x, y, z")
-        return np.column_stack([self._value(field, signal) for signal in given])
+        if not any(signal is not None for signal in given):
+            return np.broadcast_to(np.nan, (self._rows, len(given)))
+        found = np.full((self._rows, len(given)), np.nan)
+        for i, signal in enumerate(given):
+            if signal is not None:
+                found[:, i] = self._value(field, signal)
+        return found
 
     def scalar(self, field: str) -> Array:
         given = self._fields.get(field)

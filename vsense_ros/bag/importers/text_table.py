@@ -13,6 +13,7 @@ import re
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,7 +31,7 @@ from vsense_ros.messages import units
 _MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN", "null", "NULL", "None", "*")
 _LONGEST_LINE = 1 << 20  # [byte]
 _FOOTER = 20  # lines at the end of a file that may be something else than rows
-_BLOCK = 4 << 20  # [byte] that are parsed at once
+_BLOCK = 1 << 20  # [byte] that are parsed at once: larger ones leave more of the memory in pieces
 _DAY = 86_400.0  # [s]
 _CLOCK = r"^\s*(?:(?P<h>[0-9]{1,2}):)?(?P<m>[0-9]{1,2}):(?P<s>[0-9]{1,2}(?:[.,][0-9]+)?)\s*$"
 _ISO = re.compile(r"\s*\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d+)?)?\s*(Z|[+-]\d{2}:?\d{2})?\s*")
@@ -101,6 +102,7 @@ def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
     raw = _fast(lines, indices, as_text)
     if raw is None:
         raw = _slow(lines, indices, as_text)
+    build.give_back()
     if not len(raw[indices[0]]):
         raise InputError(f"{path}: no rows below the header")
     seconds, base = _times(lines, indices[0], raw, wanted, indices[-1] if isinstance(wanted.time.week, str) else None)
@@ -232,6 +234,13 @@ def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | 
     used = [str(index) for index in indices]
     types = {name: pa.string() if as_text and name == used[0] else pa.float64() for name in used}
     with lines.open() as file:
+        # Columns of as many rows as there can be, which take memory as they are filled: parts that were put together at
+        # the end would take twice as much.
+        file.seek(lines.start)
+        most = 1 + sum(block.count(b"\n") for block in iter(partial(file.read, _BLOCK), b""))
+        columns = {name: np.empty(most) for name, kind in types.items() if kind != pa.string()}
+        texts: list[Any] = []
+        count = 0
         file.seek(lines.start)
         try:
             reader = pyarrow.csv.open_csv(
@@ -246,24 +255,24 @@ def _fast(lines: _Lines, indices: list[int], as_text: bool) -> dict[int, Any] | 
                     decimal_point=wanted.decimal,
                     check_utf8=False,
                 ),
+                memory_pool=pa.system_memory_pool(),  # which gives back what the rest of the program needs
             )
-            parts: dict[str, list[Any]] = {name: [] for name in used}
             for batch in reader:
-                for name in used:
-                    column = batch.column(name)
-                    text = as_text and name == used[0]
-                    parts[name].append(column if text else column.to_numpy(zero_copy_only=False))
+                for name, column in columns.items():
+                    column[count : count + len(batch)] = batch.column(name).to_numpy(zero_copy_only=False)
+                if as_text:
+                    texts.append(batch.column(used[0]))
+                count += len(batch)
         except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, ValueError):
             return None
     found: dict[int, Any] = {}
     for name, index in zip(used, indices, strict=True):
-        arrays = parts.pop(name)
         if as_text and index == indices[0]:
-            found[index] = pa.chunked_array(arrays, pa.string())
+            found[index] = pa.chunked_array(texts, pa.string())
             if found[index].null_count:
                 return None
         else:
-            found[index] = np.concatenate(arrays) if arrays else np.zeros(0)
+            found[index] = columns[name][:count]
             if index == indices[0] and not np.isfinite(found[index]).all():
                 return None
     return found
