@@ -451,7 +451,8 @@ class Vote:
         found: list[Found] = []
         for axes in self.axes.values():
             within = [a for a in np.flatnonzero(axes.there).tolist() if a not in axes.out]
-            if self._without(timeline, since, everybody, axes, within).gain < _WORTH_A_VOTE:
+            loud = axes.sums.far()[_SHORT].max() > _OF_ITS_OWN
+            if not loud and self._without(timeline, since, everybody, axes, within).gain < _WORTH_A_VOTE:
                 continue
             found += [self._without(timeline, since, everybody, axes, [a]) for a in within]
         if not found:
