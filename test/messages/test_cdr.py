@@ -287,3 +287,39 @@ def test_sentences_are_those_of_rosbags() -> None:
         for length in range(len(data)):
             with pytest.raises(InputError):
                 cdr.decode_sentence(data[:length])
+
+
+@pytest.mark.parametrize("changed", [None, 0, 700, 1499])
+def test_a_field_that_stays_is_there_once_and_one_that_changes_anywhere_is_not(changed: int | None) -> None:
+    rows = 1500
+    covariance = np.tile(np.eye(6).ravel(), (rows, 1))
+    if changed is not None:
+        covariance[changed, 3] = 0.5
+    linear = np.arange(3.0 * rows).reshape(rows, 3)
+    columns = {"linear": linear, "angular": np.zeros((rows, 3)), "covariance": covariance}
+    stamp = np.arange(rows, dtype=np.int64)
+    kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
+    written = Channel("gps/velocity", kind, stamp, stamp, columns, "map")
+    read = cdr.decode_channel(kind, "gps/velocity", cdr.encode_channel(written), stamp).channel
+    assert read is not None
+    for name, column in columns.items():
+        np.testing.assert_array_equal(read.columns[name], column)
+    assert (read.columns["covariance"].strides[0] == 0) == (changed is None)
+    assert read.columns["linear"].strides[0] != 0
+
+
+@given(st.data())
+@settings(max_examples=30)
+def test_messages_of_one_length_and_other_texts_are_told_apart(data: st.DataObject) -> None:
+    """Layouts are remembered by type and length."""
+    kind = "geometry_msgs/msg/Vector3Stamped"
+    frames = data.draw(st.lists(st.text("abcdef", min_size=4, max_size=4), min_size=2, max_size=6))
+    for frame in frames:
+        sample = Sample("t", kind, 5, {"vector": np.array([1.0, 2.0, 3.0])}, frame)
+        for _ in range(2):
+            encoded = cdr.encode(sample)
+            decoded = cdr.decode(kind, encoded, "t")
+            assert decoded.frame_id == frame
+            np.testing.assert_array_equal(decoded.values["vector"], [1.0, 2.0, 3.0])
+            decoded.values["vector"][0] = 7.0  # which is the caller's own
+            assert cdr.encode(sample) == encoded

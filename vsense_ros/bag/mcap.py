@@ -15,7 +15,7 @@ import shutil
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr, definitions, yaml_text
+from vsense_ros.messages.memory import give_back
 from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -473,6 +474,7 @@ def _encoded(channel: Channel) -> Iterator[bytes]:
             yield data[at : at + length]
 
 
+_MUCH = 128 << 20  # [byte] after which freed memory is given back
 Times = list[int] | NDArray[np.uint64]  # [ns]
 Payloads = list[bytes] | NDArray[np.uint8]  # messages, as rows where all have one length
 
@@ -508,13 +510,24 @@ class _Contents:
         """Make room for the next file."""
         self.schemas, self.channels, self.payloads, self.times, self.blocks = {}, {}, {}, {}, {}
 
-    def messages(self, number: int) -> tuple[Payloads, NDArray[np.uint64]]:
-        """All messages of a channel, and their times."""
-        blocks = self.blocks.get(number, [])
+    def take(self, number: int) -> tuple[Payloads, NDArray[np.uint64]]:
+        """All messages of a channel, and their times; they are not here any more then."""
+        blocks = self.blocks.pop(number, [])
         payloads = self.payloads.get(number, [])
         times = [np.array(self.times.get(number, []), np.uint64), *(times for _, times in blocks)]
         if not payloads and len({rows.shape[1] for rows, _ in blocks}) == 1:
-            return np.concatenate([rows for rows, _ in blocks]), np.concatenate(times)
+            # Each block goes when it has its place: of hours of a drive no more is in memory than there is.
+            every = np.empty((sum(len(rows) for rows, _ in blocks), blocks[0][0].shape[1]), np.uint8)
+            end, moved = len(every), 0
+            while blocks:
+                rows, _ = blocks.pop()
+                every[end - len(rows) : end] = rows
+                end, moved = end - len(rows), moved + rows.nbytes
+                if moved > _MUCH or not blocks:
+                    del rows
+                    give_back()
+                    moved = 0
+            return every, np.concatenate(times)
         return [*payloads, *(row.tobytes() for rows, _ in blocks for row in rows)], np.concatenate(times)
 
 
@@ -895,7 +908,9 @@ def read_whole_bag(path: str | Path) -> WholeBag:
         *(f"{t}: {n} messages of type {k} skipped" for (t, k), n in contents.contradictions.items()),
         *(f"{t}: {len(payloads)} messages of type {k} skipped" for t, (k, payloads, _) in others.items()),
     ]
-    result, bad = channels_of({topic: entry for topic, entry in merged.items() if topic not in others}, notes)
+    # One after the other is taken out, so that only one is there twice.
+    result, bad = channels_of(((topic, merged.pop(topic)) for topic in [*merged] if topic not in others), notes)
+    give_back()
     stored = contents.custom.pop("notes", "")
     recording = Recording(
         result,
@@ -934,7 +949,7 @@ def _gathered(path: Path) -> tuple[_Contents, dict[str, tuple[str, Payloads, Tim
             continue
         read += contents.count()
         for number in dict.fromkeys((*contents.payloads, *contents.blocks)):
-            payloads, times = contents.messages(number)
+            payloads, times = contents.take(number)
             if bytes(payloads[0][:4]) == _ZSTD:  # by rosbag2, each of them
                 payloads = _unpacked(payloads)
             topic, kind, encoding = contents.channels.get(number, (f"(channel {number})", "(unknown type)", ""))
@@ -975,11 +990,14 @@ def _unpacked(payloads: Payloads) -> list[bytes]:
     return found
 
 
-def channels_of(merged: Mapping[str, tuple[str, Payloads, Times]], notes: list[str]) -> tuple[dict[str, Channel], int]:
-    """Decode the messages of each topic; returns the channels and the number of messages that are none."""
+def channels_of(
+    gathered: Iterable[tuple[str, tuple[str, Payloads, Times]]], notes: list[str]
+) -> tuple[dict[str, Channel], int]:
+    """Decode the messages of each topic: of its type, its messages, times. Returns the channels and the number of
+    messages that are none."""
     result: dict[str, Channel] = {}
     lost = 0
-    for topic, (kind, payloads, times) in merged.items():
+    for topic, (kind, payloads, times) in gathered:
         received = np.array(times, np.uint64).astype(np.int64)  # from 2⁶³ on negative
         if (np.diff(received) < 0).any():
             order = np.argsort(received, kind="stable")

@@ -38,6 +38,7 @@ _FORMATS = {
     "float64": "<f8",
 }
 _MAX_JOINTS = 4096
+_MANY = 1000  # messages, of which a field that stays is kept once
 
 # Where the number fields of `FIELDS` stand in the message, if not under their own name at the top.
 _PATHS: Mapping[str, Mapping[str, str]] = {
@@ -406,7 +407,7 @@ def decode_channel(kind: str, topic: str, payloads: Payloads, received: NDArray[
         part = slice(done, done + len(rows))
         stamp[part] = messages_["sec"][:, 0].astype(np.int64) * 1_000_000_000 + messages_["nanosec"][:, 0]
         for field, width in widths.items():
-            values = messages_[field].astype(np.float64) if field in layout.offsets else None
+            values = _numbers(messages_[field]) if field in layout.offsets else None
             if alone:
                 columns[field] = np.zeros((len(rows), 0)) if values is None else values
             elif values is not None and layout.strings.names:
@@ -417,6 +418,15 @@ def decode_channel(kind: str, topic: str, payloads: Payloads, received: NDArray[
     back = np.argsort(order, kind="stable")
     channel = Channel(topic, kind, stamp, received[order], columns, frame[0], names, frame[1])
     return Decoded(channel if alone else channel.select(back), bad, first_error, foreign)
+
+
+def _numbers(column: NDArray[Any]) -> NDArray[np.float64]:
+    """A field of many messages as numbers; one that is the same in all of them, as most covariances are, is there once
+    and cannot be written."""
+    first = column[:1]
+    if len(column) >= _MANY and all((part == first).all() for part in (column[-1:], column[: _MANY // 8], column)):
+        return np.broadcast_to(first[0].astype(np.float64), column.shape)
+    return column.astype(np.float64)
 
 
 def _chosen(payloads: Payloads, rows: NDArray[np.intp]) -> Payloads:

@@ -6,8 +6,6 @@ A component that a source does not have is NaN; a whole field that it does not h
 
 from __future__ import annotations
 
-import ctypes
-import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -36,14 +34,6 @@ _LEAP_SECONDS = (
 def gps_minus_utc(unix: float) -> int:
     """Leap seconds between GPS time and UTC at a Unix time, from 2006 on [s]."""
     return next((leap for since, leap in _LEAP_SECONDS if unix >= since), 13)
-
-
-def give_back() -> None:
-    """Return to the system what has been freed: glibc keeps it in pieces, after large tables several times what is in
-    use. Other C libraries do so by themselves."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    if trim is not None:
-        trim(0)
 
 
 def nanoseconds(seconds: Array, base: int = 0) -> Stamps:

@@ -45,6 +45,7 @@ from vsense_ros.bag.importers.build import Array
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units, yaml_text
 from vsense_ros.messages.held import period_of_updates
+from vsense_ros.messages.memory import give_back
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS
 
@@ -351,7 +352,7 @@ def apply(mapping: ColumnMapping, columns: Columns, name: str, source: str, base
     for topic, fields in mapping.topics.items():
         if fields:
             channels[topic] = made.channel(topic, fields)
-            build.give_back()
+            give_back()
     return Recording(channels, name, tuple(dict.fromkeys(notes)), 0, {"source": source})
 
 

@@ -84,5 +84,5 @@ def read(path: Path) -> Recording:
     if not merged and not skipped:
         raise InputError(f"{path}: the bag holds no message")
     notes = [f"{topic}: {count} messages of type {kind} skipped" for (topic, kind), count in skipped.items()]
-    channels, bad = channels_of(merged, notes)
+    channels, bad = channels_of(merged.items(), notes)
     return Recording(channels, path.stem, (*notes, *damage), bad, {"source": NAME}, tuple(damage))

@@ -58,7 +58,7 @@ def read(path: Path) -> Recording:
     if not merged and not others and not skipped:
         raise InputError(f"{path}: the bag holds no intact message" + (f" ({'; '.join(damage)})" if damage else ""))
     notes += [f"{topic}: {count} messages of type {kind} skipped" for (topic, kind), count in skipped.items()]
-    channels, bad = channels_of(merged, notes)
+    channels, bad = channels_of(merged.items(), notes)
     if others:
         return _joined(others, path, notes, damage)
     name = path.name.partition(".")[0] if path.is_file() else path.resolve().name

@@ -27,6 +27,7 @@ from vsense_ros.bag.importers.build import Array
 from vsense_ros.bag.importers.mapping import CLOCKS, Column, ColumnMapping, Ref, unit_in_name
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
+from vsense_ros.messages.memory import give_back
 
 _MISSING = ("", "-", "--", "---", "n/a", "N/A", "NA", "#N/A", "nan", "NaN", "NAN", "null", "NULL", "None", "*")
 _LONGEST_LINE = 1 << 20  # [byte]
@@ -102,7 +103,7 @@ def read_table(path: Path, wanted: ColumnMapping) -> TextTable:
     raw = _fast(lines, indices, as_text)
     if raw is None:
         raw = _slow(lines, indices, as_text)
-    build.give_back()
+    give_back()
     if not len(raw[indices[0]]):
         raise InputError(f"{path}: no rows below the header")
     seconds, base = _times(lines, indices[0], raw, wanted, indices[-1] if isinstance(wanted.time.week, str) else None)
