@@ -220,6 +220,7 @@ class _Contents:
             "function": self._written("remembered", memory.function),
             "part": _name(part),
             "arguments": ", ".join(arguments),
+            "covariance": f"{at}covariance",
             "places": list(zip(memory.places, memory.own, strict=True)),
         }
 

@@ -14,7 +14,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, largest_nis
-from vsense_ros.estimation.state_space import Symbols, expression
+from vsense_ros.estimation.state_space import Named, Symbols, expression
 from vsense_ros.model.sensors import SensorBase, words_of
 from vsense_ros.navigation.readings import (
     CONDITIONS_AT,
@@ -190,14 +190,19 @@ class Memory:
         part = filters_of(filter.filter)[names.index(remembered.part)]
         at = Symbols(filter.definition.parts[remembered.part][0])
         value = ca.SX.sym("value", 6 if remembered.tells == "rates and forces" else 2)
-        found = remembered.equation(at.x, at.u, at.theta, value)
+        errors = at.system.error_names
+        covariance = ca.SX.sym("covariance", len(errors), len(errors))
+        variance = Named(ca.diag(covariance), errors, "element of the error")
+        found = remembered.equation(at.x, at.u, at.theta, value, variance)
         self.remembered, self._part, self._parameters = remembered, part, parameters_of(part)
         self.places = [filter.input_names.index(name) for name in found]  # among the inputs of all parts
         self.own = [at.system.inputs.index(name) for name in found]  # among those of the part
         self._inputs, self._value = filter.inputs, np.zeros(value.numel())
         results = [expression(list(found.values()))]
-        self.function = codegen.function("remembered", [*at.now, value], results, ("x", "u", "p", "value"))
-        self._kernel = Kernel(self.function, [part.mean, part.inputs, self._parameters, self._value])
+        arguments, names = [*at.now, value, covariance], ("x", "u", "p", "value", "covariance")
+        self.function = codegen.function("remembered", arguments, results, names)
+        bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
+        self._kernel = Kernel(self.function, bound)
 
     def renew(self, value: Array) -> None:
         """With a reading (m,)."""
