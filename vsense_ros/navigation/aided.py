@@ -199,8 +199,8 @@ class Memory:
         self.own = [at.system.inputs.index(name) for name in found]  # among those of the part
         self._inputs, self._value = filter.inputs, np.zeros(value.numel())
         results = [expression(list(found.values()))]
-        arguments, names = [*at.now, value, covariance], ("x", "u", "p", "value", "covariance")
-        self.function = codegen.function("remembered", arguments, results, names)
+        arguments = [*at.now, value, covariance]
+        self.function = codegen.function("remembered", arguments, results, ("x", "u", "p", "value", "covariance"))
         bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
         self._kernel = Kernel(self.function, bound)
 
