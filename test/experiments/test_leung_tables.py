@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsense_ros.bag import datasets
 from vsense_ros.errors import InputError
 from vsense_ros.experiments import leung
 from vsense_ros.experiments.leung_drives import Case, Error, Errors, Truth, readings, receiver
@@ -98,3 +99,15 @@ def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_the
         error, bound = (found[name][row]["beta_nrmsd_percent"] for name in ("error_ekf", BOUND))
         assert error <= 0.5 * printed[row][1]
         assert 0 < bound < min(error, found["integrated"][row]["beta_nrmsd_percent"])
+
+
+@pytest.mark.slow
+def test_on_the_third_genesis_lap_inertial_states_what_it_is_off_by(monkeypatch):
+    folder = datasets.find("genesis_oxts_can")
+    if folder is None:
+        pytest.skip("the Genesis laps are not here")
+    monkeypatch.setattr(leung, "GENESIS_FILTERS", ("inertial",))
+    rows = leung.table_genesis(folder if folder.is_dir() else folder.parent)
+    for rate in ("1 Hz", "10 Hz"):
+        assert 0.5 < rows["inertial"][f"NEES of beta, {rate}"]["ours"] < 2.0
+        assert rows["inertial"][f"beta RMSE [°], {rate}"]["ours"] < 0.2

@@ -130,7 +130,7 @@ def filters() -> None:
     """List the filters: what each estimates, from what, and when to take which.
 
     `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
-    writes errorEKF, SPI, and GNSS/INS filters of one state space.
+    writes errorEKF, SPI and GNSS/INS filters, but for the particle filter.
 
     \b
     Examples:

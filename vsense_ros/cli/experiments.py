@@ -257,12 +257,12 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
 
     names = tables or job.NAMES
     laps = None
-    if job.GENESIS in names:
+    if job.GENESIS in names or figures:
         try:
             folder = dataset("genesis_oxts_can")
             laps = folder if folder.is_dir() else folder.parent
         except (OSError, ValueError) as error:
-            warn(f"table {job.GENESIS} is left out: {error}")
+            warn(f"table {job.GENESIS} and its figures are left out: {error}")
     with progress("driving and estimating") as done:
         found, results = job.repeat(names, out.parent / "leung", laps, done, quick=quick, processes=processes)
     job.write(found, results, out)
@@ -273,7 +273,7 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
 
         folder = out.with_suffix("")
         with progress("drawing filters") as done:
-            pictures = leung_pictures.draw_all(folder / "figures", folder, done)
+            pictures = leung_pictures.draw_all(folder / "figures", folder, laps, done)
         with progress("drawing models") as done:
             pictures += leung_models_picture.draw_all(folder / "figures", done)
         say(f"{len(pictures)} pictures in {folder / 'figures'}.")

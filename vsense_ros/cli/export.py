@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from vsense_ros.cli.common import EXISTING, Commands, load_car, warn
+
+if TYPE_CHECKING:
+    from vsense_ros.model.vehicle import Vehicle
 
 
 @click.group(cls=Commands)
@@ -32,7 +36,7 @@ def export() -> None:
     "--filter",
     "chosen",
     metavar="NAME",
-    help="error_ekf, spi, or a GNSS/INS filter of one state space; default: as VEHICLE says.",
+    help="error_ekf, spi, or a GNSS/INS filter, as `vsense filters` lists them; default: as VEHICLE says.",
 )
 @click.option("--float32", "single", is_flag=True, help="Every number in single precision.")
 @click.option("--check", metavar="BAG", type=EXISTING, help="Compile, and compare with the Python observer on BAG.")
@@ -41,16 +45,18 @@ def export_c(
 ) -> None:
     """Write the observer of VEHICLE and its sensors as C99: no allocation, no library but libm, one struct.
 
-    The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated.
+    The errorEKF, or the SPI where VEHICLE lists parameters that are to be estimated; or the filter that --filter names.
 
     With --check both observers get the same calls on a recording; the largest difference is printed, and size and time
-    of a step go into the README of the sources. With --float32 too, it is compared with the same in double precision.
+    of a step of errorEKF or SPI go into the README of the sources. With --float32 too, it is compared with the same in
+    double precision.
 
     \b
     Examples:
       vsense export c prototype_model --output out/c
       vsense export c rav4 --output out/rav4 --check segment/
       vsense export c rav4 --output out/small --sensor imu --sensor wheel_speeds --sensor steering
+      vsense export c rav4 --output out/dual --filter dual_kkf --check segment/
     """
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
     from vsense_ros.export import c
@@ -58,19 +64,13 @@ def export_c(
     from vsense_ros.navigation.catalogue import FILTERS as OF_NAVIGATION
 
     car = load_car(vehicle)
-    if chosen in OF_NAVIGATION.names:
-        if sensors or single or check is not None:
-            raise click.UsageError(
-                f"--filter {chosen}: its sources take measurements by name, so that there is no --sensor to leave out; "
-                "--check and --float32 are for error_ekf and spi"
-            )
-        from vsense_ros.export import state_space
-
-        written = state_space.write(car, str(chosen), output)
-        say(f"Written to {output}: {', '.join(file.name for file in written)}.")
-        return
     if sensors:
         car = c.with_sensors(car, sensors)
+    if chosen in OF_NAVIGATION.names:
+        if single:
+            raise click.UsageError(f"--filter {chosen}: --float32 is for error_ekf and spi")
+        _export_filter(car, str(chosen), output, check)
+        return
     if chosen is not None:
         car = c.with_filter(car, chosen)
     warn(left_out_of_observer(car))
@@ -100,6 +100,23 @@ def export_c(
     with waiting("measuring"):
         c.write(car, output, checking.measure(output))
     say(f"Size and time of a step: {output / 'README.md'}.")
+
+
+def _export_filter(car: Vehicle, name: str, output: Path, check: Path | None) -> None:
+    """A filter of the GNSS/INS family as C, compared on a recording where there is one."""
+    from vsense_ros.bag.importers import import_recording
+    from vsense_ros.evaluate.terminal import console, progress, say, waiting
+    from vsense_ros.export import filters, filters_check
+
+    with waiting("writing C"):
+        written = filters.write(car, name, output)
+    say(f"Written to {output}: {', '.join(file.name for file in written)}.")
+    if check is None:
+        return
+    with progress("comparing") as done:
+        difference = filters_check.compare(car, name, output, import_recording(check), done)
+    for line in difference.in_words():
+        console().print(line, soft_wrap=True)
 
 
 @export.command("fmu")

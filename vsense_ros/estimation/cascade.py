@@ -66,26 +66,34 @@ class PassedMeasurement:
 class Cascade(Filter):
     """Filters by name, in the order in which they act. Elements of the state are called `filter.state`.
 
-    `inputs` are those of all filters, by name, that no link fills; `input_names` says in which order.
+    `inputs` are those of all filters, by name, that no link fills; `input_names` says in which order. `memory` (s,):
+    inputs, then the memory of each filter. It may be given, as a part of another's.
     """
 
     def __init__(
-        self, filters: Mapping[str, Part], inputs: tuple[PassedInput, ...], measurements: tuple[PassedMeasurement, ...]
+        self,
+        filters: Mapping[str, Part],
+        inputs: tuple[PassedInput, ...],
+        measurements: tuple[PassedMeasurement, ...],
+        memory: Array | None = None,
     ) -> None:
         self._check(filters, inputs, measurements)
         passed = {(one.target, name) for one in inputs for name in (*one.names, *one.variances)}
         wanted = [(key, name) for key, one in filters.items() for name in _system(one).inputs]
         self.input_names = tuple(dict.fromkeys(name for key, name in wanted if (key, name) not in passed))
         lengths = [len(self.input_names), *(len(one.memory) for one in filters.values())]
-        self.memory = np.zeros(sum(lengths))
+        self.memory = np.zeros(sum(lengths)) if memory is None else memory
         self.inputs, *parts = np.split(self.memory, np.cumsum(lengths[:-1]).tolist())
         self.filters: dict[str, Any] = {
             key: one.at(part) for (key, one), part in zip(filters.items(), parts, strict=True)
         }
         self.names = tuple(f"{key}.{name}" for key, one in filters.items() for name in one.names)
-        outside = [name for key, one in filters.items() for name in one.sensors if not _is_fed(key, name, measurements)]
-        self.sensors = tuple(dict.fromkeys([*outside, *(one.sensor.name for one in measurements)]))
-        self._taken = {
+        outside = [
+            (name, key) for key, one in filters.items() for name in one.sensors if not _is_fed(key, name, measurements)
+        ]
+        passed_on = [one.sensor.name for one in measurements]
+        self.sensors = tuple(dict.fromkeys([*(name for name, _ in outside), *passed_on]))
+        self.taken = {
             key: [
                 (i, self.input_names.index(name))
                 for i, name in enumerate(_system(one).inputs)
@@ -93,8 +101,21 @@ class Cascade(Filter):
             ]
             for key, one in filters.items()
         }
-        self._inputs = [_Input(one, self) for one in inputs]
-        self._measurements = [_Measured(one, self) for one in measurements]
+        self.passed_inputs = tuple(InputLink(one, self) for one in inputs)
+        self.passed_measurements = tuple(MeasurementLink(one, self) for one in measurements)
+        self.corrected = {
+            name: (
+                tuple(key for sensor, key in outside if sensor == name),
+                tuple(one for one in self.passed_measurements if one.link.sensor.name == name),
+            )
+            for name in self.sensors
+        }
+
+    def at(self, memory: Array) -> Cascade:
+        """The same, with its memory in this array (s,)."""
+        memory[:] = self.memory
+        inputs = tuple(one.link for one in self.passed_inputs)
+        return Cascade(self.filters, inputs, tuple(one.link for one in self.passed_measurements), memory)
 
     @staticmethod
     def _check(
@@ -137,11 +158,11 @@ class Cascade(Filter):
     def _pass_inputs(self, key: str) -> None:
         """Give one filter its inputs, of the cascade and of other filters."""
         own = self.filters[key].inputs
-        for i, j in self._taken[key]:
+        for i, j in self.taken[key]:
             own[i] = self.inputs[j]
-        for link in self._inputs:
-            if link.target == key:
-                link.act()
+        for one in self.passed_inputs:
+            if one.link.target == key:
+                one.act()
 
     def correct(
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
@@ -151,16 +172,14 @@ class Cascade(Filter):
         The innovations of all of them stand one behind the other, as if they were independent; accepted is what each
         has accepted. `limit` holds for each.
         """
-        if sensor not in self.sensors:
+        corrected = self.corrected.get(sensor)
+        if corrected is None:
             raise InputError(f"the cascade has no sensor {sensor!r}; it has: {', '.join(self.sensors)}")
-        found = []
-        for key, one in self.filters.items():
-            if sensor in one.sensors and not _is_fed(key, sensor, [m.link for m in self._measurements]):
-                found.append(_copied(one.correct(sensor, value, variance, limit, scale)))
-        for link in self._measurements:
-            if link.link.sensor.name == sensor:
-                target, measurement = self.filters[link.link.target], link.link.measurement
-                found.append(_copied(target.correct(measurement, *link.made(value, variance), limit, scale)))
+        keys, links = corrected
+        found = [_copied(self.filters[key].correct(sensor, value, variance, limit, scale)) for key in keys]
+        for one in links:
+            target, measurement = self.filters[one.link.target], one.link.measurement
+            found.append(_copied(target.correct(measurement, *one.made(value, variance), limit, scale)))
         return _together(found)
 
     def belief(self) -> Gaussian:
@@ -189,33 +208,34 @@ def _is_fed(key: str, sensor: str, links: Any) -> bool:
     return any(one.target == key and one.measurement == sensor for one in links)
 
 
-class _Input:
+class InputLink:
     """A link to inputs, with its function."""
 
     def __init__(self, link: PassedInput, cascade: Cascade) -> None:
-        self.target = link.target
+        self.link = link
         self._source, self._own = cascade.filters[link.source], cascade.filters[link.target].inputs
         known = _system(cascade.filters[link.target]).inputs
-        self._places = [known.index(name) for name in link.names]
-        self._variances = [known.index(name) for name in link.variances]
+        self.places = [known.index(name) for name in link.names]  # among the inputs of the target
+        self.variances = [known.index(name) for name in link.variances]
         at = Symbols(_system(self._source))
         u = Named(ca.SX.sym("u", len(cascade.input_names)), cascade.input_names, "input")
         found = expression(link.equation(at.x, u))
         if found.numel() != len(link.names) or len(link.variances) not in (0, len(link.names)):
             raise InputError(f"the link to {', '.join(link.names)} of {link.target!r} gives {found.numel()} numbers")
-        function = codegen.function("passed", [at.x.vector, u.vector], [found, at.by_error(found)], ("x", "u"))
-        self._kernel = Kernel(function, [self._source.mean, cascade.inputs])
+        results = [found, at.by_error(found)]
+        self.function = codegen.function("passed", [at.x.vector, u.vector], results, ("x", "u"))
+        self._kernel = Kernel(self.function, [self._source.mean, cascade.inputs])
 
     def act(self) -> None:
         """Set the inputs."""
         self._kernel.call()
         value, by_error = self._kernel.results
-        self._own[self._places] = value[:, 0]
-        if self._variances:
-            self._own[self._variances] = _variances(by_error, self._source.covariance)
+        self._own[self.places] = value[:, 0]
+        if self.variances:
+            self._own[self.variances] = _variances(by_error, self._source.covariance)
 
 
-class _Measured:
+class MeasurementLink:
     """A link to a measurement, with its function."""
 
     def __init__(self, link: PassedMeasurement, cascade: Cascade) -> None:
@@ -225,8 +245,8 @@ class _Measured:
         found = expression(link.equation(at.x, value))
         by = [at.by_error(found), ca.jacobian(found, value)]
         self._value = np.zeros(value.numel())
-        function = codegen.function("passed", [at.x.vector, value], [found, *by], ("x", "value"))
-        self._kernel = Kernel(function, [self._source.mean, self._value])
+        self.function = codegen.function("passed", [at.x.vector, value], [found, *by], ("x", "value"))
+        self._kernel = Kernel(self.function, [self._source.mean, self._value])
 
     def made(self, value: Array, variance: Array) -> tuple[Array, Array]:
         """Measurement (m,) of the target, and its variances (m,)."""

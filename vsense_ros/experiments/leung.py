@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.text import Text
 
 from vsense_ros.bag.importers import genesis
 from vsense_ros.errors import InputError
-from vsense_ros.evaluate.metrics import compare
+from vsense_ros.evaluate.metrics import align, compare
 from vsense_ros.evaluate.reference import at_reference
+from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.experiments import leung_models
 from vsense_ros.experiments.leung_drives import Case, Error, Errors
@@ -30,6 +32,7 @@ from vsense_ros.experiments.leung_study import Results, study
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
 from vsense_ros.navigation.run import run
 from vsense_ros.navigation.smoothing import run_smoothed
 
@@ -193,8 +196,10 @@ TABLES = {
 }  # fmt: skip
 OF_MODELS = {"3.4": leung_models.table_3_4, "5.2": leung_models.table_5_2, "5.3": leung_models.table_5_3}
 GENESIS = "4.11"  # whose recordings are not public: laps of another car in their place
+GENESIS_LAP = "med_lap_center_8_21.mat"  # the third
 GENESIS_FILTERS = ("dual_kkf", "side_slip_kkf_1", "side_slip_kkf_2", "mekf_2b", "inertial", "integrated")
 NAMES = tuple(sorted({*TABLES, *OF_MODELS, GENESIS}, key=lambda name: [int(part) for part in name.split(".")]))
+Array = NDArray[np.float64]
 Found = dict[str, dict[str, dict[str, dict[str, float | None]]]]
 
 
@@ -293,24 +298,38 @@ def _of_row(results: Results, name: str, manoeuvre: str) -> list[Mapping[str, An
 
 
 def table_genesis(laps: Path) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Side slip [°] and NRMSD of the lateral velocity on the third Genesis lap, GNSS at 10 Hz and at 1 Hz: in place of
-    table 4.11, whose recordings are not public."""
+    """Side slip [°], its normalized error squared (1 where what a filter states is true), and NRMSD of the lateral
+    velocity on the third Genesis lap, GNSS at 10 Hz and at 1 Hz: in place of table 4.11, whose recordings are not
+    public."""
     car = load_vehicle(vehicle_path("genesis"))
-    path = laps / "med_lap_center_8_21.mat"
+    path = laps / GENESIS_LAP
     found: dict[str, dict[str, dict[str, float | None]]] = {}
     for rate in (10.0, 1.0):
         lap = genesis.read(path, gnss_rate_hz=rate)
         outputs = {name: run(lap, car, name).output for name in GENESIS_FILTERS}
         outputs["inertial, smoothed"] = run_smoothed(lap, car, "inertial").output
         for name, output in outputs.items():
-            scores = compare(at_reference(output, car), lap)
+            seen = at_reference(output, car)
+            scores = compare(seen, lap)
+            _, error, deviation = angle_errors(seen, lap, "side_slip")
+            known = np.isfinite(deviation)
             found.setdefault(name, {})
             for title, value in (
                 (f"beta RMSE [°], {rate:g} Hz", float(np.degrees(scores["side_slip"].rmse))),
                 (f"v_y N, {rate:g} Hz", scores["lateral_velocity"].nrmsd_percent),
+                (f"NEES of beta, {rate:g} Hz", float(np.mean((error[known] / deviation[known]) ** 2))),
             ):
                 found[name][title] = {"printed": None, "ours": value, "spread": None}
     return found
+
+
+def angle_errors(output: Recording, lap: Recording, key: str) -> tuple[Array, Array, Array]:
+    """Times [s], errors and stated standard deviations [rad] of an angle, (n,) each, at the stamps of the reference."""
+    mine, true = read_signals(output, "vsense")[key], read_signals(lap, "reference")[key]
+    found = align(mine, true)
+    stated = np.full(len(mine), np.inf) if mine.deviation is None else mine.deviation
+    deviation = np.interp(found.stamp, mine.stamp, stated)
+    return (found.stamp - true.stamp[0]) * 1e-9, found.error[:, 0], deviation
 
 
 _WIDEST = 10  # columns that a terminal can show

@@ -14,9 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from vsense_ros.bag.importers import genesis
 from vsense_ros.evaluate.picture import BAND, TRUTH
+from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals, wrap
-from vsense_ros.experiments.leung import ROWS, SECTION_4_4, SHORT
+from vsense_ros.experiments.leung import GENESIS_LAP, ROWS, SECTION_4_4, SHORT, angle_errors
 from vsense_ros.experiments.leung_drives import STEERING_RATIO, Case, Errors, Readings, Truth, drive_plant, readings
 from vsense_ros.experiments.leung_models_picture import COLOURS, labelled, page
 from vsense_ros.experiments.leung_study import estimate, follow
@@ -27,6 +29,7 @@ from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.navigation.motion import Motions
 from vsense_ros.navigation.run import run
+from vsense_ros.navigation.smoothing import run_smoothed
 from vsense_ros.navigation.space import MOTION
 
 Array = NDArray[np.float64]
@@ -83,13 +86,18 @@ FIGURES = (
 )  # fmt: skip
 
 
-def draw_all(folder: Path, store: Path, progress: Progress = lambda share: None) -> list[Path]:
-    """Every picture of this file, in a folder; what the plant did is kept in `store`."""
+def draw_all(
+    folder: Path, store: Path, laps: Path | None = None, progress: Progress = lambda share: None
+) -> list[Path]:
+    """Every picture of this file, in a folder; what the plant did is kept in `store`. `laps` is the folder of the
+    Genesis laps, None where they are not there."""
     folder.mkdir(parents=True, exist_ok=True)
     found = []
     jobs: list[Callable[[], list[Path]]] = [lambda f=figure: [over_time(f, folder, store)] for figure in FIGURES]  # type: ignore[misc]
     jobs += [lambda: by_speed(folder, store), lambda: by_receiver(folder, store), lambda: on_bus(folder, store)]
     jobs += [lambda: on_hill(folder)]
+    if laps is not None:
+        jobs += [lambda rate=rate: [on_genesis(folder, laps, rate)] for rate in (10.0, 1.0)]  # type: ignore[misc]
     for i, job in enumerate(jobs):
         found += job()
         progress((i + 1) / len(jobs))
@@ -280,6 +288,55 @@ def on_hill(folder: Path) -> list[Path]:
             labelled(panel, title, "[s]", unit)
         panels[0].legend(fontsize=7)
         return [save(folder / "figures_4_42_to_4_46_hill.png")]
+
+
+_OF_THESIS, _OURS = ("dual_kkf", "side_slip_kkf_1", "side_slip_kkf_2"), ("inertial", "integrated")
+
+
+def on_genesis(folder: Path, laps: Path, rate: float) -> Path:
+    """In place of figures 4.33 to 4.38, whose recordings are not public: the third Genesis lap with `rate` fixes a
+    second. Estimates as its reference system would see them, and what `inertial` says of its errors.
+    """
+    car = load_vehicle(vehicle_path("genesis"))
+    lap = genesis.read(laps / GENESIS_LAP, gnss_rate_hz=rate)
+    outputs = {name: at_reference(run(lap, car, name).output, car) for name in (*_OF_THESIS, *_OURS)}
+    outputs["inertial, smoothed"] = at_reference(run_smoothed(lap, car, "inertial").output, car)
+    colours = dict(zip(outputs, (*COLOURS, "#666666"), strict=False))
+    with page(f"Third Genesis lap, {rate:g} Hz of GNSS velocity", (13, 7.4)) as (figure, save):
+        (path, thesis, ours), (heading, slip, stated) = figure.subplots(2, 3)
+        position = read_signals(lap, "reference")["position"].value
+        path.plot(position[:, 0], position[:, 1], color=TRUTH, lw=1.0)
+        path.plot(*position[0, :2], "o", color=TRUTH, ms=4)
+        path.set_aspect("equal", adjustable="datalim")
+        labelled(path, "the lap, from the dot", "east [m]", "north [m]")
+        for panel, whose, shown in (
+            (thesis, "filters of the thesis", _OF_THESIS),
+            (ours, "ours", (*_OURS, "inertial, smoothed")),
+        ):
+            for name in shown:
+                _signal(
+                    panel, outputs[name], "vsense", "lateral_velocity", 1.0, color=colours[name], lw=0.9, label=name
+                )
+            _signal(panel, lap, "reference", "lateral_velocity", 1.0, color=TRUTH, lw=0.8, label="reference")
+            labelled(panel, f"lateral velocity, {whose}", "[s]", "[m/s]")
+        for panel, key, title, names in (
+            (heading, "yaw", "heading error", ("dual_kkf", *_OURS)),
+            (slip, "side_slip", "side slip error", ("dual_kkf", *_OURS, "inertial, smoothed")),
+        ):
+            for name in names:
+                t, error, _ = angle_errors(outputs[name], lap, key)
+                panel.plot(t, np.degrees(error), color=colours[name], lw=0.8, label=name)
+            labelled(panel, title, "[s]", "[°]")
+        t, error, deviation = angle_errors(outputs["inertial"], lap, "side_slip")
+        error, deviation = np.degrees(error), np.degrees(deviation)
+        stated.fill_between(t, -2 * deviation, 2 * deviation, color=BAND, lw=0, label="two standard deviations stated")
+        stated.plot(t, error, color=colours["inertial"], lw=0.8, label="inertial")
+        labelled(stated, "side slip error, and what is said of it", "[s]", "[°]")
+        for panel in (heading, slip, stated):
+            panel.set_ylim(-2.0, 2.0)
+        for panel in (thesis, ours, heading, slip, stated):
+            panel.legend(fontsize=7, loc="upper left" if panel is ours else "upper right")
+        return save(folder / f"figures_4_33_to_4_38_genesis_{rate:g}_hz.png")
 
 
 def _signal(panel: Axes, recording: Recording, source: str, key: str, factor: float, **style: object) -> None:

@@ -7,7 +7,7 @@ import platform
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -42,7 +42,7 @@ class Difference:
     state: float = 0.0  # largest |c - python| / max(1, |python|); forces, which are differences, by the largest of them
     covariance: float = 0.0  # largest, in units of both standard deviations
     innovation: float = 0.0  # of the normalized innovation squared, as for the state
-    outputs: float = 0.0  # of accelerations, and of forces and slips of the wheels, relative to the largest of its kind
+    outputs: float | None = None  # of accelerations, forces and slips of the wheels, relative to the largest of a kind
     predictions: int = 0
     corrections: int = 0
     returns: int = 0  # of late measurements, for which both go back
@@ -52,27 +52,31 @@ class Difference:
     @property
     def largest(self) -> float:
         """Of all of them."""
-        return max(self.state, self.covariance, self.innovation, self.outputs)
+        return max(self.state, self.covariance, self.innovation, self.outputs or 0.0)
 
     def in_words(self) -> list[str]:
         """For the terminal."""
+        outputs = "" if self.outputs is None else f", outputs {self.outputs:.1e}"
+        looks = f", {self.surveyed} looks at a known road" if self.surveyed else ""
         return [
             f"Greatest difference {self.largest:.1e} (state {self.state:.1e}, covariance {self.covariance:.1e}, "
-            f"innovations {self.innovation:.1e}, outputs {self.outputs:.1e})",
+            f"innovations {self.innovation:.1e}{outputs})",
             f"after {self.predictions} predictions and {self.corrections} corrections in a row; "
-            f"{self.returns} returns for late measurements, {self.surveyed} looks at a known road; "
+            f"{self.returns} returns for late measurements{looks}; "
             f"the state was copied {self.placed} times, at the start.",
         ]
 
 
-def build(folder: Path, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
-    """The sources in `folder` as a library. Raises `InputError` where there is no compiler, or where it complains."""
+def build(folder: Path, flags: tuple[str, ...] = FLAGS, sources: Sequence[Path] = ()) -> ctypes.CDLL:
+    """The `sources` in `folder`, by default vsense.c, as a library. Raises `InputError` where there is no compiler, or
+    where it complains."""
     compiler = codegen.compiler()
     if compiler is None:
         raise InputError("no C compiler here (cc, gcc or clang; CC names another), which a check needs")
     with tempfile.TemporaryDirectory() as place:
         target = Path(place) / "vsense.so"
-        command = [compiler, *flags, "-fPIC", "-shared", str(folder / "vsense.c"), "-o", str(target), "-lm"]
+        files = [str(file) for file in sources or (folder / "vsense.c",)]
+        command = [compiler, *flags, "-fPIC", "-shared", *files, "-o", str(target), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode or done.stderr:
             raise InputError(f"{' '.join(command)}:\n{done.stderr}")
@@ -193,9 +197,9 @@ class _Twin(CarFilter):
         their_state, their_covariance = self.other.belief()
         size, deviation = np.abs(state), np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         size[FORCE] = size[FORCE].max()
-        apart = _relative(their_state, state, np.maximum(1.0, size))
+        apart = relative(their_state, state, np.maximum(1.0, size))
         difference.state = max(difference.state, apart)
-        apart = _relative(their_covariance, covariance, np.outer(deviation, deviation))
+        apart = relative(their_covariance, covariance, np.outer(deviation, deviation))
         difference.covariance = max(difference.covariance, apart)
         self._mean_there[:] = self.car.mean
 
@@ -227,7 +231,7 @@ class _Twin(CarFilter):
         innovation = self.own.correct(sensor, value, variance, limit, scale)
         theirs = self.other.correct(sensor, value, variance, limit, scale)
         self.difference.corrections += 1
-        apart = _relative(np.array(theirs), np.array(innovation.nis))
+        apart = relative(np.array(theirs), np.array(innovation.nis))
         self.difference.innovation = max(self.difference.innovation, apart)
         self._compare()
         return innovation
@@ -254,8 +258,8 @@ class _Twin(CarFilter):
         accelerations, wheels = self.car.present()
         others, their_wheels = self.other.present()
         largest = np.maximum(np.abs(wheels).max(axis=1, keepdims=True), 1.0)
-        apart = max(_relative(others, accelerations), _relative(their_wheels, wheels, largest))
-        self.difference.outputs = max(self.difference.outputs, apart)
+        apart = max(relative(others, accelerations), relative(their_wheels, wheels, largest))
+        self.difference.outputs = max(self.difference.outputs or 0.0, apart)
 
 
 def _twin(
@@ -275,10 +279,12 @@ def _twin(
     return _Twin(own, Exported(vehicle, library, theirs), difference, mean)
 
 
-def _relative(found: Array, expected: Array, unit: Array | None = None) -> float:
+def relative(found: Array, expected: Array, unit: Array | None = None) -> float:
     """Largest difference, relative to what was expected where that is above one; infinite where one is no number."""
     apart = np.abs(found - expected) / (np.maximum(1.0, np.abs(expected)) if unit is None else unit)
-    return float(np.max(np.where(np.isnan(found) & np.isnan(expected), 0.0, np.nan_to_num(apart, nan=np.inf))))
+    return float(
+        np.max(np.where(np.isnan(found) & np.isnan(expected), 0.0, np.nan_to_num(apart, nan=np.inf)), initial=0.0)
+    )
 
 
 def compare(

@@ -14,7 +14,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
 from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, largest_nis
-from vsense_ros.estimation.state_space import Symbols, expression
+from vsense_ros.estimation.state_space import Named, Symbols, expression
 from vsense_ros.model.sensors import SensorBase, words_of
 from vsense_ros.navigation.readings import (
     CONDITIONS_AT,
@@ -22,20 +22,25 @@ from vsense_ros.navigation.readings import (
     MEASUREMENTS,
     SINCE_FIX,
     SPEED,
-    speed_over_ground,
+    RollingSpeed,
+    travelling_speed,
 )
 from vsense_ros.navigation.space import Definition, Remembered, filters_of, parameters_of
 
 _NOTHING = Innovation(np.zeros(0), np.zeros((0, 0)), 0.0, True)
 
 
-class _Use(NamedTuple):
-    """What a reading is used for: inputs by (place in the filter, place in the reading), remembered inputs,
-    measurements by name with how they are made, and conditions with zeros and variances."""
+NEVER = 1e6  # [s] since the last fix, where there has been none
+
+
+class Use(NamedTuple):
+    """What a reading is used for: inputs by (place in the filter, place in the reading), the input `speed`, remembered
+    inputs, measurements by name with how they are made, the largest normalized innovation squared that is believed and
+    their usual variances, and conditions with zeros and variances."""
 
     inputs: tuple[tuple[int, int], ...]
     speed: Callable[[Array], float] | None
-    remembered: tuple[_Memory, ...]
+    remembered: tuple[Memory, ...]
     measurements: tuple[tuple[str, Callable[[Array, Array], tuple[Array, Array]], float, Array], ...]
     conditions: tuple[tuple[str, Array, Array], ...]
     gate: float
@@ -45,24 +50,28 @@ class Aided(Filter):
     """The filter of a definition, with numbers of the car, corrected by the readings of its `sensors`.
 
     A reading is one of a sensor in the axes of the car. Raises `InputError` where none of the sensors tells what an
-    input needs, or nothing tells what any measurement does.
+    input needs, or nothing tells what any measurement does. `filter` may be given, as `definition` makes it.
     """
 
     def __init__(
-        self, name: str, definition: Definition, numbers: Mapping[str, float], sensors: Mapping[str, SensorBase]
+        self,
+        name: str,
+        definition: Definition,
+        numbers: Mapping[str, float],
+        sensors: Mapping[str, SensorBase],
+        filter: Filter | None = None,
     ) -> None:
         self.name, self.definition = name, definition
-        self.filter = definition.make(numbers)
+        self.filter = definition.make(numbers) if filter is None else filter
         self.memory, self.inputs, self.names = self.filter.memory, self.filter.inputs, self.filter.names
         self.sensors = tuple(sensors)
         self.input_names = self.filter.input_names if isinstance(self.filter, Cascade) else definition.inputs
         self._check(sensors)
-        self._since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
+        self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
         self.restart_clock()
         radius = numbers.get("rolling_radius", 0.3)
-        self._uses = {key: self._use(sensor, _speed_of(sensor, sensors, radius)) for key, sensor in sensors.items()}
-        self._fixes = {key for key, sensor in sensors.items() if "course" in sensor.tells}
-        self._conditions_at = next((k for k, s in sensors.items() if CONDITIONS_AT in s.tells), None)
+        self.use = {key: self._use(sensor, _speed_of(sensor, sensors, radius)) for key, sensor in sensors.items()}
+        self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.tells}
 
     def _check(self, sensors: Mapping[str, SensorBase]) -> None:
         told: set[str] = {what for sensor in sensors.values() for what in sensor.tells}
@@ -81,7 +90,7 @@ class Aided(Filter):
                 f"{MEASUREMENTS[names[0]].tells!r}; the vehicle file lists {kinds}"
             )
 
-    def _use(self, sensor: SensorBase, speed: Callable[[Array], float] | None) -> _Use:
+    def _use(self, sensor: SensorBase, speed: Callable[[Array], float] | None) -> Use:
         tells, gate = sensor.tells, sensor.gate
         inputs = tuple(
             (i, INPUTS[name].places[0])
@@ -96,13 +105,13 @@ class Aided(Filter):
                 made.append((one.name, source.of, limit, one.variances))
             elif source is None and CONDITIONS_AT in tells:
                 conditions.append((one.name, np.zeros(len(one.deviations)), one.variances))
-        remembered = tuple(_Memory(one, self) for one in self.definition.remembered if one.tells in tells)
+        remembered = tuple(Memory(one, self) for one in self.definition.remembered if one.tells in tells)
         speed = speed if SPEED in self.input_names else None
-        return _Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
+        return Use(inputs, speed, remembered, tuple(made), tuple(conditions), gate)
 
     def uses(self, sensor: str) -> bool:
         """Whether readings of this sensor do anything."""
-        use = self._uses[sensor]
+        use = self.use[sensor]
         return bool(use.inputs or use.speed or use.remembered or use.measurements or use.conditions)
 
     def needs(self, sensor: SensorBase) -> bool:
@@ -115,17 +124,20 @@ class Aided(Filter):
 
     def restart_clock(self) -> None:
         """There has been no fix yet."""
-        if self._since_fix is not None:
-            self.inputs[self._since_fix] = 1e6
+        if self.since_fix is not None:
+            self.inputs[self.since_fix] = NEVER
 
     def predict(self, h: float) -> None:
         self.filter.predict(h)
-        if self._since_fix is not None:
-            self.inputs[self._since_fix] += h
+        if self.since_fix is not None:
+            self.inputs[self.since_fix] += h
 
     def give_reading(self, sensor: str, value: Array) -> None:
         """Take the inputs of a reading (m,); NaN leaves one as it is."""
-        use = self._uses[sensor]
+        self._give(sensor, value)
+
+    def _give(self, sensor: str, value: Array) -> None:
+        use = self.use[sensor]
         numbers, inputs = value.tolist(), self.inputs
         for place, component in use.inputs:
             if isfinite(numbers[component]):
@@ -138,7 +150,7 @@ class Aided(Filter):
     ) -> Innovation:
         """All that a reading (m,) of a sensor does. The normalized innovation squared that is returned compares with
         the `limit` of the sensor as the worst of its measurements does with its own."""
-        use = self._uses[sensor]
+        use = self.use[sensor]
         for memory in use.remembered:
             memory.renew(value)
         worst, accepted, found = 0.0, True, _NOTHING
@@ -150,9 +162,9 @@ class Aided(Filter):
             found = self.filter.correct(name, made, variances, most, scale)
             share = found.nis / own * largest_nis(use.gate, len(value)) if isfinite(own) else 0.0
             worst, accepted = (share if not share <= worst else worst), accepted and (found.accepted or found.nis < 0)
-        self.give_reading(sensor, value)
-        if self._since_fix is not None and sensor in self._fixes and accepted and isfinite(value[0]):
-            self.inputs[self._since_fix] = 0.0
+        self._give(sensor, value)
+        if self.since_fix is not None and sensor in self.fixes and accepted and isfinite(value[0]):
+            self.inputs[self.since_fix] = 0.0
         for name, nothing, variances in use.conditions:
             self.filter.correct(name, nothing, variances)
         return found._replace(nis=worst, accepted=accepted)
@@ -170,7 +182,7 @@ class Aided(Filter):
         return self.filter.backup()
 
 
-class _Memory:
+class Memory:
     """A `Remembered` of a filter, with its function."""
 
     def __init__(self, remembered: Remembered, filter: Aided) -> None:
@@ -178,14 +190,19 @@ class _Memory:
         part = filters_of(filter.filter)[names.index(remembered.part)]
         at = Symbols(filter.definition.parts[remembered.part][0])
         value = ca.SX.sym("value", 6 if remembered.tells == "rates and forces" else 2)
-        found = remembered.equation(at.x, at.u, at.theta, value)
-        self._part, self._parameters = part, parameters_of(part)
-        self._places = [filter.input_names.index(name) for name in found]
-        self._inputs, self._own = filter.inputs, [at.system.inputs.index(name) for name in found]
-        self._value = np.zeros(value.numel())
+        errors = at.system.error_names
+        covariance = ca.SX.sym("covariance", len(errors), len(errors))
+        variance = Named(ca.diag(covariance), errors, "element of the error")
+        found = remembered.equation(at.x, at.u, at.theta, value, variance)
+        self.remembered, self._part, self._parameters = remembered, part, parameters_of(part)
+        self.places = [filter.input_names.index(name) for name in found]  # among the inputs of all parts
+        self.own = [at.system.inputs.index(name) for name in found]  # among those of the part
+        self._inputs, self._value = filter.inputs, np.zeros(value.numel())
         results = [expression(list(found.values()))]
-        function = codegen.function("remembered", [*at.now, value], results, ("x", "u", "p", "value"))
-        self._kernel = Kernel(function, [part.mean, part.inputs, self._parameters, self._value])
+        arguments = [*at.now, value, covariance]
+        self.function = codegen.function("remembered", arguments, results, ("x", "u", "p", "value", "covariance"))
+        bound = [part.mean, part.inputs, self._parameters, self._value, part.covariance.reshape(-1)]
+        self._kernel = Kernel(self.function, bound)
 
     def renew(self, value: Array) -> None:
         """With a reading (m,)."""
@@ -193,15 +210,15 @@ class _Memory:
         self._kernel.call()
         found = self._kernel.results[0][:, 0]
         if np.isfinite(found).all():
-            self._inputs[self._places] = found
-            self._part.inputs[self._own] = found
+            self._inputs[self.places] = found
+            self._part.inputs[self.own] = found
 
 
 def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:
     """How a reading tells the input `speed`, if it is this sensor that does."""
     rolling = any("rolling speed" in one.tells for one in sensors.values())
     if rolling and "rolling speed" in sensor.tells:
-        return lambda value: 0.5 * radius * float(value[2] + value[3])
+        return RollingSpeed(radius)
     if not rolling and "course" in sensor.tells:
-        return lambda value: float(speed_over_ground(value, value)[0][0])
+        return travelling_speed
     return None

@@ -8,7 +8,7 @@ from vsense_ros.estimation.cascade import PassedInput, PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.space import Definition
 from vsense_ros.navigation.velocity_kkf import HELD, VELOCITY, VelocityKkf
-from vsense_ros.navigation.yaw_kkf import COURSE, HEADING, YawKkf
+from vsense_ros.navigation.yaw_kkf import COURSE, HEADING, YawKkf, remembered
 
 GNSS = Measurement("gnss_velocity", lambda x, z, u, p: [0.0, 0.0], (0.1, 0.1))  # to the east and to the north
 
@@ -27,7 +27,7 @@ def dual(*of_heading: Measurement, held: bool = True) -> Definition:
     """With these measurements of the heading."""
     velocity = (VELOCITY, HELD) if held else (VELOCITY,)
     parts = {"heading": (YawKkf(), of_heading), "velocity": (VelocityKkf(), velocity)}
-    return Definition(parts, (RATE,), (TURNED,))
+    return Definition(parts, (RATE,), (TURNED,), (remembered("heading"),))
 
 
 DUAL_KKF = dual(COURSE)

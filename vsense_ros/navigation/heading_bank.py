@@ -20,7 +20,7 @@ from vsense_ros.estimation.filter import Array, Gaussian, Innovation
 from vsense_ros.estimation.gaussian import GaussianFilter
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.open_loop import MapIns
-from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
+from vsense_ros.navigation.space import Definition, Seen, drifting
 
 HYPOTHESES = 8
 TILT = 0.3  # [m/s²/√Hz] of body and road, in the accelerometers
@@ -56,19 +56,25 @@ class Hypothesis(MapIns):
 
 
 class HeadingBank(GaussianFilter):
-    """The filters side by side in one memory, behind their mixture's mean, covariance and the logarithms of weights."""
+    """The filters side by side in one memory, behind their mixture's mean, covariance, its inputs and the logarithms of
+    weights. `one` is such a filter; `memory` may be given, as a part of another's."""
 
-    def __init__(self, system: NavigationSpace, measurements: tuple[Measurement, ...], numbers: Any) -> None:
-        one = Ekf(Dense(system, measurements, numbers))
+    def __init__(self, one: Ekf, memory: Array | None = None) -> None:
         n, k, size = len(one.mean), len(one.inputs), len(one.memory)
-        self.memory = np.zeros(n + n * n + k + HYPOTHESES * (1 + size))
+        self.memory = np.zeros(n + n * n + k + HYPOTHESES * (1 + size)) if memory is None else memory
         bounds = np.cumsum([n, n * n, k, HYPOTHESES]).tolist()
         self.mean, covariance, self.inputs, self.log_weights, rest = np.split(self.memory, bounds)
         self.covariance = covariance.reshape(n, n)
         self.bank = [one.at(part) for part in np.split(rest, HYPOTHESES)]
-        self.names, self.sensors = one.names, one.sensors
-        self.system, self.parameters = system, np.array(list(numbers.values()))
-        self._yaw = system.names.index("yaw")
+        self.names, self.sensors, self.system = one.names, one.sensors, one.system
+        self._yaw = one.names.index("yaw")
+
+    def at(self, memory: Array) -> HeadingBank:
+        """The same, with its memory in this array (s,)."""
+        kept = self.memory.copy()
+        made = HeadingBank(self.bank[0], memory)
+        memory[:] = kept
+        return made
 
     def start(self, belief: Gaussian) -> None:
         """With headings all around that of the belief."""
@@ -151,5 +157,5 @@ FORWARDS = Measurement("forwards", _rearward, (SLIDING,))
 HEADING_BANK = Definition(
     {"": (Hypothesis(), (VELOCITY, NO_SLIDING, FORWARDS))},
     finds_heading=True,
-    make_part=lambda system, measurements, numbers: HeadingBank(system, measurements, numbers),
+    make_part=lambda system, measurements, numbers: HeadingBank(Ekf(Dense(system, measurements, numbers))),
 )

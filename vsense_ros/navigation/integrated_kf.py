@@ -24,5 +24,5 @@ INTEGRATED_KF_A = Definition(
     {**TRIPLE_KKF_B.parts, "model": (Mekf2c(), (COURSE, RATE, YAW))},
     (*TRIPLE_KKF_B.passed_inputs, SPEED),
     (*TRIPLE_KKF_B.passed_measurements, *PASSED),
-    remembered=(Remembered("model", "rates and forces", running_mean),),
+    remembered=(*TRIPLE_KKF_B.remembered, Remembered("model", "rates and forces", running_mean)),
 )

@@ -78,7 +78,7 @@ GYRO = Measurement("gyro", lambda x, z, u, p: x.yaw_rate + x.gyro_bias, (0.003,)
 COURSE = Measurement("course", lambda x, z, u, p: x.yaw + x.side_slip, (0.01,), angles=(0,))
 
 
-def running_mean(x: Named, u: Named, theta: Named, value: ca.SX) -> dict[str, ca.SX]:
+def running_mean(x: Named, u: Named, theta: Named, value: ca.SX, variance: Named) -> dict[str, ca.SX]:
     """Of b_δ on the straight."""
     towards = theta.sample_time / WINDOW * (x.steering_bias - u.held_steering_bias)
     return {"held_steering_bias": u.held_steering_bias + ca.if_else(ca.fabs(x.yaw_rate) < STRAIGHT, towards, 0.0)}

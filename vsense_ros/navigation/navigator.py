@@ -7,7 +7,7 @@ by the course of a car that moves.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import hypot
 
 import numpy as np
@@ -36,16 +36,23 @@ _LEAST_REFUSED = 5  # and as many readings at least
 class Navigator:
     """The filter `name` of one vehicle on a stream of messages; as `Observer` outside.
 
-    Raises `InputError` if the vehicle file lacks a sensor that the filter needs.
+    `make` makes the filter of vehicle and sensors, by default as the catalogue does. Raises `InputError` if the vehicle
+    file lacks a sensor that the filter needs.
     """
 
-    def __init__(self, vehicle: Vehicle, name: str, map_origin: tuple[float, float, float] | None = None) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        name: str,
+        map_origin: tuple[float, float, float] | None = None,
+        make: Callable[[Vehicle, dict[str, SensorBase]], Aided] | None = None,
+    ) -> None:
         self.vehicle, self.name = vehicle, name
         self.definition = DEFINITIONS[FILTERS[name].name][1]
-        self.sensors = {key: one for key, one in vehicle.sensing().items() if _is_used(one)}
+        self.sensors = used_sensors(vehicle)
         self.names = tuple(self.sensors)
         self._numbers = car_numbers(vehicle, self.sensors.values())
-        self.filter: Aided = FILTERS[name].make(vehicle, self.sensors)
+        self.filter: Aided = (make or FILTERS[name].make)(vehicle, self.sensors)
         self.readout = Readout(self.filter)
         self.left_out = ""
         self.started = False
@@ -299,10 +306,10 @@ class Navigator:
         return [name for name, was, is_ in zip(names, prior, now, strict=True) if was > 0 and is_ > 0.87 * was]
 
 
-def _is_used(sensor: SensorBase) -> bool:
-    """Whether any filter of this room could use it."""
+def used_sensors(vehicle: Vehicle) -> dict[str, SensorBase]:
+    """The sensors of a vehicle, complete, that any filter of this room could use."""
     used = {one.tells for one in INPUTS.values()} | {one.tells for one in MEASUREMENTS.values()}
-    return not used.isdisjoint(sensor.tells)
+    return {key: one for key, one in vehicle.sensing().items() if not used.isdisjoint(one.tells)}
 
 
 def _only_drives(sensor: SensorBase, filter: Aided) -> bool:

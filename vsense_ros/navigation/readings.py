@@ -8,6 +8,7 @@ reading, with its own standard deviations, where its `when` says so.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import atan2, cos, hypot, nan, sin
 from typing import NamedTuple
 
@@ -45,7 +46,8 @@ SINCE_FIX = "since_fix"  # an input besides: how long ago the last GNSS velocity
 
 
 class Measured(NamedTuple):
-    """A measurement that is made of a reading: value (m,) and variances (m,), NaN where it means nothing."""
+    """A measurement that is made of a reading: value (m,) and variances (m,), NaN where it means nothing. For filters
+    that are written as C, readings.c has `of` under the same name."""
 
     tells: Tells
     of: Callable[[Array, Array], tuple[Array, Array]]
@@ -66,7 +68,7 @@ def speed_over_ground(value: Array, variance: Array) -> tuple[Array, Array]:
     return np.array([hypot(*value.tolist())]), variance.max(keepdims=True)
 
 
-def _heading(value: Array, variance: Array) -> tuple[Array, Array]:
+def heading(value: Array, variance: Array) -> tuple[Array, Array]:
     """Of two antennas, from cosine and sine."""
     return np.array([atan2(value[1], value[0])]), variance[:1]
 
@@ -74,28 +76,48 @@ def _heading(value: Array, variance: Array) -> tuple[Array, Array]:
 SPIN_SLIP = 0.005  # of a spin, by which wheels that drive or brake differ from rolling
 
 
-def _rear_spin(value: Array, variance: Array) -> tuple[Array, Array]:
+def rear_spin(value: Array, variance: Array) -> tuple[Array, Array]:
     """Mean of both rear wheels, with the slip of wheels that drive."""
     mean = 0.5 * (value[2] + value[3])
     return np.array([mean]), np.array([0.25 * (variance[2] + variance[3]) + (SPIN_SLIP * mean) ** 2])
 
 
-def _places(*places: int) -> Callable[[Array, Array], tuple[Array, Array]]:
-    chosen = list(places)
-    return lambda value, variance: (value[chosen], variance[chosen])
+@dataclass(frozen=True)
+class Components:
+    """Some components of a reading as they are."""
+
+    places: list[int]
+
+    def __call__(self, value: Array, variance: Array) -> tuple[Array, Array]:
+        return value[self.places], variance[self.places]
+
+
+@dataclass(frozen=True)
+class RollingSpeed:
+    """Of the rear wheels with this rolling radius [m]."""
+
+    radius: float
+
+    def __call__(self, value: Array) -> float:
+        return 0.5 * self.radius * float(value[2] + value[3])
+
+
+def travelling_speed(value: Array) -> float:
+    """Over ground, of a velocity (2,)."""
+    return hypot(*value.tolist())
 
 
 MEASUREMENTS = {
     "course": Measured("course", course),
     "gnss_speed": Measured("course", speed_over_ground),
-    "gnss_velocity": Measured("course", _places(0, 1)),
-    "gnss_position": Measured("position", _places(0, 1)),
-    "heading": Measured("heading", _heading),
-    "steering": Measured("steering", _places(0)),
-    "gyro": Measured("rates and forces", _places(2)),
-    "lateral_force": Measured("rates and forces", _places(4)),
-    "rear_spin": Measured("rolling speed", _rear_spin),
-    "rear_spins": Measured("rolling speed", _places(2, 3)),
+    "gnss_velocity": Measured("course", Components([0, 1])),
+    "gnss_position": Measured("position", Components([0, 1])),
+    "heading": Measured("heading", heading),
+    "steering": Measured("steering", Components([0])),
+    "gyro": Measured("rates and forces", Components([2])),
+    "lateral_force": Measured("rates and forces", Components([4])),
+    "rear_spin": Measured("rolling speed", rear_spin),
+    "rear_spins": Measured("rolling speed", Components([2, 3])),
 }
 CONDITIONS_AT: Tells = "rates and forces"  # readings with which conditions are applied
 

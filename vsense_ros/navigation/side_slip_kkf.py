@@ -30,7 +30,7 @@ class YawKkfB(NavigationSpace):
     """See the module; `order` 1 or 2."""
 
     names = ("yaw", "gyro_bias", "side_slip")
-    inputs = ("yaw_rate", "since_fix", "last_slip", "slip_before", "slip_before_that", "fix_interval")
+    inputs = ("yaw_rate", "since_fix", "last_slip", "slip_before", "slip_before_that", "fix_interval", "bias_deviation")
     parameters = ("gyro_noise", "sample_time", "straight_rate")
     prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": 0.02, "side_slip": 0.02}
 
@@ -55,7 +55,7 @@ class YawKkfB(NavigationSpace):
         return u.last_slip + first * t + (second * t * (t + interval) if self.order == 2 else 0.0)
 
 
-def fix(x: Named, u: Named, theta: Named, velocity: ca.SX) -> dict[str, ca.SX]:
+def fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -> dict[str, ca.SX]:
     """The side slip of a new fix becomes the last one."""
     slip = wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw)
     return {
@@ -63,6 +63,7 @@ def fix(x: Named, u: Named, theta: Named, velocity: ca.SX) -> dict[str, ca.SX]:
         "slip_before": u.last_slip,
         "slip_before_that": u.slip_before,
         "fix_interval": ca.if_else(u.since_fix < LONGEST_HOLD, u.since_fix, 1e3),
+        "bias_deviation": ca.sqrt(ca.fmax(variance.gyro_bias, 0.0)),
     }
 
 

@@ -70,11 +70,11 @@ def drifting(h: Any, *densities: float) -> ca.SX:
 class Remembered:
     """Inputs of a filter that are no readings but made of them and of its state, such as a mean of the past: with each
     reading of the sensor that `tells` this, before it corrects anything, the inputs by name become `equation(x, u, θ,
-    value)` of the `part` with that name."""
+    value, variance)` of the `part` with that name; `variance` are those of its errors."""
 
     part: str
     tells: Tells
-    equation: Callable[[Named, Named, Named, ca.SX], Mapping[str, Any]]
+    equation: Callable[[Named, Named, Named, ca.SX, Named], Mapping[str, Any]]
 
 
 Part = tuple[NavigationSpace, tuple[Measurement, ...]]
@@ -95,9 +95,11 @@ class Definition:
     )
 
     @classmethod
-    def of(cls, system: NavigationSpace, *measurements: Measurement) -> Definition:
+    def of(
+        cls, system: NavigationSpace, *measurements: Measurement, remembered: tuple[Remembered, ...] = ()
+    ) -> Definition:
         """Of one extended Kalman filter."""
-        return cls({"": (system, measurements)})
+        return cls({"": (system, measurements)}, remembered=remembered)
 
     @property
     def is_cascade(self) -> bool:

@@ -19,7 +19,7 @@ from vsense_ros.navigation.dual_kkf import RATE, TURNED
 from vsense_ros.navigation.space import Definition, NavigationSpace
 from vsense_ros.navigation.velocity_kkf import LONGEST_HOLD, VELOCITY, VelocityKkf, less_held
 from vsense_ros.navigation.wheel_speed_ekf import B2, PASSED_YAW, YAW_OF_GYRO, WheelSpeedEkf
-from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf
+from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf, remembered
 
 WHEELS = Measurement("rear_spins", lambda x, z, u, p: [0.0, 0.0], (0.05, 0.05))  # outside: left and right
 ROLLING = Measurement("rolling_speed", lambda x, z, u, p: x.forward_velocity, (0.1,))  # of the velocity filter
@@ -71,7 +71,7 @@ def triple(velocity: NavigationSpace, *more: Measurement) -> Definition:
         "heading": (YawKkf(), (COURSE,)),
         "velocity": (velocity, (VELOCITY, HELD_LATERAL, ROLLING, *more)),
     }
-    return Definition(parts, (RATE,), (PASSED_YAW, TURNED, OF_WHEELS))
+    return Definition(parts, (RATE,), (PASSED_YAW, TURNED, OF_WHEELS), (remembered("heading"),))
 
 
 TRIPLE_KKF = triple(VelocityKkf())

@@ -18,7 +18,7 @@ import casadi as ca
 from vsense_ros.estimation.cascade import PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.space import Definition, NavigationSpace, drifting
-from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf
+from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf, remembered
 
 HELD_NOISE = 0.3  # [m/s] of a speed that is held, a hundred times a second
 
@@ -77,5 +77,8 @@ WHEEL_SPEED_A = Definition.of(WheelSpeedEkf(), ON_STRAIGHT)
 WHEEL_SPEED_B1 = Definition.of(WheelSpeedEkf(), ON_STRAIGHT, SPEED)
 WHEEL_SPEED_B2 = Definition.of(WheelSpeedEkf(), *B2)
 WHEEL_SPEED_C = Definition(
-    {"heading": (YawKkf(), (COURSE,)), "wheels": (WheelSpeedEkf(), (*B2, YAW_OF_GYRO))}, (), (PASSED_YAW,)
+    {"heading": (YawKkf(), (COURSE,)), "wheels": (WheelSpeedEkf(), (*B2, YAW_OF_GYRO))},
+    (),
+    (PASSED_YAW,),
+    (remembered("heading"),),
 )

@@ -5,6 +5,13 @@
 
 Corrections of the print (C5, C6): the noise of a step is (T σ_r)²; a bias has to be uncertain at start to be learnt;
 the innovation of the angle itself is wrapped, where cosine and sine would have a singular covariance.
+
+And of the gate: decided by b̂_r as if that were known, it shuts for good where b̂_r comes to be off by more than 1 °/s,
+on a straight too, since what would correct it is refused. First fixes put it there, which lie close together, or a bias
+that is larger than the gate is wide. So a drive is straight unless it turns for sure: |r_m - b̂_r| less twice the
+standard deviation of b̂_r. Where course and heading are further apart than tyres slip, for longer than a receiver that
+jumps, it is the heading that is wrong: for some seconds the course is believed, and the bias is as little known as at
+the start.
 """
 
 from __future__ import annotations
@@ -14,23 +21,33 @@ from typing import Any
 
 import casadi as ca
 
-from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.space import Definition, NavigationSpace, drifting
+from vsense_ros.estimation.state_space import Measurement, Named, wrapped
+from vsense_ros.navigation.readings import SLOWEST_COURSE
+from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered
+
+SURE = 2.0  # standard deviations of the gyro's bias
+LARGEST_SLIP = 0.25  # [rad] between heading and course of cog, of tyres that slide
+REACH = 2.0  # [m] from the rear axle to cog at most, which in a tight bend goes aside of where the car points
+BIAS = 0.02  # [rad/s], standard deviation at start
+CONTRADICTED = 2.0  # [s] for which fixes have to show a heading that cannot be
+LEARNING = 3.0  # [s] for which the course is then believed
 
 
 class YawKkf(NavigationSpace):
-    """See the module."""
+    """See the module. `bias_deviation` [rad/s] was that of the bias at the last fix; fixes have
+    shown a heading that cannot be for `wrong` [s], and the course is still believed for `lost` [s]."""
 
     names = ("yaw", "gyro_bias")
-    inputs = ("yaw_rate",)
+    inputs = ("yaw_rate", "since_fix", "bias_deviation", "wrong", "lost")
     parameters = ("gyro_noise", "sample_time", "straight_rate")
-    prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": 0.02}
+    prior: Mapping[str, float] = {"yaw": 0.05, "gyro_bias": BIAS}
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         return [x.yaw + h * (u.yaw_rate - x.gyro_bias), x.gyro_bias]
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        return self.sampled(x, u, theta, h, yaw_rate=theta.gyro_noise) + drifting(h, 0.0, 1e-5)
+        walk = ca.diag(ca.vertcat(0.0, 1e-10 + (u.lost > 0) * BIAS**2)) * h
+        return self.sampled(x, u, theta, h, yaw_rate=theta.gyro_noise) + walk
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         return {"yaw": x.yaw, "yaw_rate": u.yaw_rate - x.gyro_bias}
@@ -38,16 +55,31 @@ class YawKkf(NavigationSpace):
 
 def straight(x: Named, u: Named, theta: Named) -> ca.SX:
     """Whether the car goes straight, by the gyro without its bias: with it, one of 1 °/s would decide (C5)."""
-    return ca.fabs(u.yaw_rate - x.gyro_bias) < theta.straight_rate
+    return ca.fabs(u.yaw_rate - x.gyro_bias) < theta.straight_rate + SURE * u.bias_deviation
 
 
-def turning(x: Named, u: Named, theta: Named) -> ca.SX:
-    """The opposite."""
-    return 1 - straight(x, u, theta)
+def at_fix(x: Named, u: Named, theta: Named, velocity: ca.SX, variance: Named) -> dict[str, ca.SX]:
+    """What a new fix says of bias and heading."""
+    speed = ca.fmax(ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2), SLOWEST_COURSE)
+    apart = ca.fabs(wrapped(ca.atan2(velocity[1], velocity[0]) - x.yaw))
+    most = LARGEST_SLIP + REACH * ca.fabs(u.yaw_rate - x.gyro_bias) / speed
+    wrong = ca.if_else(apart > most, u.wrong + ca.fmin(u.since_fix, 1.0), 0.0)
+    return {
+        "bias_deviation": ca.sqrt(ca.fmax(variance.gyro_bias, 0.0)),
+        "wrong": wrong,
+        "lost": ca.if_else(wrong >= CONTRADICTED, LEARNING, ca.fmax(u.lost - u.since_fix, 0.0)),
+    }
 
 
-COURSE = Measurement("course", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,), when=straight)
+def remembered(part: str) -> Remembered:
+    """What a filter with a `YawKkf` as this part needs."""
+    return Remembered(part, "course", at_fix)
+
+
+COURSE = Measurement(
+    "course", lambda x, z, u, p: x.yaw, (0.01,), angles=(0,), when=lambda x, u, p: straight(x, u, p) + (u.lost > 0)
+)
 HEADING = Measurement("heading", lambda x, z, u, p: x.yaw, (0.1,), angles=(0,))  # two antennas, or a magnetometer
 
-YAW_KKF = Definition.of(YawKkf(), COURSE)
-YAW_KKF_WITH_HEADING = Definition.of(YawKkf(), COURSE, HEADING)
+YAW_KKF = Definition.of(YawKkf(), COURSE, remembered=(remembered(""),))
+YAW_KKF_WITH_HEADING = Definition.of(YawKkf(), COURSE, HEADING, remembered=(remembered(""),))

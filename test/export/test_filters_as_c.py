@@ -1,0 +1,123 @@
+"""GNSS/INS filters as C99: the same calls to the sources and to the filter in Python, on a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsense_ros import codegen
+from vsense_ros.bag.importers import build, import_recording
+from vsense_ros.cli.common import every_filter
+from vsense_ros.errors import InputError
+from vsense_ros.export import c, filters
+from vsense_ros.export.check import FLAGS
+from vsense_ros.export.check import build as compiled
+from vsense_ros.export.filters_check import Exported, compare
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
+from vsense_ros.messages.recording import Recording
+from vsense_ros.model.sensors import GnssAttitude
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.car_numbers import car_numbers
+from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
+from vsense_ros.navigation.navigator import used_sensors
+
+ROOT = Path(__file__).resolve().parents[2]
+OF_CAR = ("error_ekf", "spi")  # which test_c.py compares
+NOT_WRITTEN = {
+    "dekf": "a reference to compare with",
+    "cekf": "a reference to compare with",
+    "ukf": "a reference to compare with",
+    "full_error_ekf": "29 bodies",
+    "full_spi": "29 bodies",
+    "mekf_2b_particles": "random numbers",
+}
+WRITTEN = [name for name in every_filter().names if name not in (*OF_CAR, *NOT_WRITTEN)]
+needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="needs a C compiler and VSENSE_COMPILE not 0")
+
+
+@cache
+def car() -> Vehicle:
+    """With two antennas."""
+    found = load_vehicle(vehicle_path("prototype_model"))
+    return found.model_copy(update={"sensors": {**found.sensors, "heading": GnssAttitude(noise=0.02)}})
+
+
+@cache
+def drive() -> Recording:
+    """A double lane change, with a heading at each fix."""
+    found = import_recording(ROOT / "bags" / "double_lane_change")
+    truth, fixes = found["reference/odometry"], found["gps/velocity"].stamp
+    rows = np.searchsorted(truth.stamp, fixes).clip(max=len(truth) - 1)
+    x, y, z, w = truth.columns["orientation"][rows].T
+    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    heading += 0.02 * np.random.default_rng(0).standard_normal(len(rows))
+    level = np.zeros_like(heading)
+    quaternion = np.column_stack([level, level, np.sin(heading / 2), np.cos(heading / 2)])
+    covariance = np.tile(0.02**2 * np.eye(3).ravel(), (len(rows), 1))
+    columns = {"orientation": quaternion, "orientation_covariance": covariance}
+    antennas = build.channel("gps/attitude", fixes, columns)
+    return replace(found, channels={**found.channels, "gps/attitude": antennas})
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", WRITTEN)
+def test_the_sources_do_on_a_recording_what_the_filter_in_python_does(name: str, tmp_path: Path) -> None:
+    filters.write(car(), name, tmp_path)
+    difference = compare(car(), name, tmp_path, drive())
+    assert difference.predictions > 1000
+    assert difference.corrections > 1000
+    assert difference.largest < 1e-9
+    assert difference.placed == 1  # C went on by itself from the start
+
+
+@pytest.mark.parametrize("name", NOT_WRITTEN)
+def test_a_filter_that_cannot_be_written_is_refused_with_its_reason(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=NOT_WRITTEN[name]):
+        filters.write(car(), name, tmp_path) if name in FILTERS.names else c.with_filter(car(), name)
+    assert not list(tmp_path.iterdir())
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["dual_kkf", "mekf_2c", "heading_bank", "integrated_kf_a"])
+def test_a_filter_in_c_begins_as_that_in_python(name: str, tmp_path: Path) -> None:
+    filters.write(car(), name, tmp_path)
+    library = compiled(tmp_path, FLAGS, filters.sources(name, tmp_path))
+    definition, numbers = DEFINITIONS[name][1], car_numbers(car(), used_sensors(car()).values())
+    ours, there = definition.make(numbers), definition.make(numbers)
+    ours.start(definition.start(numbers))
+    memory = np.full(len(ours.memory), np.nan)
+    Exported(library, memory, {}).start()
+    struct = there.at(np.zeros_like(memory))  # type: ignore[attr-defined]
+    struct.memory[:] = memory
+    found, expected = struct.belief(), ours.belief()
+    assert np.isfinite(memory).all()
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-14, atol=1e-14)
+
+
+@needs_compiler
+def test_a_comparison_finds_sources_of_another_car(tmp_path: Path) -> None:
+    physics = car().physics
+    chassis = physics.chassis.model_copy(update={"mass": 1.5 * physics.chassis.mass})
+    heavier = car().model_copy(update={"physics": physics.model_copy(update={"chassis": chassis})})
+    filters.write(heavier, "integrated_kf_a", tmp_path)
+    assert compare(car(), "integrated_kf_a", tmp_path, drive()).largest > 1e-3
+
+
+@needs_compiler
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_c_takes_a_reading_that_is_none_as_python_does(value: float, tmp_path: Path) -> None:
+    filters.write(car(), "triple_kkf", tmp_path)
+    channels = dict(drive().channels)
+    for topic, field in (("vehicle/wheel_speeds", "velocity"), ("gps/velocity", "linear")):
+        columns = {key: np.array(one) for key, one in channels[topic].columns.items()}
+        columns[field][len(columns[field]) // 4 :: 2, 0] = value
+        channels[topic] = replace(channels[topic], columns=columns)
+    difference = compare(car(), "triple_kkf", tmp_path, replace(drive(), channels=channels))
+    assert difference.corrections > 1000
+    assert difference.largest < 1e-9
