@@ -34,6 +34,7 @@ from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindran
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.observed import comparison
+from vsense_ros.mismatch.onset import Onset, onset
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
@@ -273,9 +274,18 @@ class _Explainer:
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
+            onset=entries.since(self._onset(search, judged)),
             remainder=entries.remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=entries.sentence(answer))
+
+    def _onset(self, search: Search, judged: Judged) -> Onset | None:
+        """What begins within recordings, where something is left over that nothing explains."""
+        named = judged.verdict == "named" and judged.partial
+        if judged.verdict != "unknown" and not named:
+            return None
+        at = judged.leader.fit if named and judged.leader is not None else search.base
+        return onset(search.residuals, at, search.secants(), THRESHOLDS.least_term_gain)
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""

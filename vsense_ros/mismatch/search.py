@@ -8,7 +8,7 @@ with all other free parameters: that is a hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -224,6 +224,14 @@ class Search:
         chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
         fitted = map(self.refined, self._fitted(chosen))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
+
+    def secants(self) -> Iterator[tuple[Candidate, list[Array]]]:
+        """Of each candidate with one size its secant at the base fit, per deviation, by window."""
+        self._simulate_new(self.offered)
+        for candidate in self.offered:
+            if len(candidate.free_parameters) == 1:
+                (parameter,) = candidate.free_parameters
+                yield candidate, [part * parameter.deviation for part in self._column(parameter)]
 
     def described(self, besides: Hypothesis | None = None) -> list[Hypothesis]:
         """Terms without known physics that are possible, alone or `besides` an explanation, fitted in full, best
