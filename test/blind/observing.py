@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
@@ -41,7 +42,7 @@ def observe(case: Path, report: Path) -> None:
     vehicle, extended = (load_vehicle(path) for path in (case / "vehicle.yaml", report / EXTENDED))
     try:
         compared, _ = comparison(train, held_out, without_spoilt(train, vehicle), vehicle, extended)
-        kept = {"observer": compared.as_json(), "fault": ""}
+        kept: dict[str, Any] = {"observer": compared.as_json(), "fault": ""}
     except (InputError, FloatingPointError) as error:
         kept = {"observer": None, "fault": str(error)}
     (report / OBSERVED).write_text(json.dumps(kept), encoding="utf-8")
