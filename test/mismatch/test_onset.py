@@ -59,8 +59,8 @@ class Made:
         self.residuals.layout = [list(SIGNALS) for _ in begins]
         self.residuals.predictor = SimpleNamespace(dataset=dataset)
 
-    def found(self, least: float = 0.05) -> Onset | None:
-        return onset(self.residuals, self.fit, [(OFFSET, self.secant)], least)
+    def found(self, known: float = 0.0) -> Onset | None:
+        return onset(self.residuals, self.fit, [(OFFSET, self.secant)], known)
 
 
 def explained(made: Made, begins: tuple[float, ...]) -> float:
@@ -72,7 +72,8 @@ def explained(made: Made, begins: tuple[float, ...]) -> float:
     prior = np.append(made.fit.scaled_offsets, 0.0)
     rows, right = np.vstack([columns, root * np.eye(3)]), -np.append(np.concatenate(made.fit.residuals), root * prior)
     change, *_ = np.linalg.lstsq(rows, right, rcond=None)
-    return 1 - float(np.sum((rows @ change - right) ** 2)) / made.fit.value
+    whole = max(made.fit.value, float(sum(map(len, made.fit.residuals))))
+    return (made.fit.value - float(np.sum((rows @ change - right) ** 2))) / whole
 
 
 def test_what_an_effect_explains_is_what_least_squares_say_and_no_other_time_explains_more():
@@ -98,7 +99,7 @@ def test_the_true_time_lies_in_its_interval_as_often_as_that_says(lasting):
     held, widths = [], []
     for seed in range(80):
         true = 6.0 + 0.1 * seed
-        found = Made((true,), size=0.35, seed=seed, lasting=lasting).found(0.0)
+        found = Made((true,), size=0.35, seed=seed, lasting=lasting).found()
         for begin in found.begins if found is not None else ():
             held.append(begin.earliest <= true <= begin.latest)
             widths.append(begin.latest - begin.earliest)
@@ -119,6 +120,14 @@ def test_where_it_began_in_one_recording_and_lasts_in_the_next_it_begins_once():
     assert begin.recording == "drive 1"
     assert begin.earliest <= 9.0 <= begin.latest
     assert found.size == pytest.approx(-0.6, rel=0.1)  # what is added to the model makes up for what is measured
+
+
+def test_what_something_else_describes_as_well_does_not_begin():
+    made = Made((8.0, 13.0), size=0.6, seed=5)
+    found = made.found()
+    assert found is not None
+    assert made.found(known=found.gain - 0.04) is None
+    assert made.found(known=found.gain - 0.06) is not None
 
 
 def test_what_is_left_is_what_the_model_with_the_effect_leaves():

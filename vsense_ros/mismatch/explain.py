@@ -281,11 +281,12 @@ class _Explainer:
 
     def _onset(self, search: Search, judged: Judged) -> Onset | None:
         """What begins within recordings, where something is left over that nothing explains."""
-        named = judged.verdict == "named" and judged.partial
-        if judged.verdict != "unknown" and not named:
-            return None
-        at = judged.leader.fit if named and judged.leader is not None else search.base
-        return onset(search.residuals, at, search.secants(), THRESHOLDS.least_term_gain)
+        leader = judged.leader
+        if judged.verdict == "unknown":
+            return onset(search.residuals, search.base, search.secants(), 0.0 if leader is None else leader.gain)
+        if judged.verdict == "named" and judged.partial and leader is not None:
+            return onset(search.residuals, leader.fit, search.secants())
+        return None
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""

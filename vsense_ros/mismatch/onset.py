@@ -46,7 +46,7 @@ class Onset:
 
     candidate: Candidate
     size: float  # in its unit
-    gain: float  # fall of the fit's value, over that value
+    gain: float  # fall of the fit's value, over that value, or what a good model leaves
     always: float  # the same of the effect where it is there all the time
     begins: tuple[Begin, ...]  # of the recordings within which it begins
     left: list[Array]  # residuals that the linear model leaves, by window
@@ -80,6 +80,7 @@ class OnsetSearch:
         compared = ([index for index in group if self._layout[index]] for group in groups)
         self._groups = [group for group in compared if group]
         self._instants = [grid(window) for window in self._windows]
+        self._whole = max(at.value, float(sum(len(r) for r in at.residuals)))  # no less than a good model leaves
         k = len(at.free_parameters)
         normal = sum((s.T @ s for s in at.slopes), np.zeros((k, k)))
         self._inverse = np.linalg.inv(normal + at.weight * np.eye(k))
@@ -100,7 +101,6 @@ class OnsetSearch:
         begins = max(climbed, key=lambda one: float(self._gains(passages, one, None)[0]))
         if begins == first:
             return None
-        whole = max(self.at.value, 1e-12)
         gain, change, size = self._solved(passages, begins)
         parameter = candidate.free_parameters[0]
         value = size * parameter.deviation
@@ -111,7 +111,7 @@ class OnsetSearch:
         bound = LIKELY * self._noise(secant, left)
         within = [self._begin(passages, begins, place, bound) for place in range(len(passages))]
         told = tuple(one for one in within if one is not None)
-        return Onset(candidate, value, gain / whole, float(always) / whole, told, left)
+        return Onset(candidate, value, gain / self._whole, float(always) / self._whole, told, left)
 
     def _starts(self, passages: Sequence[_Passage]) -> Iterator[list[int]]:
         """Times to begin the search from: always, never, and in each recording that which explains most there by an
@@ -214,14 +214,14 @@ def onset(
     residuals: Residuals,
     at: Fit,
     secants: Iterable[tuple[Candidate, Sequence[Array]]],
-    least: float,
+    known: float = 0.0,
     thresholds: Thresholds = THRESHOLDS,
 ) -> Onset | None:
-    """What begins within recordings, if that is sure: it explains `least` more of what the fit leaves than an effect
-    that is there all the time, its time is known in a recording, and the signal that is furthest off comes near a good
-    model, or at least much closer to it."""
+    """What begins within recordings, if that is sure: it explains as much more as a term without known physics must
+    than the same effect there all the time, and than the gain `known` of what describes the rest otherwise; its time is
+    known in a recording; and the signal that is furthest off comes near a good model, or at least much closer to it."""
     found = OnsetSearch(residuals, at).best(secants)
-    if found is None or not found.begins or found.gain - found.always <= least:
+    if found is None or not found.begins or found.gain - max(found.always, known) <= thresholds.least_term_gain:
         return None
     worst, off = residuals.furthest(at.residuals)
     if not worst:
