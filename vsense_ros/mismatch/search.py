@@ -222,7 +222,9 @@ class Search:
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)
         chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
-        fitted = map(self.refined, self._fitted(chosen))
+        fitted = [self._refined_by_last(e) for e in self._fitted(chosen)]
+        best = max(fitted, key=lambda e: e.score, default=None)
+        fitted = [self.refined(e) if e is best else e for e in fitted]
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def secants(self) -> Iterator[tuple[Candidate, list[Array]]]:
@@ -470,6 +472,19 @@ class Search:
             fitted = self._fit(replace(at, slopes=self._slopes_at(at)))
             if fitted.value < at.value:
                 hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
+        return self._on_the_road(hypothesis)
+
+    def _refined_by_last(self, hypothesis: Hypothesis) -> Hypothesis:
+        """The hypothesis fitted further with secants of its last effect alone: those of the others and of the base
+        parameters are of the hypothesis that it was added to, which is near."""
+        at, new = hypothesis.fit, hypothesis.candidates[-1]
+        if hypothesis.gain <= WORTH_REFINING or new.along_road:
+            return hypothesis
+        columns = slopes_by(self.residuals, self.start, at, new.free_parameters)
+        slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
+        fitted = self._fit(at.joined(new.free_parameters, slopes))
+        if fitted.value < at.value:
+            hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
         return self._on_the_road(hypothesis)
 
     def _on_the_road(self, hypothesis: Hypothesis) -> Hypothesis:
