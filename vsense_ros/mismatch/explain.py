@@ -363,6 +363,11 @@ def _judged_with_further(
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    if judged.rivals and len(judged.rivals[0].candidates) > 1:
+        exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
+        if exchanged:
+            hypotheses = [*hypotheses, *exchanged]
+            judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)

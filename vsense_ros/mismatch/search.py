@@ -268,6 +268,53 @@ class Search:
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
         return [self.refined(e) for e in fitted]
 
+    def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
+        """Of several effects each exchanged for those that it is mistaken for, where that promises a `share` of what it
+        explains beside the others; and the others alone, where that was not known. Sets grow from the best, so that a
+        set may never have been fitted that explains as much as one that was."""
+        fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
+        found: list[Hypothesis] = []
+        for candidate in hypothesis.candidates:
+            others = frozenset(hypothesis.effects) - {candidate.effect}
+            if not others or candidate.along_road:
+                continue
+            if (rest := fitted.get(others)) is None:
+                rest = self._without(hypothesis, candidate)
+                found.append(rest)
+            least = rest.gain + share * (hypothesis.gain - rest.gain)
+            alike = [
+                self._signature(rest.fit, rest.candidates, (other,))
+                for other in self.offered
+                if _mistaken(candidate.effect, other.effect) and not other.along_road
+                and other.effect not in hypothesis.effects and others | {other.effect} not in fitted
+            ]  # fmt: skip
+            likeliest = max(alike, key=lambda s: s.gain, default=None)
+            if likeliest is not None and likeliest.gain > least:
+                found += [self._refined_by_last(e) for e in self._fitted([likeliest])]
+        return found
+
+    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Hypothesis:
+        """A hypothesis without one of its effects, the rest fitted again."""
+        at = hypothesis.fit
+        names = {parameter.name for parameter in candidate.free_parameters}
+        names |= {parameter.name for parameter in shapes(candidate, self.start.values)}
+        base = {parameter.name: parameter for parameter in self.base.free_parameters}
+        # What every car has a little of is fitted with its own prior again.
+        common = [base[name] for name in names if name in base]
+        stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
+        rest = replace(
+            at, free_parameters=tuple(at.free_parameters[i] for i in stay), offsets=at.offsets[stay],
+            slopes=[s[:, stay] for s in at.slopes],
+        ).joined(common, self._base_columns(common))  # fmt: skip
+        candidates = tuple(c for c in hypothesis.candidates if c is not candidate)
+        return self._hypothesis(candidates, self._fit(rest), hypothesis.independent_share)
+
+    def _base_columns(self, free_parameters: Sequence[FreeParameter]) -> list[Array]:
+        """By window, (rows, n): slopes of the base fit by some of its free parameters, per deviation."""
+        names = [parameter.name for parameter in self.base.free_parameters]
+        places_of = [names.index(parameter.name) for parameter in free_parameters]
+        return [part[:, places_of] for part in self.base.slopes]
+
     def with_profile(self, hypothesis: Hypothesis) -> Hypothesis | None:
         """A hypothesis with an effect of the road that has one size for all places, fitted with a profile of it (a size
         for every place) instead, if that explains more. None without such an effect."""
@@ -560,6 +607,11 @@ def _of_both_layers(likeliest: Sequence[tuple[float, Signature]]) -> list[tuple[
 
     layers = {of_sensors(signature) for _, signature in likeliest[:BEAM]}
     return [one for one in likeliest[BEAM:] if of_sensors(one[1]) not in layers]
+
+
+def _mistaken(one: str, other: str) -> bool:
+    """Whether two effects, by their ids, are mistaken for each other."""
+    return other in EVERY[one].mistaken_for or one in EVERY[other].mistaken_for
 
 
 def _first(candidate: Candidate) -> tuple[str, str]:
