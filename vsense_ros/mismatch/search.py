@@ -272,6 +272,7 @@ class Search:
         """Of several effects each exchanged for those that it is mistaken for, where that promises a `share` of what it
         explains beside the others; and the others alone, where that was not known. Sets grow from the best, so that a
         set may never have been fitted that explains as much as one that was."""
+        self._simulate_new(self.offered)
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
         found: list[Hypothesis] = []
         for candidate in hypothesis.candidates:
