@@ -288,8 +288,12 @@ class _Judge:
         return leader, *sorted(filter(is_rival, alike), key=self.proven.__getitem__, reverse=True)
 
     def excluded(self, e: Hypothesis, by: Hypothesis) -> bool:
-        """Whether an explanation is not within reach of another, or adds next to nothing to it."""
+        """Whether an explanation is not within reach of another, adds next to nothing to it, or explains something
+        else: then both may be there, and it adds to the other most of what it explains beyond what the two share."""
         shared = frozenset(e.effects) & frozenset(by.effects)
         known = self.proven[self.best[shared]] if shared in self.best else 0.0
-        as_good = _as_good(self.proven[e], self.proven[by], self.thresholds, known)
-        return not as_good or self.surpassed(e, by)
+        if not _as_good(self.proven[e], self.proven[by], self.thresholds, known) or self.surpassed(e, by):
+            return True
+        joint = self.best.get(frozenset((*by.effects, *e.effects)))
+        own = self.thresholds.rival_share * (self.proven[e] - known)
+        return joint is not None and self.proven[joint] - self.proven[by] > max(own, self.least_gain)
