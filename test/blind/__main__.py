@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from blind import cases, oracle, picture, reading, score, tool, vehicle_file
+from blind import cases, observing, oracle, picture, reading, score, tool, vehicle_file
 from blind.effects import EFFECTS
 from blind.generate import FINISHED, batches, generate, seconds
 from vsense_ros.errors import InputError
@@ -38,12 +38,13 @@ def _progress() -> Progress:
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/blind"), show_default=True)
 @click.option("--split", type=click.Choice(sorted(cases.SEEDS)), default="public", show_default=True)
 @click.option("--cases", "count", type=int, help="Only the first so many: a mixture of all kinds.")
+@click.option("--after", type=int, default=0, show_default=True, help="Without the first so many, before that.")
 @click.option("--set", "manoeuvres", multiple=True, help="Only cases of these manoeuvre sets.")
 @click.option("--kind", "kinds", multiple=True, help="Only cases in which this is hidden: effect, nothing, double, …")
 @click.option("--processes", type=int, default=2, show_default=True)
 @click.pass_context
 def main(
-    context: click.Context, out: Path, split: str, count: int | None, manoeuvres: tuple[str, ...],
+    context: click.Context, out: Path, split: str, count: int | None, after: int, manoeuvres: tuple[str, ...],
     kinds: tuple[str, ...], processes: int,
 ) -> None:  # fmt: skip
     """The examination of `vsense explain`."""
@@ -59,7 +60,7 @@ def main(
         case
         for case in every
         if (not manoeuvres or case.manoeuvres in manoeuvres) and (not kinds or case.kind in kinds)
-    ][:count]
+    ][after:][:count]
     context.obj = {"out": out / split, "split": split, "every": every, "chosen": chosen, "processes": processes}
 
 
@@ -206,6 +207,23 @@ def _ask_without(number: str, out: Path) -> None:
 
 @main.command()
 @click.pass_obj
+def observe(options: dict) -> None:
+    """Run the observer on held-out recordings with what the answers have named; what is there is kept."""
+    _check_seal(options)
+    named = [
+        (case.number, options["out"])
+        for case in options["chosen"]
+        if (options["out"] / "answers" / case.number / observing.EXTENDED).exists()
+    ]
+    _all(options, "observers", _observe, named)
+
+
+def _observe(number: str, out: Path) -> None:
+    observing.observe(out / "cases" / number, out / "answers" / number)
+
+
+@main.command()
+@click.pass_obj
 def alone(options: dict) -> None:
     """What the tool says of every recording by itself, nothing held out: how often each verdict, and what explains most
     of what is there, over its duration. With `--kind nothing` that is chance."""
@@ -297,7 +315,8 @@ def _results(options: dict, ablation: str | None) -> list[score.Result]:
             report = _oracle(options["out"], case.number)
             truth = _truth(case)
             best = oracle.best(report, truth) if truth else oracle.best_without(answer, report)
-            results.append(score.Result(labels[case.number], answer, best))
+            seen = observing.observed(options["out"] / _answers(ablation) / case.number)
+            results.append(score.Result(labels[case.number], answer, best, seen))
     return results
 
 

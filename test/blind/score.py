@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from blind import reading
+from blind.observing import Observed
 from blind.oracle import DETECTABLE, Best
 from blind.tool import Answer
 from vsense_ros.mismatch.answer_schema import EffectEntry
@@ -29,6 +30,7 @@ class Result:
     label: dict
     answer: Answer
     best: Best | None  # None: no oracle asked, or it failed
+    observed: Observed | None = None  # None: no observer was run, as where nothing is named
 
     @property
     def kind(self) -> str:
@@ -150,6 +152,7 @@ def of_several(results: list[Result]) -> dict:
     quiet = [r for r in results if not r.truth]
     possible = [(r, name) for r in hidden for name in sorted(r.truth) if r.best is None or r.best.detects(name)]
     explained = [recovery(r) for r in hidden]
+    watched = [r.observed for r in hidden if r.accepted and r.observed is not None]
     return {
         "precision_of_names": share(name in r.right for r in hidden for name in r.accepted),
         "recall_of_detectable": share(name in r.accepted for r, name in possible),
@@ -161,6 +164,8 @@ def of_several(results: list[Result]) -> dict:
         "size_error_median": number(error for r in hidden for error in size_errors(r)),
         "explained_share_median": number(explained),
         "explained_share_p10": number(explained, lambda values: np.quantile(values, 0.1)),
+        "observer_better": share(one.improved for one in watched),
+        "observer_likelier": share(one.likelier for one in watched),
         "false_names_with_nothing_hidden": share(r.verdict not in QUIET for r in quiet),
         "not_assessable": share(r.verdict == "not_assessable" for r in results),
         "no_answer": share(not r.answer.explain for r in results),
@@ -257,7 +262,9 @@ def shuffled(results: list[Result], seed: int = 0) -> list[Result]:
     for name in sorted({r.scored_with for r in results}):
         group = [r for r in results if r.scored_with == name]
         order = np.random.default_rng(seed).permutation(len(group))
-        mixed += [Result(group[j].label, r.answer, group[j].best) for r, j in zip(group, order, strict=True)]
+        mixed += [
+            Result(group[j].label, r.answer, group[j].best, r.observed) for r, j in zip(group, order, strict=True)
+        ]
     return mixed
 
 

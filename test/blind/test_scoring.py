@@ -17,9 +17,10 @@ from scipy.stats import binomtest
 
 pytest.importorskip("mujoco", reason="MuJoCo is one of the plants: make venv installs it")
 
-from blind import cases, oracle, picture, score, tool
+from blind import cases, observing, oracle, picture, score, tool
 from blind.__main__ import SEALS, main
 from blind.effects import EFFECTS
+from blind.observing import Observed
 from blind.oracle import Best
 from blind.outside import OUTSIDE
 from blind.score import Result
@@ -28,7 +29,7 @@ from mismatch.synthetic_findings import effect, finding
 from vsense_ros.errors import InputError
 from vsense_ros.mismatch import answer_schema as explain_json
 from vsense_ros.mismatch import thresholds
-from vsense_ros.mismatch.answer_schema import Errors, SignalErrors
+from vsense_ros.mismatch.answer_schema import Errors, ObserverComparison, ObserverFigures, SignalErrors
 
 
 def _result(
@@ -180,6 +181,40 @@ def test_of_several_defects_names_are_counted_one_by_one_and_only_those_that_cou
     assert found["false_names_with_nothing_hidden"] == score.share([False])
     assert found["size_error_median"] == {"value": pytest.approx(0.1), "n": 1}
     assert found["explained_share_median"] == {"value": pytest.approx(0.75), "n": 1}
+
+
+def test_the_observer_counts_where_something_is_named_and_it_was_run(tmp_path):
+    """Better in one of four; likelier in two, of which one is by other noise levels alone; in one it does not start."""
+
+    def answer(observed: Observed | None, *names: str) -> Result:
+        result = _result(["gyro_bias"], "named" if names else "unknown", names, kind="several", several=True)
+        return replace(result, observed=observed)
+
+    def figures(log_likelihood: float) -> ObserverFigures:
+        return ObserverFigures(log_likelihood=log_likelihood, sensors={}, errors={}, reference=None)
+
+    def kept(name: str, improved: bool, rises: float, fault: str = "") -> Observed | None:
+        compared = ObserverComparison(
+            recordings=("way home",), held_out=True, messages=9, improved=improved, sentence="It was watched.",
+            as_it_was=figures(1.0), retuned=figures(1.0), extended=figures(1.0 + rises),
+        )  # fmt: skip
+        (tmp_path / name).mkdir()
+        content = {"observer": None if fault else compared.as_json(), "fault": fault}
+        (tmp_path / name / observing.OBSERVED).write_text(json.dumps(content), encoding="utf-8")
+        return observing.observed(tmp_path / name)
+
+    found = score.of_several(
+        [
+            answer(kept("better", True, 0.2), "gyro_bias"),
+            answer(kept("by noise", False, 0.1), "gyro_bias"),
+            answer(kept("worse", False, -0.1), "gyro_bias"),
+            answer(kept("silent", False, 0.0, "no steering angle"), "gyro_bias"),
+            answer(observing.observed(tmp_path / "not run"), "gyro_bias"),
+            answer(kept("nothing named", True, 0.1)),
+        ]
+    )
+    assert found["observer_better"] == score.share([True, False, False, False])
+    assert found["observer_likelier"] == score.share([True, True, False, False])
 
 
 def test_a_confidence_is_reliable_where_as_many_are_there_as_it_says(tmp_path):

@@ -65,7 +65,7 @@ def test_two_recordings_with_different_defects_of_one_sensor_are_of_no_effect(ot
 
 
 @pytest.mark.slow
-def test_a_defect_that_begins_half_way_is_no_physics_of_the_car():
+def test_a_defect_that_begins_half_way_is_no_physics_of_the_car_and_since_when_it_is_there_is_told():
     def late(t: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
         forces[t > t[-1] / 2, 1] += 0.8
 
@@ -73,6 +73,14 @@ def test_a_defect_that_begins_half_way_is_no_physics_of_the_car():
     found = explain_recordings(drives[:2], prototype(), drives[2:]).answer
     assert found.verdict == "unknown"
     assert found.located.signals[0].name == "lateral_acceleration"
+    assert found.onset is not None
+    assert (found.onset.looks_like, found.onset.where) == ("accelerometer_bias", "y")
+    assert found.onset.value == pytest.approx(0.8, rel=0.1)
+    for drive, begin in zip(drives[:2], found.onset.begins, strict=True):
+        earliest, latest = begin.interval_90
+        assert begin.recording == drive.name
+        assert earliest < seconds(drive, "imu/data")[-1] / 2 < latest < earliest + 1.0
+    assert "it begins at 6.5 s" in found.sentence
 
 
 STANDS = 600.0  # [s]

@@ -352,6 +352,31 @@ def test_what_adds_nothing_to_another_that_adds_to_it_is_excluded():
     assert said(drag, alike, explaining("drag + slope", 0.505, 0.505)) == ("ambiguous", ("drag", "slope"))
 
 
+def test_what_something_near_it_explains_clearly_better_is_no_rival_of_a_leader_that_it_shares_less_with():
+    """With the leader it shares an effect that alone explains little, so that it seems to explain most of the same."""
+    drag, pair = explaining("drag", 0.3, 0.3), explaining("drag + slope", 0.7, 0.7)
+    leader, far = explaining("drag + bank + wind", 0.83, 0.83), explaining("drag + slope + ply", 0.76, 0.76)
+    assert said(drag, pair, leader, far) == ("ambiguous", (leader.name, far.name))
+    near, all_four = (
+        explaining("drag + slope + wind", 0.81, 0.81),
+        explaining("drag + bank + wind + slope", 0.8305, 0.8305),
+    )
+    assert said(drag, pair, leader, near, far) == ("ambiguous", (leader.name, near.name))
+    assert said(drag, pair, leader, near, far, all_four) == ("named", (leader.name,))
+
+
+def test_what_explains_something_else_is_no_rival_even_if_nobody_knows_what_it_is():
+    """Two look alike and explain about as much as a third, beside which each explains as much again."""
+    sure, one, like = explaining("pitch", 0.14, 0.14), explaining("roll", 0.137, 0.137), explaining("bank", 0.12, 0.12)
+    alike = explaining("roll + bank", 0.15, 0.15)
+    pairs = explaining("pitch + roll", 0.28, 0.28), explaining("pitch + bank", 0.26, 0.26)
+    judged = judge([sure, one, like, alike, *pairs], (), Made())
+    assert (judged.verdict, judged.leader) == ("named", sure)
+    assert judged.besides == ("bank", "roll")
+    overlap = explaining("pitch + roll", 0.16, 0.16)  # roll adds little of what it explains alone
+    assert said(sure, one, overlap) == ("ambiguous", ("pitch", "roll"))
+
+
 def test_a_third_effect_adds_to_any_two_even_if_the_two_are_in_doubt():
     one, *pairs = (explaining(name, g, g) for name, g in (("drag", 0.5), ("drag + bank", 0.6), ("drag + wind", 0.59)))
     assert said(one, *pairs, explaining("drag + bank + wind", 0.61, 0.61)) == ("named", ("drag",))

@@ -9,9 +9,10 @@ can be judged without some of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, islice
 from typing import Protocol
 
 import numpy as np
@@ -150,8 +151,15 @@ def slope(
     """Secant of the residuals, per deviation of a free parameter whose offset is changed by `step` likely ones from a
     fit that began at `start`. Where the simulation diverges with that and does not in the fit, which would tell
     nothing, other steps are tried."""
+    return _slope(residuals, fit, parameter, _attempts(start, fit, parameter, step))
+
+
+def _slope(
+    residuals: ResidualFunction, fit: Fit, parameter: FreeParameter, attempts: Iterable[tuple[float, ParameterSet]]
+) -> list[Array]:
+    """`slope` by the first of the attempts in which the simulation diverges no more than in the fit."""
     best, fewest = [np.zeros(len(r)) for r in fit.residuals], len(fit.residuals) + 1
-    for by, parameter_set in _attempts(start, fit, parameter, step):
+    for by, parameter_set in attempts:
         changed = residuals(parameter_set, fit.residuals)
         diverged = sum(residuals.diverged(parameter_set))
         if diverged < fewest:
@@ -173,9 +181,11 @@ def slopes_by(
     at_once = residuals.at_once
     for begin in range(0, len(free_parameters), at_once):
         together = free_parameters[begin : begin + at_once]
-        first = (next(_attempts(start, fit, parameter, step), None) for parameter in together)
-        residuals.prepare([attempt[1] for attempt in first if attempt is not None])
-        yield from (slope(residuals, start, fit, parameter, step) for parameter in together)
+        attempts = [_attempts(start, fit, parameter, step) for parameter in together]
+        first = [list(islice(each, 1)) for each in attempts]
+        residuals.prepare([parameter_set for each in first for _, parameter_set in each])
+        for parameter, known, others in zip(together, first, attempts, strict=True):
+            yield _slope(residuals, fit, parameter, chain(known, others))
 
 
 def _attempts(

@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 from vsense_ros.identify.free_parameter import FreeParameter
 from vsense_ros.identify.least_squares import DivergedError, Fit, cost
 from vsense_ros.identify.parameter_set import ParameterSet
+from vsense_ros.mismatch import onset as onsets
 from vsense_ros.mismatch.ages import DELAY
 from vsense_ros.mismatch.answer_schema import (
     ActingPart,
     Answer,
     BaseParameter,
+    Begin,
     EffectEntry,
     Errors,
     Force,
     Located,
+    Onset,
     ProfilePoint,
     Region,
     Remainder,
@@ -41,7 +44,7 @@ from vsense_ros.mismatch.simulation import LOST
 from vsense_ros.mismatch.validation import Validation
 from vsense_ros.mismatch.verdict import Judged
 from vsense_ros.mismatch.windows import Dataset
-from vsense_ros.mismatch.words import in_words
+from vsense_ros.mismatch.words import in_words, label, percent
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects import BY_ID, EVERY
 from vsense_ros.model.effects.base import AXLES
@@ -371,6 +374,20 @@ def remainder(
     )
 
 
+def since(found: onsets.Onset | None) -> Onset | None:
+    """What begins within recordings, if that is known."""
+    if found is None:
+        return None
+    (parameter,) = found.candidate.free_parameters
+    return Onset(
+        looks_like=found.candidate.effect, sentence=found.candidate.sentence, where=found.candidate.where,
+        value=found.size, unit=parameter.unit, gain=found.gain, gain_always=found.always,
+        begins=tuple(
+            Begin(recording=one.recording, at=one.at, interval_90=(one.earliest, one.latest)) for one in found.begins
+        ),
+    )  # fmt: skip
+
+
 def _most_off(residuals: Residuals, base: Fit, validation: Validation) -> tuple[Residuals, list[Array], str]:
     """The residuals of the base fit in training; or held out, with words that say so, where only those are far from
     those of a good model."""
@@ -444,7 +461,7 @@ def sentence(answer: Answer) -> str:
     if answer.verdict == "no_mismatch":
         return "Model and recordings agree once mass, tyres and the like are fitted: there is nothing to find here."
     if answer.verdict == "unknown":
-        return f"Something is left over that no effect of the library explains{_left_over(answer)}."
+        return f"Something is left over that no effect of the library explains{_left_over(answer)}.{_began(answer)}"
     if answer.verdict == "ambiguous":
         return _in_doubt(answer)
     accepted = answer.accepted
@@ -452,7 +469,22 @@ def sentence(answer: Answer) -> str:
     if answer.assumed:
         return f"Assumed, not searched for: {named}; with it {_falls(accepted[0], answer)}."
     rest = "" if answer.remainder is None else f". Something more is left over{_rest_in_words(answer.remainder)}"
-    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}."
+    return f"The model leaves out {named}; with it {_falls(accepted[0], answer)}{rest}.{_began(answer)}"
+
+
+def _began(answer: Answer) -> str:
+    """Since when it is there, as a sentence behind others; empty where that is not known."""
+    if answer.onset is None:
+        return ""
+    when = " and ".join(
+        f"at {one.at:.1f} s ({one.interval_90[0]:.1f} to {one.interval_90[1]:.1f} s) in {one.recording}"
+        for one in answer.onset.begins
+    )
+    like = f"{answer.onset.sentence}{f' ({label(answer.onset.where)})' if answer.onset.where else ''}"
+    return (
+        f" It was not there from the beginning: it begins {when}. It looks like {like}, which explains "
+        f"{percent(answer.onset.gain)} if it begins then and {percent(answer.onset.gain_always)} if it is always there."
+    )
 
 
 def _rest_in_words(rest: Remainder) -> str:

@@ -257,6 +257,27 @@ class Remainder(_Part):
     force: Force | None = _field("What describes it, besides what was named; null where nothing does.")
 
 
+class Begin(_Part):
+    """When something begins in a recording."""
+
+    recording: str = _field("Name of the recording.")
+    at: float = _field("Time since the first stamp of the recording.", "s")
+    interval_90: Interval = _field("Limits of its 90 % interval.", "s")
+
+
+class Onset(_Part):
+    """What was not there when a recording began, and what it looks like."""
+
+    looks_like: str = _field("Id of the effect that explains most of it, if that begins then; it is not named.")
+    sentence: str = _field("The physics of that effect in words.")
+    where: str = _field("Wheel, axle, axis, sensor or form of that effect; empty where it has none.")
+    value: float = _field("Its size.", "as `unit` says")
+    unit: str = _field('Unit of `value`; "-" where it has none.')
+    gain: float = _field("Relative fall of the squared error in training, by the linear model.", "-")
+    gain_always: float = _field("The same of that effect if it is there all the time.", "-")
+    begins: tuple[Begin, ...] = _field("When it begins, in the recordings within which it does.")
+
+
 class SensorFigures(_Part):
     """How one sensor agrees with what an observer expects of it."""
 
@@ -355,6 +376,9 @@ class Answer(_Part):
     )
     remainder: Remainder | None = _field(
         "What is left over besides what is named; absent where that is all, as far as is known.", default=None
+    )
+    onset: Onset | None = _field(
+        "What begins within recordings; absent where nothing is known to, or all is explained.", default=None
     )
     observer: ObserverComparison | None = _field(
         "How the observer fares with the extended vehicle file; absent where nothing is named, or it could not run.",

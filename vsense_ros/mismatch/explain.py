@@ -34,6 +34,7 @@ from vsense_ros.mismatch.data_quality import faults_in_words, faults_of, hindran
 from vsense_ros.mismatch.design import NEXT
 from vsense_ros.mismatch.extension import extended
 from vsense_ros.mismatch.observed import comparison
+from vsense_ros.mismatch.onset import Onset, onset
 from vsense_ros.mismatch.page import PAGE, write_report
 from vsense_ros.mismatch.picture import Trace
 from vsense_ros.mismatch.residuals import Residuals
@@ -273,9 +274,19 @@ class _Explainer:
             fit=entries.errors(residuals, base, shown, validation),
             base=entries.base_parameters(base, leader.fit if leader is not None else None),
             misfit=residuals.level(base.residuals),
+            onset=entries.since(self._onset(search, judged)),
             remainder=entries.remainder(residuals, shown, judged, _describing(search, judged, validation), validation),
         )
         self.answer = answer.with_(sentence=entries.sentence(answer))
+
+    def _onset(self, search: Search, judged: Judged) -> Onset | None:
+        """What begins within recordings, where something is left over that nothing explains."""
+        leader = judged.leader
+        if judged.verdict == "unknown":
+            return onset(search.residuals, search.base, search.secants(), 0.0 if leader is None else leader.gain)
+        if judged.verdict == "named" and judged.partial and leader is not None:
+            return onset(search.residuals, leader.fit, search.secants())
+        return None
 
     def _extended(self, search: Search, judged: Judged, shown: Fit) -> Vehicle | None:
         """The vehicle file with what was found, where that is sure."""
@@ -352,6 +363,11 @@ def _judged_with_further(
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
+    if judged.rivals and len(judged.rivals[0].candidates) > 1:
+        exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
+        if exchanged:
+            hypotheses = [*hypotheses, *exchanged]
+            judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)

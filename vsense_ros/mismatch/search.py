@@ -8,7 +8,7 @@ with all other free parameters: that is a hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -222,8 +222,18 @@ class Search:
                     found[effects] = max(found.get(effects, promised), promised, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)
         chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
-        fitted = map(self.refined, self._fitted(chosen))
+        fitted = [self._refined_by_last(e) for e in self._fitted(chosen)]
+        best = max(fitted, key=lambda e: e.score, default=None)
+        fitted = [self.refined(e) if e is best else e for e in fitted]
         return sorted(fitted, key=lambda e: e.score, reverse=True)
+
+    def secants(self) -> Iterator[tuple[Candidate, list[Array]]]:
+        """Of each candidate with one size its secant at the base fit, per deviation, by window."""
+        self._simulate_new(self.offered)
+        for candidate in self.offered:
+            if len(candidate.free_parameters) == 1:
+                (parameter,) = candidate.free_parameters
+                yield candidate, [part * parameter.deviation for part in self._column(parameter)]
 
     def described(self, besides: Hypothesis | None = None) -> list[Hypothesis]:
         """Terms without known physics that are possible, alone or `besides` an explanation, fitted in full, best
@@ -257,6 +267,54 @@ class Search:
         likeliest = [new for new in besides.values() if new][:BEAM]
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
         return [self.refined(e) for e in fitted]
+
+    def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
+        """Of several effects each exchanged for those that it is mistaken for, where that promises a `share` of what it
+        explains beside the others; and the others alone, where that was not known. Sets grow from the best, so that a
+        set may never have been fitted that explains as much as one that was."""
+        self._simulate_new(self.offered)
+        fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
+        found: list[Hypothesis] = []
+        for candidate in hypothesis.candidates:
+            others = frozenset(hypothesis.effects) - {candidate.effect}
+            if not others or candidate.along_road:
+                continue
+            if (rest := fitted.get(others)) is None:
+                rest = self._without(hypothesis, candidate)
+                found.append(rest)
+            least = rest.gain + share * (hypothesis.gain - rest.gain)
+            alike = [
+                self._signature(rest.fit, rest.candidates, (other,))
+                for other in self.offered
+                if _mistaken(candidate.effect, other.effect) and not other.along_road
+                and other.effect not in hypothesis.effects and others | {other.effect} not in fitted
+            ]  # fmt: skip
+            likeliest = max(alike, key=lambda s: s.gain, default=None)
+            if likeliest is not None and likeliest.gain > least:
+                found += [self._refined_by_last(e) for e in self._fitted([likeliest])]
+        return found
+
+    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Hypothesis:
+        """A hypothesis without one of its effects, the rest fitted again."""
+        at = hypothesis.fit
+        names = {parameter.name for parameter in candidate.free_parameters}
+        names |= {parameter.name for parameter in shapes(candidate, self.start.values)}
+        base = {parameter.name: parameter for parameter in self.base.free_parameters}
+        # What every car has a little of is fitted with its own prior again.
+        common = [base[name] for name in names if name in base]
+        stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
+        rest = replace(
+            at, free_parameters=tuple(at.free_parameters[i] for i in stay), offsets=at.offsets[stay],
+            slopes=[s[:, stay] for s in at.slopes],
+        ).joined(common, self._base_columns(common))  # fmt: skip
+        candidates = tuple(c for c in hypothesis.candidates if c is not candidate)
+        return self._hypothesis(candidates, self._fit(rest), hypothesis.independent_share)
+
+    def _base_columns(self, free_parameters: Sequence[FreeParameter]) -> list[Array]:
+        """By window, (rows, n): slopes of the base fit by some of its free parameters, per deviation."""
+        names = [parameter.name for parameter in self.base.free_parameters]
+        places_of = [names.index(parameter.name) for parameter in free_parameters]
+        return [part[:, places_of] for part in self.base.slopes]
 
     def with_profile(self, hypothesis: Hypothesis) -> Hypothesis | None:
         """A hypothesis with an effect of the road that has one size for all places, fitted with a profile of it (a size
@@ -464,6 +522,19 @@ class Search:
                 hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
         return self._on_the_road(hypothesis)
 
+    def _refined_by_last(self, hypothesis: Hypothesis) -> Hypothesis:
+        """The hypothesis fitted further with secants of its last effect alone: those of the others and of the base
+        parameters are of the hypothesis that it was added to, which is near."""
+        at, new = hypothesis.fit, hypothesis.candidates[-1]
+        if hypothesis.gain <= WORTH_REFINING or new.along_road:
+            return hypothesis
+        columns = slopes_by(self.residuals, self.start, at, new.free_parameters)
+        slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
+        fitted = self._fit(at.joined(new.free_parameters, slopes))
+        if fitted.value < at.value:
+            hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
+        return self._on_the_road(hypothesis)
+
     def _on_the_road(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis, fitted anew from the parameters of the vehicle file if its car gets lost. There the residuals
         are those of the base fit, so that base parameters would stay where they stand in for the effect."""
@@ -537,6 +608,11 @@ def _of_both_layers(likeliest: Sequence[tuple[float, Signature]]) -> list[tuple[
 
     layers = {of_sensors(signature) for _, signature in likeliest[:BEAM]}
     return [one for one in likeliest[BEAM:] if of_sensors(one[1]) not in layers]
+
+
+def _mistaken(one: str, other: str) -> bool:
+    """Whether two effects, by their ids, are mistaken for each other."""
+    return other in EVERY[one].mistaken_for or one in EVERY[other].mistaken_for
 
 
 def _first(candidate: Candidate) -> tuple[str, str]:

@@ -54,7 +54,9 @@ Array = NDArray[np.float64]
 
 STEP = 0.005  # [s] of the simulation
 KEEP = 2  # steps
-SIDE_BY_SIDE = 16  # runs that are given to the vectors at once: twice what the widest hold (AVX-512, eight lanes)
+SIDE_BY_SIDE = (
+    16  # runs that are given to the vectors at once, about: twice what the widest hold (AVX-512, eight lanes)
+)
 REMEMBERED = 3  # motions of each window, besides those that are foreseen
 SPUN = 0.5  # [rad] of side slip from which cars do not come back
 SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
@@ -128,6 +130,15 @@ class _Driving:
     varying: Mapping[str, Array]  # (n,) by name, of parameters that change along the road
 
 
+@dataclass(frozen=True)
+class _RoadInWindow:
+    """The road that a car meets in a window; its arrays are shared and not to be changed."""
+
+    key: int  # the same where all of it is
+    around: Array  # (n, 7) as model.coordinates.DISTURBANCES
+    felt: Mapping[str, Array]  # (n,) by name, of parameters of the motion that change along it
+
+
 class Predictor:
     """Simulates the windows; keeps the last motions, so that what concerns sensors alone costs little."""
 
@@ -140,7 +151,9 @@ class Predictor:
         self.radius = float(np.mean(rolling_radii(vehicle)))
         self._loop = OpenLoop(self.car, KEEP)
         self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
-        self.ahead = max(1, SIDE_BY_SIDE // max(len(dataset.windows), 1))  # parameter sets that are driven at once
+        self.ahead = _at_once(len(dataset.windows), self._loop.lanes)  # parameter sets that are driven at once
+        self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[_Driving]]] = []  # the last at the end
+        self._roads_met: dict[tuple, list[_RoadInWindow]] = {}
         measuring = {name: sensor for name, sensor in dataset.sensors.items() if sensor.signals}
         functions = [_equation(self.car, f"sense_{i}", sensor) for i, sensor in enumerate(measuring.values())]
         compiled = codegen.compiled("sensing", functions) if functions else []
@@ -163,11 +176,9 @@ class Predictor:
 
     def simulated(self, parameter_set: ParameterSet) -> list[dict[str, Array]]:
         """Signals of each window as a car with these parameters would have them; empty where it left all bounds."""
-        sensors = self._sensors(parameter_set)
+        sensors, _ = self._ways(parameter_set)
         result = []
-        for window, (motion, sensed, way) in zip(
-            self.dataset.windows, self._all_moved(parameter_set, sensors), strict=True
-        ):
+        for window, (motion, sensed, way) in zip(self.dataset.windows, self._all_moved(parameter_set), strict=True):
             reading = hash(tuple(sensors.items()))
             if reading not in sensed:
                 if len(sensed) > 3:
@@ -184,7 +195,7 @@ class Predictor:
         """When in each window the simulated car loses the road, or a wheel does, where the real one does not [s];
         infinite where it never does. What was steered and braked for another car does not hold one at its limit, and
         says no more than that."""
-        moved = self._all_moved(parameter_set, self._sensors(parameter_set))
+        moved = self._all_moved(parameter_set)
         return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
 
     def _lost_from(self, index: int, motion: StateHistory) -> float:
@@ -215,7 +226,7 @@ class Predictor:
 
     def foresee(self, parameter_sets: Sequence[ParameterSet]) -> None:
         """Drive the windows with up to `ahead` parameter sets side by side; what then is asked of them is known."""
-        self._drive([self._ways(one, self._sensors(one)) for one in parameter_sets])
+        self._drive([self._ways(one)[1] for one in parameter_sets])
 
     def driven_axles(self, parameter_set: ParameterSet) -> frozenset[str]:
         """The axles that are driven: by wheel torques where they are measured, else by what is assumed of unknown
@@ -233,10 +244,20 @@ class Predictor:
         front = parameter_set.values[next(iter(TORQUE_SHARES))]
         return frozenset(axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > NOT_DRIVEN)
 
-    def _ways(self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]) -> list[_Driving]:
-        """By window."""
-        profiles = [self._known, profiles_of(parameter_set)]
-        return [self._driving(index, parameter_set, profiles, sensors) for index in range(len(self.dataset.windows))]
+    def _ways(self, parameter_set: ParameterSet) -> tuple[Mapping[str, SensorBase], list[_Driving]]:
+        """The sensors, and what the motion in each window depends on; of the sets that were asked for last known."""
+        for known, sensors, ways in reversed(self._asked):
+            if known is parameter_set:
+                return sensors, ways
+        sensors = self._sensors(parameter_set)
+        parameters = np.array([parameter_set.values[name] for name in self.names])
+        mechanical = [v for n, v in zip(self.names, parameters.tolist(), strict=True) if n not in self._of_sensors]
+        ways = [
+            self._driving(index, parameter_set, sensors, road, parameters, mechanical)
+            for index, road in enumerate(self._roads(parameter_set))
+        ]
+        self._asked = [*self._asked[-(REMEMBERED + self.ahead) :], (parameter_set, sensors, ways)]
+        return sensors, ways
 
     def _drive(self, several: Sequence[Sequence[_Driving]]) -> None:
         """Side by side what was not driven before."""
@@ -254,10 +275,10 @@ class Predictor:
             known[key] = motion, {}
 
     def _all_moved(
-        self, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase]
+        self, parameter_set: ParameterSet
     ) -> list[tuple[StateHistory, dict[int, dict[str, Array]], _Driving]]:
         """Motion in each window, what of its signals is known already, by the sensors, and what it depends on."""
-        ways = self._ways(parameter_set, sensors)
+        _, ways = self._ways(parameter_set)
         self._drive([ways])
         found = []
         for way, known in zip(ways, self._motions, strict=True):
@@ -301,9 +322,42 @@ class Predictor:
         return {name: s for name, s in self.vehicle.sensors_of_car().items() if name in self.dataset.sensors}
 
     def _driving(
-        self, index: int, parameter_set: ParameterSet, profiles: Sequence[Profiles], sensors: Mapping[str, SensorBase]
-    ) -> _Driving:
+        self, index: int, parameter_set: ParameterSet, sensors: Mapping[str, SensorBase], road: _RoadInWindow,
+        parameters: Array, mechanical: Sequence[float],
+    ) -> _Driving:  # fmt: skip
         """What the motion in a window depends on."""
+        late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
+        speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
+        steering, torques = (self._telling(sensors, what) or "" for what in INPUTS)
+        delays = late.get(steering, 0.0), late.get(torques, 0.0), speed
+        shares = [parameter_set.values[name] for name in TORQUE_SHARES]
+        key = hash((*mechanical, *shares, *delays, road.key))
+        return _Driving(key, parameters, shares, delays, road.around, road.felt)
+
+    def _roads(self, parameter_set: ParameterSet) -> list[_RoadInWindow]:
+        """The road that the car meets in each window; those that it met last are known."""
+        profiles = [self._known, profiles_of(parameter_set)]
+        values = parameter_set.values
+        points = tuple((name, values[name], *at.items()) for one in profiles for name, at in one.items())
+        key = *(values[name] for name in self._sizes_of_slopes), points
+        if key not in self._roads_met:
+            if len(self._roads_met) >= REMEMBERED + self.ahead:
+                self._roads_met.pop(next(iter(self._roads_met)))
+            windows = range(len(self.dataset.windows))
+            self._roads_met[key] = [self._road(index, parameter_set, profiles) for index in windows]
+        return self._roads_met[key]
+
+    @cached_property
+    def _sizes_of_slopes(self) -> list[str]:
+        """Names of all that slopes depend on, but for what they are at places."""
+        return [
+            f"effects.{id}.{n}"
+            for id in _SLOPING
+            for n in BY_ID[id].model_fields
+            if f"effects.{id}.{n}" in self.start.values
+        ]
+
+    def _road(self, index: int, parameter_set: ParameterSet, profiles: Sequence[Profiles]) -> _RoadInWindow:
         turned, place = self._way[index]
         varying = varying_sizes(parameter_set.values, profiles, place)
         around = np.zeros((len(place), len(DISTURBANCES)))
@@ -319,16 +373,9 @@ class Predictor:
             bend, twist = bending(effect.slope, changes, turned, self._curvature[index])
             around[:, GRADE_CHANGE] += bend
             around[:, BANK_CHANGE] += twist
-        late = {n: s.latency - self.dataset.sensors[n].latency for n, s in sensors.items()}
-        speed = 0.0 if self.dataset.windows[index].torques else late.get(self._speedometer[index], 0.0)
-        steering, torques = (self._telling(sensors, what) or "" for what in INPUTS)
-        delays = late.get(steering, 0.0), late.get(torques, 0.0), speed
-        parameters = np.array([parameter_set.values[name] for name in self.names])
-        mechanical = [v for n, v in zip(self.names, parameters, strict=True) if n not in self._of_sensors]
         felt = {n: v for n, v in varying.items() if n in self.names and n not in self._of_sensors}
-        road = (around.tobytes(), *((name, values.tobytes()) for name, values in felt.items()))
-        shares = [parameter_set.values[name] for name in TORQUE_SHARES]
-        return _Driving(hash((*mechanical, *shares, *delays, *road)), parameters, shares, delays, around, felt)
+        key = hash((around.tobytes(), *((name, values.tobytes()) for name, values in felt.items())))
+        return _RoadInWindow(key, around, felt)
 
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
@@ -347,7 +394,7 @@ class Predictor:
         windows = self.dataset.windows
         found = [np.zeros(self.car.internal_state.numel()) for _ in windows]
         in_order = [sorted(of, key=lambda index: windows[index].begin) for of in self.dataset.places_by_recording()]
-        ways = self._ways(self.start, self._sensors(self.start))
+        _, ways = self._ways(self.start)
         for place in range(max(map(len, in_order), default=0) - 1):
             pairs = [of[place : place + 2] for of in in_order if len(of) > place + 1]
             runs = [self._until(windows[after].begin, before, ways[before], found[before]) for before, after in pairs]
@@ -447,6 +494,19 @@ def _physical(name: str) -> tuple[float, float]:
     """Least and largest value of a parameter of an effect, by its dotted name."""
     _, id, field = name.split(".")
     return bounds(EVERY[id].model_fields[field])
+
+
+def _at_once(windows: int, lanes: int) -> int:
+    """How many parameter sets are driven at once: about `SIDE_BY_SIDE` runs, or up to twice as many if these leave
+    fewer lanes of the vectors empty."""
+    fewest = max(1, SIDE_BY_SIDE // max(windows, 1))
+
+    def empty(count: int) -> float:
+        """Share of the lanes."""
+        runs = count * max(windows, 1)
+        return 1 - runs / (-(-runs // lanes) * lanes)
+
+    return min(range(fewest, 2 * fewest + 1), key=empty)
 
 
 def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Dataset) -> list[float | None]:

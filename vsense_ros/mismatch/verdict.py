@@ -274,14 +274,26 @@ class _Judge:
         return leading
 
     def within_reach(self, leader: Hypothesis) -> tuple[Hypothesis, ...]:
-        """A leader and its rivals. What excludes another explanation is what the leader gains beyond what the two
-        share: that the other one is itself unproven does not."""
+        """A leader and its rivals: those that nothing excludes that explains more. What excludes an explanation is what
+        another gains beyond what the two share, be that the leader or one that the leader surpasses: that the excluded
+        one is itself unproven does not."""
+        alike = [e for e in self.hypotheses if len(e.candidates) == len(leader.candidates) and e is not leader]
 
         def is_rival(e: Hypothesis) -> bool:
-            shared = frozenset(e.effects) & frozenset(leader.effects)
-            known = self.proven[self.best[shared]] if shared in self.best else 0.0
-            as_good = _as_good(self.proven[e], self.proven[leader], self.thresholds, known)
-            return as_good and not self.surpassed(e, leader)
+            if self.excluded(e, leader):
+                return False
+            better = (by for by in alike if self.proven[by] > self.proven[e])
+            return not any(self.excluded(e, by) and self.holds(by) for by in better)
 
-        alike = (e for e in self.hypotheses if len(e.candidates) == len(leader.candidates) and e is not leader)
         return leader, *sorted(filter(is_rival, alike), key=self.proven.__getitem__, reverse=True)
+
+    def excluded(self, e: Hypothesis, by: Hypothesis) -> bool:
+        """Whether an explanation is not within reach of another, adds next to nothing to it, or explains something
+        else: then both may be there, and it adds to the other most of what it explains beyond what the two share."""
+        shared = frozenset(e.effects) & frozenset(by.effects)
+        known = self.proven[self.best[shared]] if shared in self.best else 0.0
+        if not _as_good(self.proven[e], self.proven[by], self.thresholds, known) or self.surpassed(e, by):
+            return True
+        joint = self.best.get(frozenset((*by.effects, *e.effects)))
+        own = self.thresholds.rival_share * (self.proven[e] - known)
+        return joint is not None and self.proven[joint] - self.proven[by] > max(own, self.least_gain)

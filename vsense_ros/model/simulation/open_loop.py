@@ -79,6 +79,11 @@ class OpenLoop:
         self._compiled = _compiled(car)
         self._place = {name: place for place, name in enumerate(car.parameter_names)}
 
+    @property
+    def lanes(self) -> int:
+        """How many runs cost no more than one."""
+        return 1 if self._compiled is None else self._compiled.lanes
+
     def run(self, q: Array, u: Array, inputs: Inputs, parameters: Array) -> StateHistory:
         """One run alone, which costs as much as several side by side."""
         return self.runs([Run(q, u, inputs, parameters)])[0]
