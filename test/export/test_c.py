@@ -343,8 +343,8 @@ def test_parameters_are_estimated_as_in_python(kind: str, vehicle: Vehicle, tmp_
 
 def test_a_difference_that_is_no_number_is_infinite() -> None:
     nan, one = np.array([np.nan]), np.array([1.0])
-    assert check._relative(nan, one) == check._relative(one, nan) == np.inf
-    assert check._relative(nan, nan) == 0
+    assert check.relative(nan, one) == check.relative(one, nan) == np.inf
+    assert check.relative(nan, nan) == 0
 
 
 # Bad input
