@@ -516,7 +516,7 @@ class _Contents:
         payloads = self.payloads.get(number, [])
         times = [np.array(self.times.get(number, []), np.uint64), *(times for _, times in blocks)]
         if not payloads and len({rows.shape[1] for rows, _ in blocks}) == 1:
-            # Each block goes when it has its place: of hours of a drive no more is in memory than there is.
+            # Each block is let go once it is copied, so that a long bag is not in memory twice.
             every = np.empty((sum(len(rows) for rows, _ in blocks), blocks[0][0].shape[1]), np.uint8)
             end, moved = len(every), 0
             while blocks:

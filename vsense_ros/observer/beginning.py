@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class Beginning:
         """Whether a measurement tells another speed than most sensors do; it is then refused."""
         sensor = self._intake.sensors[event.sensor]
         speed = sensor.first_speed(event.value, self._vehicle)
-        if speed is None:
+        if speed is None or not isfinite(speed):
             return False
         self._newest[event.sensor] = event.stamp, abs(speed)
         middle = self._differs(event.sensor)
@@ -87,8 +88,8 @@ class Beginning:
         return True
 
     def _differs(self, index: int) -> float | None:
-        """The speed [m/s] that most sensors tell, where this one tells another; None where it does not, or where there
-        are too few to say."""
+        """The median [m/s] of the speeds that sensors tell, where this one is apart from it and most are not; None
+        otherwise, and where fewer than three tell a speed."""
         told = self._newest.get(index)
         if told is None:
             return None
