@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import time
@@ -220,6 +221,9 @@ class SensingNode(LifecycleNode, Generic[Params]):
             publisher.on_activate(None)
         self.start()
         self._connected = False
+        # What there is by now stays: no garbage collection need look through it again, which would hold up messages.
+        gc.collect()
+        gc.freeze()
         self.get_logger().info("active")
 
     def _wait_for_readers(self) -> None:

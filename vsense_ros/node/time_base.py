@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
+
+import numpy as np
 
 _RATE_TICKS = 512  # clock messages from which the rate of the clock is taken
 _OFFSET_TICKS = 64  # newest of them from which the offset is taken
@@ -35,7 +36,11 @@ class TimeBase:
 
     def __init__(self, simulated: bool) -> None:
         self.simulated = simulated
-        self._ticks: deque[tuple[int, int]] = deque(maxlen=_RATE_TICKS)  # wall, simulated [ns], newest first
+        # Wall and simulated time [ns] of each tick, oldest first. Only the columns from `_first` to `_end` are ticks:
+        # the newest are moved to the front when the end of the array is reached, so that they always lie together.
+        self._ticks = np.zeros((2, 4 * _RATE_TICKS), np.int64)
+        self._first = self._end = 0
+        self._newest = 0  # simulated time of the newest [ns]
         self._count = 0
         self._heard = 0  # wall time [ns] of the newest tick
         self._set_back = 0  # wall time [ns] of the newest tick that was the first, stood still or went back
@@ -49,8 +54,9 @@ class TimeBase:
         wall = time.time_ns() if wall is None else wall
         with self._lock:
             self._heard = wall
-            late = self._at(wall) - simulated if self._ticks else 0
-            if not self._ticks or simulated <= self._ticks[0][1]:
+            known = self._end > self._first
+            late = self._at(wall) - simulated if known else 0
+            if not known or simulated <= self._newest:
                 self._begin_anew(wall)
             elif abs(late) > _JUMP * max(1.0, self._rate):
                 self._late_since = wall if self._late_since is None else self._late_since
@@ -58,29 +64,45 @@ class TimeBase:
                     return
                 self._begin_anew(wall if late > 0 else self._set_back)
             self._late_since = None
-            self._ticks.appendleft((wall, simulated))
+            self._append(wall, simulated)
             self._count += 1
-            if wall - self._ticks[-1][0] < _RATE_OFTEN or self._count % _RATE_EVERY == 0:
+            if wall - self._ticks[0, self._first] < _RATE_OFTEN or self._count % _RATE_EVERY == 0:
                 self._find_rate()
-            self._best = self._promptest(islice(self._ticks, _OFFSET_TICKS))
+            self._best = self._promptest(max(self._first, self._end - _OFFSET_TICKS), self._end)
+
+    def _append(self, wall: int, simulated: int) -> None:
+        if self._end == self._ticks.shape[1]:
+            self._ticks[:, : _RATE_TICKS - 1] = self._ticks[:, 1 - _RATE_TICKS :]
+            self._first, self._end = 0, _RATE_TICKS - 1
+        self._ticks[:, self._end] = wall, simulated
+        self._newest = simulated
+        self._end += 1
+        self._first = max(self._first, self._end - _RATE_TICKS)
 
     def _begin_anew(self, set_back: int) -> None:
-        self._ticks.clear()
+        self._first = self._end = 0
         self._rate = 1.0
         self._set_back = set_back
 
-    def _promptest(self, ticks: Iterable[tuple[int, int]]) -> tuple[int, int]:
-        first_wall, first = self._ticks[-1]
-        return max(ticks, key=lambda tick: tick[1] - first - self._rate * (tick[0] - first_wall))
+    def _promptest(self, first: int, end: int) -> tuple[int, int]:
+        """Of the ticks in these columns the one that makes the time latest, of equal ones the newest."""
+        wall, simulated = self._ticks[:, first:end][:, ::-1] - self._ticks[:, self._first, None]
+        place = end - 1 - int((simulated - self._rate * wall).argmax())
+        return int(self._ticks[0, place]), int(self._ticks[1, place])
 
     def _find_rate(self) -> None:
         """From the promptest tick of the earlier half to that of the later: of ticks in one go only the last counts."""
-        first, last = self._ticks[-1][0], self._ticks[0][0]
+        walls = self._ticks[0, self._first : self._end]
+        first, last = int(walls[0]), int(walls[-1])
         if last - first < _RATE_SPAN:
             return
-        middle = (first + last) // 2
-        earlier_wall, earlier = self._promptest(tick for tick in self._ticks if tick[0] <= middle)
-        later_wall, later = self._promptest(tick for tick in self._ticks if tick[0] > middle)
+        split = self._first + int(walls.searchsorted((first + last) // 2, side="right"))
+        if not self._first < split < self._end:  # the system's clock was set meanwhile
+            return
+        earlier_wall, earlier = self._promptest(self._first, split)
+        later_wall, later = self._promptest(split, self._end)
+        if later_wall <= earlier_wall:
+            return
         rate = (later - earlier) / (later_wall - earlier_wall)
         self._rate = 1.0 if abs(rate - 1.0) < _RATE_NOISE else rate
 
@@ -89,7 +111,7 @@ class TimeBase:
         if not self.simulated:
             return wall
         with self._lock:
-            return self._at(wall) if self._ticks else None
+            return self._at(wall) if self._end > self._first else None
 
     def settled(self, wall: int) -> bool:
         """Whether the clock runs, and no ticks may be waiting for this process that would tell another time."""
