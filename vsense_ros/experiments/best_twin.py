@@ -17,7 +17,7 @@ import numpy as np
 from vsense_ros import codegen
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.state_space import Named, expression
-from vsense_ros.identify.rinsing import Drive, low_passed
+from vsense_ros.identify.rinsing import Drive, independent, low_passed
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 
@@ -49,7 +49,8 @@ class Twin:
         inputs = self.inputs + random.standard_normal(self.inputs.shape) * INPUT_NOISE
         outputs = self.clean + random.standard_normal(self.clean.shape) * OUTPUT_NOISE
         inputs, outputs = low_passed(inputs, STEP, cut_off), low_passed(outputs, STEP, cut_off)
-        return Drive(name, STEP, np.ascontiguousarray(inputs), np.ascontiguousarray(outputs), self.states[0].copy())
+        every = independent(STEP, cut_off)
+        return Drive(name, STEP, inputs, outputs, self.states[0].copy(), every=every)
 
 
 @dataclass
@@ -76,13 +77,15 @@ def drive(driver: Driver, seconds: float, values: Mapping[str, float] = PAPER, s
     for k in range(count):
         command = driver(k, x, angle)
         reach = command.quickest * STEP
-        angle += min(max(command.steering - angle, -reach), reach)
+        turned = min(max(command.steering - angle, -reach), reach)
         torque += STEP / 0.06 * (_torques(command.force, x, radius) - torque)
         states[k], known[k, 0], known[k, 1:] = x[:13], angle, x[13:]
-        driven_by[0], driven_by[1:] = angle, torque
-        for _ in range(SUBSTEPS):
+        driven_by[1:] = torque
+        for i in range(SUBSTEPS):
+            driven_by[0] = angle + turned * (i + 0.5) / SUBSTEPS  # wheels turn without jumps, as a recording has them
             kernel.call()
             x[:] = kernel.results[0][:, 0]
+        angle += turned
     return Twin(states, known)
 
 

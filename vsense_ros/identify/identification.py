@@ -31,7 +31,7 @@ from vsense_ros.model.vehicle import Vehicle
 
 ModelName = Literal["best", "single_track"]
 AXLES = ("front", "rear")
-TWO_CARS = 4.0  # standard deviations between two drives, beyond which they are not of one car
+TWO_CARS = 3.0  # standard deviations between two drives, beyond which they are not of one car
 TWO_CARS_SHARE = 0.2  # and the share of the value, as no model is exact
 PASSES = 10  # at most
 BACKWARDS = -0.4  # correlation of two signals that should go together, from which on one has the wrong sign
