@@ -12,8 +12,9 @@ of springs, loads and constraint forces in it, and leaves out what the change of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -44,6 +45,7 @@ class _Branch:
     """The functions of one linkage: symbols in, numbers out, shared by all branches that are equal."""
 
     evaluate: ca.Function
+    tangent: ca.Function
     factor: ca.Function
     constraints: ca.Function
     equations: ca.Function
@@ -94,6 +96,7 @@ def _branch(linkage: Linkage) -> _Branch:
     exports = [motion.measure(measure).value for measure in linkage.exports]
     return _Branch(
         evaluate=function("evaluate", [residual, weight * forces.base, constraint]),
+        tangent=shape,
         factor=factor,
         constraints=function(
             "constraints", [constraint, motion.constraint_rate, motion.constraint_acceleration, jacobian]
@@ -234,13 +237,17 @@ class Equations:
             for link in mechanism.links:
                 if link.to == i:
                     own_inputs[link.entry] = exports[link.source][link.export]
-            function = getattr(self._shared[linkage], name)
-            found = function(
+            found = self._of_branch(i, name)(
                 own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
                 ca.vertcat(ca.MX(0, 1), *own_inputs), self.h if h is None else h,
             )  # fmt: skip
             results.append(found if isinstance(found, tuple) else (found,))
         return results
+
+    def _of_branch(self, i: int, name: str) -> Callable[..., Any]:
+        """The function of a branch."""
+        function: ca.Function = getattr(self._shared[self.mechanism.branches[i]], name)
+        return function
 
     def _factor(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None
