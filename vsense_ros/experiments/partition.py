@@ -115,22 +115,27 @@ class Partition:
 
 def flop_of_observer(vehicle: Vehicle) -> float:
     """Operations of a step of the errorEKF with every sensor once, counted in the expressions and the algebra."""
+    return flop_of_filter(vehicle) + operations(steps.advance_function(car_of(vehicle)))
+
+
+def flop_of_filter(vehicle: Vehicle) -> float:
+    """The same but for what moves the car itself: linearisation, covariance, corrections."""
     car, sensors = car_of(vehicle), sensors_of(vehicle)
-    moving = [steps.linearize_function(car), steps.advance_function(car), steps.kinematics_function(car)]
-    functions = [codegen.expanded(f) for f in (*moving, steps.force_function(car))]
+    functions = [steps.linearize_function(car), steps.kinematics_function(car), steps.force_function(car)]
     correcting = [s for s in sensors.values() if not s.is_input]
-    functions += [codegen.expanded(sensor_function(car, s)) for s in correcting]
+    functions += [sensor_function(car, s) for s in correcting]
     n, model = layout(sensors).size, 14
     gained = 2 * model**3 * 3 + 2 * model * 39 * model  # the inverse, and its products
     moved = 2 * model * (39 + n) * n  # rows of the velocities, and of the coordinates that follow them
     corrected = sum(2 * len(s.deviations()) * n * (n + 20) for s in correcting)
-    return float(sum(map(_operations, functions)) + gained + moved + corrected)
+    return float(sum(map(operations, functions)) + gained + moved + corrected)
 
 
-def _operations(function: ca.Function) -> int:
-    """Of a function of scalars, without moving numbers."""
+def operations(function: ca.Function) -> int:
+    """Floating-point operations of a function, without moving numbers."""
     moves = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN}
-    return sum(function.instruction_id(k) not in moves for k in range(function.n_instructions()))
+    scalar = codegen.expanded(function)
+    return sum(scalar.instruction_id(k) not in moves for k in range(scalar.n_instructions()))
 
 
 def uses(vehicle: Vehicle, iterations: float = 3.0) -> list[Use]:

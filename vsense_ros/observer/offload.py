@@ -44,8 +44,8 @@ class Parts:
 
 class OffloadedParts:
     """The parts of one vehicle's car at the place of some arrays: q, u (14), disturbances, inputs, parameters, internal
-    state. `update` writes `columns` (18×4) and `inertias` (6×4) of `CarInParts`; `Kernel`s of its functions may be bound
-    to `memory`, the arrays of both."""
+    state. `update` writes `columns` (18×4) and `inertias` (6×4) of `CarInParts`, to whose arrays, `memory`, a `Kernel`
+    of its functions may be bound."""
 
     def __init__(self, car: CarInParts, vehicle: Vehicle, parts: Parts, where: list[Array]) -> None:
         self._client, self._names = parts.client, frozenset(parts.names)
@@ -63,11 +63,11 @@ class OffloadedParts:
         if "suspension_motion" in self._names:
             parts.client.set_table("suspension_motion", table(dict(tables.front), dict(tables.rear)))
         self._sums = [_Sum(dict(axle)) for axle in (tables.front, tables.rear)]
-        front, rear = vehicle.physics.front, vehicle.physics.rear
-        self._wheels = [(a.wheel_diametral_inertia, a.wheel_spin_inertia) for a in (front, front, rear, rear)]
+        names = ("wheel_diametral_inertia", "wheel_spin_inertia", "hub_mass", "wheel_mass")
+        of_wheels = [[f"{axle}.{name}" for name in names] for axle in ("front", "front", "rear", "rear")]
+        self._numbers = np.array([[car.parameter_names.index(name) for name in names] for names in of_wheels])
+        self._parameters = around[2]
         self._request = np.zeros((len(WHEELS), BODY_MASS.words_in), np.float32)
-        for row, (across, along), axle in zip(self._request, self._wheels, (front, front, rear, rear), strict=True):
-            row[9:12], row[18] = (across, along, across), axle.hub_mass + axle.wheel_mass
 
     def update(self) -> None:
         """The parts where the arrays have the car."""
@@ -89,9 +89,7 @@ class OffloadedParts:
 
         def check(result: NDArray[np.float32]) -> bool:
             given = result.reshape(len(WHEELS), 6, 4)[:, :, :3].sum(axis=1, dtype=float)
-            return all(
-                self._sums[i // 2].agrees(given[i], places[0, i], places[1, i]) for i in range(len(WHEELS))
-            )
+            return all(self._sums[i // 2].agrees(given[i], places[0, i], places[1, i]) for i in range(len(WHEELS)))
 
         words = places.reshape(-1, order="F").astype(np.float32).view(np.uint32)
         found = self._client.request(SUSPENSION_MOTION, words, check)
@@ -102,14 +100,15 @@ class OffloadedParts:
         self._axes.call()
         turns = self._axes.results[0]
         found = np.zeros((len(WHEELS), 6))
-        for i, (across, along) in enumerate(self._wheels):
+        for i, (across, along, hub, wheel) in enumerate(self._parameters[self._numbers].tolist()):
             turn = turns[:, i].reshape(3, 3)
 
             def check(result: NDArray[np.float32], turn: Array = turn, a: float = across, b: float = along) -> bool:
                 return _is_inertia(result, turn, a, b)
 
-            self._request[i, :9] = turns[:, i]
-            result = self._client.request(BODY_MASS, self._request[i].view(np.uint32), check)
+            request = self._request[i]
+            request[:9], request[9:12], request[18] = turns[:, i], (across, along, across), hub + wheel
+            result = self._client.request(BODY_MASS, request.view(np.uint32), check)
             if result is None:
                 return None
             found[i] = result[:6]

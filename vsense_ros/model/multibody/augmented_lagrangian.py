@@ -12,9 +12,8 @@ of springs, loads and constraint forces in it, and leaves out what the change of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -229,7 +228,7 @@ class Equations:
                 shared = self._shared[mechanism.branches[link.source]]
                 exports[link.source] = shared.exports(*part(link.source))
         results = []
-        for i, linkage in enumerate(mechanism.branches):
+        for i in range(len(mechanism.branches)):
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             rows = slice(mechanism.equation_offsets[i], mechanism.equation_offsets[i + 1])
             own_z, own_guides, own_parameters = part(i)
@@ -237,17 +236,23 @@ class Equations:
             for link in mechanism.links:
                 if link.to == i:
                     own_inputs[link.entry] = exports[link.source][link.export]
-            found = self._of_branch(i, name)(
+            arguments = [
                 own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
                 ca.vertcat(ca.MX(0, 1), *own_inputs), self.h if h is None else h,
-            )  # fmt: skip
+            ]  # fmt: skip
+            found = self._called(i, name, arguments)
             results.append(found if isinstance(found, tuple) else (found,))
         return results
 
-    def _of_branch(self, i: int, name: str) -> Callable[..., Any]:
-        """The function of a branch."""
+    def function_of(self, i: int, name: str) -> ca.Function:
+        """The function of a branch by its name."""
         function: ca.Function = getattr(self._shared[self.mechanism.branches[i]], name)
         return function
+
+    def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
+        """What the function of a branch gives."""
+        found: ca.MX | tuple[ca.MX, ...] = self.function_of(i, name)(*arguments)
+        return found
 
     def _factor(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None

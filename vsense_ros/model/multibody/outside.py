@@ -7,9 +7,8 @@ branches, as Rodríguez 2020 has it, and an iteration that ends as soon as the t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -110,15 +109,15 @@ class _Equations(Equations):
         self._ends = np.cumsum([0, *counts]).tolist()
         self.given = ca.MX.sym("given", TURNED, self._ends[-1] if in_parts else 0)
 
-    def _of_branch(self, i: int, name: str) -> Callable[..., Any]:
+    def function_of(self, i: int, name: str) -> ca.Function:
         parts = self._parts.get(self.mechanism.branches[i])
-        if parts is None or not hasattr(parts, name):
-            return super()._of_branch(i, name)
-        function: ca.Function = getattr(parts, name)
-        if name == "bodies":
-            return function
-        given = self.given[:, self._ends[i] : self._ends[i + 1]]
-        return lambda *arguments: function(*arguments, given)
+        function: ca.Function | None = getattr(parts, name, None)
+        return super().function_of(i, name) if function is None else function
+
+    def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
+        takes = self._parts and name in ("evaluate", "tangent")
+        given = [self.given[:, self._ends[i] : self._ends[i + 1]]] if takes else []
+        return super()._called(i, name, [*arguments, *given])
 
     def functions(self) -> list[ca.Function]:
         """(…, h, given) → matrix of the system, and Φ_z; the same → what is missing, Φ, rates of the base's coordinates
