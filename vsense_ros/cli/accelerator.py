@@ -115,26 +115,37 @@ def _show_implementation(rows: Sequence[Implementation], shares: dict[str, dict[
 @click.command()
 @click.argument("vehicle")
 @click.option("--device", required=True, metavar="FILE", help="File of a device, or the name of one in config/devices.")
-@click.option("--iterations", default=3.0, show_default=True, type=click.FloatRange(1, 100), help="In a step.")
-def partition(vehicle: str, device: str, iterations: float) -> None:
+@click.option("--full", is_flag=True, help="The observer with all bodies and linkages, in steps of 4 ms.")
+@click.option("--iterations", type=click.FloatRange(1, 100), help="In a step. By default measured on a short drive.")
+def partition(vehicle: str, device: str, full: bool, iterations: float | None) -> None:
     """Which kernels of the observer of VEHICLE are worth a device, and what the whole gains.
 
-    From the operations of the observer, clocks and resources of the kernels, and the cost of the link; nothing is
-    recommended where nothing is gained.
+    From the operations of the observer by the implicit rule, its iterations and what single precision does to them,
+    clocks and resources of the kernels, and the cost of the link; nothing is recommended where nothing is gained.
 
     \b
     Examples:
       vsense partition prototype_model --device xc7z020
+      vsense partition prototype_model --device xc7z020 --full
       vsense partition prototype_model --device my_board.yaml --iterations 5
     """
     from vsense_ros.evaluate.terminal import console, plain_table, say
     from vsense_ros.experiments import partition as job
 
     car, board = load_car(vehicle), job.load_device(device)
-    step_us = board.processor_us(job.flop_of_observer(car))
-    found = job.partition(board, step_us, job.uses(car, iterations))
+    more = 1.0
+    if iterations is None:
+        from vsense_ros.experiments.implementation import measured
+
+        iterations, more = measured(car, full)
+        changed = f"single precision makes them {more:.3f} times as many"
+        words = "single precision leaves them" if abs(more - 1) < 5e-4 else changed
+        say(f"A step takes {iterations:.2f} iterations; {words}.")
+    profile = job.profile(car, full, iterations, more)
+    step_us = board.processor_us(profile.flop)
+    found = job.partition(board, step_us, profile.uses(), more)
     say(f"A step takes about {step_us:.0f} µs on the processor of {board.name}, by counted operations.")
-    table = plain_table("kernel", "calls", "processor", "accelerator", "variant", "gain a step", right=("calls",))
+    table = plain_table("kernel", "calls", "processor saves", "accelerator", "variant", "gain a step", right=("calls",))
     for name, choice in found.best.items():
         use = choice.use
         each = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))

@@ -9,33 +9,27 @@ drives a shorter one: the same throttle and steering from 10 m/s.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros import codegen
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
 from vsense_ros.accelerator.kernels import BODY_MASS, KERNELS
+from vsense_ros.experiments.flop import Operations, flop_of_full, flop_of_simplified
 from vsense_ros.experiments.partition import Device as Board
-from vsense_ros.experiments.partition import flop_of_filter, load_device, operations
+from vsense_ros.experiments.partition import load_device
 from vsense_ros.experiments.thesis import Kind, driven, observe, observing, with_his_sensors
+from vsense_ros.manoeuvre import generate
 from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.throttle_and_steer import ANGLE, MANOEUVRES, TORQUE
-from vsense_ros.model.car.car import car_of
-from vsense_ros.model.car.full_car import FullCar
-from vsense_ros.model.car.parts import CarInParts
-from vsense_ros.model.coordinates import COORDINATES, WHEELS
-from vsense_ros.model.multibody.augmented_lagrangian import Equations
-from vsense_ros.model.multibody.mechanism import Linkage
+from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.multibody.outside import Outside, turned
-from vsense_ros.model.multibody.semi_recursive import Motion
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
@@ -45,10 +39,9 @@ from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
 from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
 from vsense_ros.observer.implicit import SOLVER, ImplicitCar, accelerated, in_double
-from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
-from vsense_ros.observer.spi import Spi, equations_of
-from vsense_ros.observer.state import Prior, layout
+from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.state import Prior
 
 Array = NDArray[np.float64]
 
@@ -81,8 +74,8 @@ HIS: dict[tuple[str, str, str, int, float], tuple[float, float]] = {
 HIS_SHARES = {"mass matrix": 11.06, "update motion": 34.15, "solver": 12.89}  # of computing time, in percent
 OBSERVERS = {"errorEKF": Kind("errorEKF", "error_ekf"), "SPI": Kind("SPI_EKF", "spi", "ekf")}
 FULL_SPEED, FULL_SECONDS, FULL_TURN = 10.0, 1.2, 0.2  # of the full car's drive: at the start [m/s]; whole, steering [s]
+SHORT_DRIVE = 2.5  # [s] of the lane change that iterations are measured on
 DRIVE = 10.0  # [s] that a computing time is for
-BODY_FLOP = 93  # of R J Rᵀ and m R s
 
 
 class Case(NamedTuple):
@@ -120,108 +113,6 @@ class Implementation:
     def his(self) -> tuple[float, float] | None:
         """His computing time [s] and iterations."""
         return HIS.get((self.car, self.observer, self.kernels, self.step, self.tolerance))
-
-
-@dataclass(frozen=True)
-class Operations:
-    """Floating-point operations of a step: what is done once, in each iteration, and in each evaluation of the
-    equations; of these what kernels can do, and what the processor has left of it where they do."""
-
-    once: float
-    iteration: float
-    factor: float  # of the matrix, in a step
-    solve: float  # in an iteration
-    mass_matrix: float  # in an evaluation
-    update_motion: float  # likewise
-    check_mass: float
-    check_motion: float
-
-    def processor(self, iterations: float, evaluations: float, kernels: Collection[str] = ()) -> float:
-        """Of the processor in a step."""
-        found = self.once + iterations * self.iteration
-        if "solve" not in kernels:
-            found += self.factor + iterations * self.solve
-        found += evaluations * (self.check_mass if "body_mass" in kernels else self.mass_matrix)
-        return found + evaluations * (self.check_motion if "suspension_motion" in kernels else self.update_motion)
-
-    def shares(self, iterations: float, evaluations: float) -> dict[str, float]:
-        """Of the whole step, in percent, by the thesis's names."""
-        parts = {
-            "mass matrix": evaluations * self.mass_matrix,
-            "update motion": evaluations * self.update_motion,
-            "solver": self.factor + iterations * self.solve,
-        }
-        return {name: 100 * part / self.processor(iterations, evaluations) for name, part in parts.items()}
-
-
-def flop_of_simplified(vehicle: Vehicle, learning: bool) -> Operations:
-    """Of a step by the implicit rule, counted in the expressions and the algebra."""
-    parts, n = CarInParts(vehicle), COORDINATES
-    columns, inertias = operations(parts.columns_function()), operations(parts.inertias_function())
-    dynamics = operations(parts.dynamics_function())
-    once = flop_of_filter(vehicle) + dynamics + operations(parts.mass_function()) + 2 * n**3
-    return Operations(
-        once=once + (flop_of_parameters(vehicle) if learning else 0.0),
-        iteration=dynamics + 2 * n * n + 6 * n,
-        factor=0.0,  # each iteration solves anew, as on the accelerator
-        solve=2 / 3 * n**3 + 2 * n**2,
-        mass_matrix=inertias,
-        update_motion=columns,
-        check_mass=operations(parts.axes_function()) + len(WHEELS) * 45,
-        # One polynomial in place of six, and the sums that are compared with it.
-        check_motion=operations(parts.places_function()) + columns / 6 + len(WHEELS) * 15,
-    )
-
-
-def flop_of_parameters(vehicle: Vehicle) -> float:
-    """Of the parameter filter in a step with every sensor once."""
-    model = observing(vehicle, OBSERVERS["SPI"], STEPS[0])
-    car, sensors = car_of(model), sensors_of(model)
-    biases = tuple((where.start, where.stop) for where in layout(sensors).biases)
-    columns = tuple(car.parameter_names.index(name) for name in model.observer.parameters)
-    made = PARAMETER_FILTERS["ekf"](car, columns, layout(sensors).size)
-    return float(sum(map(operations, equations_of(made, tuple(sensors.values()), biases))))
-
-
-def flop_of_full(vehicle: Vehicle, substeps: int, learning: bool) -> Operations:
-    """Of a step of so many substeps of the full car, whose systems a processor solves by elimination of one branch
-    after the other."""
-    mechanism = FullCar(vehicle).mechanism
-    equations = Equations(mechanism)
-    branches, sizes = mechanism.branches, [len(linkage.coordinate_names) for linkage in mechanism.branches]
-    bodies = sum(len(linkage.bodies) for linkage in branches)
-    mass, motion = float(BODY_FLOP * bodies), float(sum(operations(_moving(linkage)) for linkage in branches))
-
-    def total(name: str) -> float:
-        return float(sum(operations(equations.function_of(i, name)) for i in range(len(branches))))
-
-    inverted = 2 * 6**3 + sum(2 * k**3 + 2 * 2 * 6 * k * k + 2 * 36 * k for k in sizes)
-    solved = 2 * 36 + sum(2 * k * k + 2 * 12 * k for k in sizes)
-    projected = total("tangent") + inverted + 5 * total("constraints") + 4 * solved
-    once = flop_of_filter(vehicle) + substeps * (total("tangent") - motion - mass + projected)
-    return Operations(
-        once=once + (flop_of_parameters(vehicle) if learning else 0.0),
-        iteration=total("evaluate") - motion - mass + 10 * mechanism.coordinates,
-        factor=substeps * inverted,
-        solve=solved,
-        mass_matrix=mass,
-        update_motion=motion,
-        check_mass=20.0 * bodies,
-        check_motion=motion,
-    )
-
-
-def _moving(linkage: Linkage) -> ca.Function:
-    """Where the bodies of a linkage are and how they move."""
-    n, g = len(linkage.coordinate_names), len(linkage.guides)
-    z, dz, ddz, guides = (
-        ca.SX.sym(name, *size) for name, size in (("z", (n,)), ("dz", (n,)), ("ddz", (n,)), ("g", (g, 3)))
-    )
-    frames = [Motion(linkage, z, dz, ddz, guides).frames[body.name] for body in linkage.bodies]
-    found = [ca.veccat(f.rotation, f.origin, f.velocity, f.acceleration) for f in frames]
-    return codegen.function(
-        "moving", [z, dz, ddz, guides, linkage.parameters], [ca.vertcat(*found)], ("z", "dz", "ddz", "guides", "p")
-    )
 
 
 def drive_of_full(plant: Vehicle) -> tuple[Vehicle, Trajectory]:
@@ -357,9 +248,28 @@ def _line(
 
 def flop_of(vehicle: Vehicle, car: str, observer: str, step: int) -> Operations:
     """Operations of an observer of the table in a step of so many milliseconds."""
-    model = with_his_sensors(vehicle)
-    learning = observer == "SPI"
-    return flop_of_simplified(model, learning) if car == "simplified" else flop_of_full(model, step, learning)
+    model = observing(vehicle, OBSERVERS[observer], step)
+    return flop_of_simplified(model) if car == "simplified" else flop_of_full(model, step)
+
+
+def measured(vehicle: Vehicle, full: bool) -> tuple[float, float]:
+    """Iterations of the errorEKF in a step of 4 ms at his finest tolerance, on a short drive, in double precision; and
+    by how much more they are with the solver on the accelerator."""
+    if full:
+        car, trajectory = drive_of_full(vehicle)
+        recording = record(trajectory, car, 0, name="turn", biased=False, every=STEPS[0])
+        model = observing(vehicle, OBSERVERS["errorEKF"], STEPS[0])
+    else:
+        whole, model = generate("double_lane_change", vehicle), vehicle
+        end = whole.first_stamp + round(1e9 * SHORT_DRIVE)
+        recording = replace(whole, channels={c.topic: c.select(c.stamp < end) for c in whole.channels.values()})
+    found = []
+    for kernels in ("none", "solver"):
+        made = _Made("full" if full else "simplified", "errorEKF", KERNEL_SETS[kernels], TOLERANCES[0])
+        observe(recording, model, OBSERVERS["errorEKF"], STEPS[0], made)
+        moves, iterated, _ = made.counted()
+        found.append(iterated / max(moves, 1) * (STEPS[0] if full else 1))
+    return found[0], found[1] / found[0]
 
 
 def iterations_ratio(rows: Sequence[Implementation]) -> float:
