@@ -19,7 +19,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import Car
 from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import DISTURBANCES, WHEELS
-from vsense_ros.observer.implicit import Work, accelerated, implicit_error_ekf
+from vsense_ros.observer.implicit import Work, accelerated, implicit_error_ekf, work_with
 from vsense_ros.observer.offload import PARTS, OffloadedParts, Parts
 from vsense_ros.observer.run import run
 
@@ -111,7 +111,7 @@ def test_forces_with_parts_from_the_accelerator_are_those_of_the_processor(turn_
     alone = run(turn_in, VEHICLE, rate=250.0, make=implicit_error_ekf())
     transport = Direct(Device("mock"))
     client = Client(transport)
-    make = implicit_error_ekf(accelerated(client, ("solve14", *parts), transport.at))
+    make = accelerated("error_ekf", client, ("solve14", *parts), transport.at)
     ours = run(turn_in, VEHICLE, rate=250.0, make=make)
     assert client.counts["accelerated"] == client.counts["requests"] > 1000
     for wheel in WHEELS:
@@ -124,7 +124,7 @@ def test_an_accelerator_that_fails_costs_nothing_but_its_use(turn_in: Recording)
     alone = run(turn_in, VEHICLE, rate=250.0, make=implicit_error_ekf())
     transport = Direct(Device("mock", faults=Faults(drop=0.02, nan=0.05, silent_error=0.05), seed=2))
     client = Client(transport)
-    make = implicit_error_ekf(accelerated(client, ("solve14", "suspension_motion"), transport.at))
+    make = accelerated("error_ekf", client, ("solve14", "suspension_motion"), transport.at)
     ours = run(turn_in, VEHICLE, rate=250.0, make=make)
     assert client.counts["not_finite"] > 0
     assert client.counts["implausible"] > 0
@@ -137,7 +137,9 @@ def test_what_no_accelerator_computes_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="engine"):
         Parts(Client(Direct(Device())), ("engine",))
     with pytest.raises(InputError, match="solve42"):
-        accelerated(Client(Direct(Device())), ("solve14", "solve42"))
+        work_with(Client(Direct(Device())), ("solve14", "solve42"))
+    with pytest.raises(InputError, match="solve14"):
+        accelerated("full_error_ekf", Client(Direct(Device())), ("solve14",))
 
 
 def test_a_car_without_tables_has_no_parts_to_compute_elsewhere() -> None:

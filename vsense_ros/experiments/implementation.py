@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
-from vsense_ros.accelerator.kernels import BODY_MASS, KERNELS
+from vsense_ros.accelerator.kernels import KERNELS
 from vsense_ros.experiments.flop import Operations, flop_of_full, flop_of_simplified
 from vsense_ros.experiments.partition import Device as Board
 from vsense_ros.experiments.partition import load_device
@@ -29,18 +29,13 @@ from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.throttle_and_steer import ANGLE, MANOEUVRES, TORQUE
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.multibody.outside import Outside, turned
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.catalogue import room_for_parameters
-from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.full_car import FullCarBlocks
-from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
-from vsense_ros.observer.implicit import SOLVER, ImplicitCar, accelerated, in_double
-from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
-from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.implicit import ImplicitCar, accelerated
 from vsense_ros.observer.state import Prior
 
 Array = NDArray[np.float64]
@@ -142,37 +137,14 @@ class _Made:
         self._requests: Counter[str] = Counter()
 
     def __call__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
-        placed = Prior.of(vehicle, sensors).placed()
-        extra = room_for_parameters(vehicle, sensors) if self._learning else 0
-        made: CarFilter
-        if self._full:
-            full = FullCarBlocks(
-                vehicle, sensors, extra=extra, prior=placed, tolerance=self._tolerance, outside=self._outside()
-            )
-            made = FullCarSpi(full, FULL_CAR_FILTERS["ekf"]) if self._learning else ErrorEkf(full)
-            self._car = full
-        else:
-            names = [SOLVER if name == "solve" else name for name in self._kernels]
-            work = accelerated(self.client, names, self._transport.at, self._tolerance)
-            car = ImplicitCar(vehicle, sensors, extra=extra, prior=placed, work=work)
-            made = Spi(car, PARAMETER_FILTERS["ekf"]) if self._learning else ErrorEkf(car)
-            self._car = car
+        names = [("solve56" if self._full else "solve14") if n == "solve" else n for n in self._kernels]
+        name = f"{'full_' if self._full else ''}{'spi' if self._learning else 'error_ekf'}"
+        make = accelerated(name, self.client, names, self._transport.at, self._tolerance)
+        made = make(vehicle, sensors, Prior.of(vehicle, sensors).placed())
+        assert isinstance(made.car, ImplicitCar | FullCarBlocks)
+        self._car = made.car
         self._before, self._requests = self._count(), Counter(self.device.counts)
         return made
-
-    def _outside(self) -> Outside:
-        solve = self.client.solve if "solve" in self._kernels else in_double
-        return Outside(solve, self._turn if "body_mass" in self._kernels else None)
-
-    def _turn(self, bodies: Array) -> Array:
-        """`turned` by the accelerator, one body after the other."""
-        found, words = np.zeros((len(bodies), BODY_MASS.words_out)), bodies.astype(np.float32).view(np.uint32)
-        for i, body in enumerate(words):
-            result = self.client.request(BODY_MASS, body)
-            if result is None:
-                return turned(bodies)
-            found[i] = result
-        return found
 
     def _count(self) -> tuple[int, int]:
         """Steps and iterations so far."""

@@ -43,7 +43,7 @@ from vsense_ros.node.reader import LATCHED, Reader
 from vsense_ros.node.transforms import Transforms
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS, MakeFilter
-from vsense_ros.observer.implicit import IMPLICIT, accelerated
+from vsense_ros.observer.implicit import ACCELERATED, accelerated
 from vsense_ros.observer.monitor import load_limits
 
 _MOST_FRAMES = 20  # that are told
@@ -70,7 +70,7 @@ class ObserverParameters(NodeParameters):
         "its topics, or within this process NumPy or simulated hardware, in modelled time; empty: none",
     )
     accelerator_kernels: tuple[str, ...] = Field(
-        ("solve14",), description="which: solve14, suspension_motion, body_mass; the processor computes the others"
+        ("solve14",), description="which: solve14, suspension_motion, body_mass; of the full car solve56, body_mass"
     )
     accelerator_deadline: float = parameter(
         0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
@@ -197,10 +197,10 @@ class ObserverNode(SensingNode[ObserverParameters]):
         """The filter of which an accelerator computes some kernels."""
         p = self.parameters
         name = p.filter or ("spi" if car.observer.parameters else "error_ekf")
-        if name not in IMPLICIT:
+        if name not in ACCELERATED:
             raise InputError(
-                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; only {', '.join(IMPLICIT)} "
-                "have kernels that an accelerator computes: leave filter empty, or accelerator"
+                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; an accelerator computes "
+                f"kernels of {', '.join(ACCELERATED)} alone: leave filter empty, or accelerator"
             )
         if p.accelerator == "topics":
             self._link = TopicLink(self)
@@ -211,7 +211,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             direct = Direct(Device(p.accelerator, p.accelerator_kernels))
             client, at = Client(direct, deadline=p.accelerator_deadline), direct.at
         self._client = client
-        return IMPLICIT[name](accelerated(client, p.accelerator_kernels, at))
+        return accelerated(name, client, p.accelerator_kernels, at)
 
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:

@@ -7,11 +7,12 @@
 with one matrix a step, M (I - h/2 ∂f/∂u - h²/4 ∂f/∂q N), whose systems have 14 unknowns and may be solved elsewhere: on
 an accelerator in binary32. That changes how many iterations there are, not where they end. Suspension tables and the
 inertias of the wheels may come from there, too (`offload`); these change where the iterations end, by their rounding.
+The full car, whose own steps are implicit, may have its systems and the matrices of its bodies from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import casadi as ca
@@ -25,19 +26,22 @@ from vsense_ros.errors import InputError
 from vsense_ros.model.car.car import Car, kinematics
 from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
+from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.catalogue import MakeFilter, room_for_parameters
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
-from vsense_ros.observer.offload import PARTS, OffloadedParts, Parts
+from vsense_ros.observer.full_car import FullCarBlocks
+from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
+from vsense_ros.observer.offload import PARTS, OffloadedParts, Parts, turned_by
 from vsense_ros.observer.spi import FILTERS, Spi
 from vsense_ros.observer.state import DISTURB, FORCE, Prior, Q, U
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array, Array], Array]
 
-SOLVER = "solve14"
+SOLVER, FULL_KERNELS = "solve14", ("solve56", "body_mass")
 TOLERANCE = 1e-5  # of the change of the velocities in the last iteration, his finest [m/s, rad/s]
 MOST = 20  # iterations, after which the step is made without them
 
@@ -157,18 +161,6 @@ class Work:
     parts: Parts | None = None
 
 
-def accelerated(
-    client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None, tolerance: float = TOLERANCE
-) -> Work:
-    """With these kernels by an accelerator. Raises `InputError` for those that the observer has no use for."""
-    parts = [name for name in kernels if name != SOLVER]
-    if unknown := [name for name in parts if name not in PARTS]:
-        known = ", ".join((SOLVER, *PARTS))
-        raise InputError(f"the observer has no use for the kernel {', '.join(unknown)}; it has for {known}")
-    solve = client.solve if SOLVER in kernels else in_double
-    return Work(solve, at, tolerance, Parts(client, tuple(parts)) if parts else None)
-
-
 def implicit_error_ekf(work: Work | None = None) -> MakeFilter:
     """What makes such an errorEKF."""
 
@@ -189,7 +181,55 @@ def implicit_spi(work: Work | None = None) -> MakeFilter:
     return make
 
 
-IMPLICIT: Mapping[str, Callable[[Work | None], MakeFilter]] = {"error_ekf": implicit_error_ekf, "spi": implicit_spi}
+def work_with(
+    client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None, tolerance: float = TOLERANCE
+) -> Work:
+    """An implicit step with these kernels by an accelerator. Raises `InputError` for those that there is no use for."""
+    _refuse_others(kernels, (SOLVER, *PARTS))
+    parts = tuple(name for name in kernels if name != SOLVER)
+    solve = client.solve if SOLVER in kernels else in_double
+    return Work(solve, at, tolerance, Parts(client, parts) if parts else None)
+
+
+def outside_with(client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None) -> Outside:
+    """The same for the full car."""
+    _refuse_others(kernels, FULL_KERNELS)
+    solve = client.solve if FULL_KERNELS[0] in kernels else in_double
+    return Outside(solve, turned_by(client) if FULL_KERNELS[1] in kernels else None, at)
+
+
+def _refuse_others(kernels: Collection[str], known: Collection[str]) -> None:
+    if unknown := [name for name in kernels if name not in known]:
+        raise InputError(
+            f"this observer has no use for the kernel {', '.join(unknown)} of an accelerator; it has for "
+            f"{', '.join(known)}"
+        )
+
+
+ACCELERATED = ("error_ekf", "spi", "full_error_ekf", "full_spi")
+
+
+def accelerated(
+    name: str,
+    client: Client,
+    kernels: Collection[str],
+    at: Callable[[float], None] | None = None,
+    tolerance: float = TOLERANCE,
+) -> MakeFilter:
+    """What makes the filter of a name of `ACCELERATED`, with these kernels by an accelerator. `at` is told the seconds
+    since the start before each step. Raises `InputError` for kernels that the filter has no use for."""
+    if not name.startswith("full_"):
+        work = work_with(client, kernels, at, tolerance)
+        return implicit_error_ekf(work) if name == "error_ekf" else implicit_spi(work)
+    outside = outside_with(client, kernels, at)
+
+    def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+        learns = name == "full_spi"
+        room = room_for_parameters(vehicle, sensors) if learns else 0
+        car = FullCarBlocks(vehicle, sensors, extra=room, prior=prior, tolerance=tolerance, outside=outside)
+        return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter]) if learns else ErrorEkf(car)
+
+    return make
 
 
 def _rate_function() -> ca.Function:

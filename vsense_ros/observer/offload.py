@@ -1,4 +1,5 @@
-"""Parts of the simplified car that an accelerator computes in binary32: suspension tables and inertias of the wheels.
+"""Parts of a car that an accelerator computes in binary32: of the simplified one suspension tables and inertias of the
+wheels, of the full one the matrices of all bodies.
 
 Every result is checked by what it costs little to know of it: the columns of the tables by their sum, which is a
 polynomial, too (Huang & Abraham 1984); the inertia of a wheel by its trace, its size, and that its axle is a principal
@@ -7,8 +8,9 @@ axis. What fails the check, or does not come in time, is computed by the process
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.multibody.outside import turned
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -40,6 +43,32 @@ class Parts:
     def __post_init__(self) -> None:
         if unknown := [name for name in self.names if name not in PARTS]:
             raise InputError(f"no part {', '.join(unknown)} of a car is computed elsewhere; there are {PARTS}")
+
+
+def turned_by(client: Client) -> Callable[[Array], Array]:
+    """`model.multibody.outside.turned` by an accelerator, one body after the other."""
+
+    def turn(bodies: Array) -> Array:
+        found, requests = np.zeros((len(bodies), BODY_MASS.words_out)), bodies.astype(np.float32).view(np.uint32)
+        for i, body in enumerate(bodies):
+            result = client.request(BODY_MASS, requests[i], partial(_is_of_body, body))
+            found[i] = turned(bodies[i : i + 1])[0] if result is None else result
+        return found
+
+    return turn
+
+
+def _is_of_body(body: Array, result: NDArray[np.float32]) -> bool:
+    """Whether R J Rᵀ and m R s (9,) may be those of a body (19,): turned, they keep trace and size."""
+    xx, xy, xz, yy, yz, zz, *moment = result.astype(float).tolist()
+    own, size = body[9:12], float((body[9:12] ** 2).sum() + 2 * (body[12:15] ** 2).sum())
+    found = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
+    length = float(body[18] * np.sqrt((body[15:18] ** 2).sum()))
+    return bool(
+        abs(xx + yy + zz - own.sum()) <= MATCHING * own.sum()
+        and abs(found - size) <= MATCHING * size
+        and abs(np.sqrt(sum(x * x for x in moment)) - length) <= MATCHING * length
+    )
 
 
 class OffloadedParts:

@@ -48,10 +48,12 @@ def turned(bodies: Array) -> Array:
 
 @dataclass(frozen=True)
 class Outside:
-    """What is computed outside: solutions of systems, and the matrices of bodies, as `turned`; None: by the model."""
+    """What is computed outside: solutions of systems, and the matrices of bodies, as `turned`; None: by the model. `at`
+    is told the seconds since the start before each step."""
 
     solve: Solve
     turn: Turn | None = None
+    at: Callable[[float], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,7 @@ class OutsideIntegrator(Integrator):
     ) -> None:
         super().__init__(mechanism, parameters, h, tolerance, name)
         self._outside = outside
+        self._elapsed = 0.0
         functions = codegen.compiled(f"{name}_outside", _Equations(mechanism, outside.turn is not None).functions())
         state = self.state
         arguments = [
@@ -175,6 +178,9 @@ class OutsideIntegrator(Integrator):
         state.z += h * state.dz + h * h / 2 * state.ddz
         state.dz += h * state.ddz
         self.steps += 1
+        self._elapsed += h
+        if self._outside.at is not None:
+            self._outside.at(self._elapsed)
         try:
             self._iterate(h)
         except (InputError, FloatingPointError):
