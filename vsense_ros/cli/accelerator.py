@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--systems", default=10_000, show_default=True, type=click.IntRange(1), help="Of each kernel, for bits.")
 @click.option("--requests", default=100_000, show_default=True, type=click.IntRange(1), help="Under each fault.")
+@click.option("--short", is_flag=True, help="Drives of 1.2 s for all lines of the implementation table.")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/accelerator.json"), show_default=True, help="File."
 )
 @click.option("--vehicle", default="prototype_model", show_default=True, help="Vehicle file with suspension tables.")
-def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
+def accelerator(systems: int, requests: int, short: bool, out: Path, vehicle: str) -> None:
     """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.
 
     Simulates the hardware with Verilator, if it is there. Resources are those of the last `make hw`, clocks on ECP5
@@ -30,7 +31,7 @@ def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
     \b
     Examples:
       vsense accelerator
-      vsense accelerator --systems 500 --requests 1000
+      vsense accelerator --systems 500 --requests 1000 --short
     """
     import json
 
@@ -40,7 +41,7 @@ def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
 
     if lacking := missing():
         say(f"Left out for want of {', '.join(lacking)} (make hw-tools): bits of the hardware, the node with rtl.")
-    content, rows = job.results(load_car(vehicle), systems, requests, progress)
+    content, rows = job.results(load_car(vehicle), systems, requests, short, progress)
     table = plain_table("kernel", "cycles", "DSP", "LUT", "FF", "BRAM", "bit-exact", right=("cycles", "DSP", "LUT"))
     for name, found in content["kernels"].items():
         exact = "–" if found["systems_bit_exact"] is None else f"{found['systems_bit_exact']} of {found['systems']}"
@@ -49,7 +50,7 @@ def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
     for backend, times in content["node"].items():
         figures = f"p50 {times['p50_ms']:.2f}, p99 {times['p99_ms']:.2f} ms"
         say(f"One 14 × 14 system at 250 Hz through topics, {backend}: {figures}.")
-    _show_implementation(rows, content["shares"])
+    _show_implementation(rows, content["shares"], short)
     say(
         f"Iterations with the solver on the accelerator over those in double precision: at most "
         f"{content['iterations_ratio']:.4f}. Forces and velocities differ from those of the processor alone by at most "
@@ -75,7 +76,7 @@ def accelerator(systems: int, requests: int, out: Path, vehicle: str) -> None:
     say(f"Written to {out}.")
 
 
-def _show_implementation(rows: Sequence[Implementation], shares: dict[str, dict[str, float]]) -> None:
+def _show_implementation(rows: Sequence[Implementation], shares: dict[str, dict[str, float]], short: bool) -> None:
     """His tables "Implementation" and ours."""
     from vsense_ros.evaluate.terminal import console, plain_table, say
     from vsense_ros.experiments.implementation import HIS_SHARES
@@ -103,7 +104,7 @@ def _show_implementation(rows: Sequence[Implementation], shares: dict[str, dict[
     say(
         "Iterations, clocks, link and processor are those of a step; times are modelled: counted operations on the "
         "Cortex-A9, the link of config/devices/xc7z020.yaml. The full car has no suspension tables for that kernel; it "
-        "drives 1.2 s, the simplified one the thesis's second manoeuvre."
+        f"drives 1.2 s, the simplified one {'the same' if short else 'the second manoeuvre of the thesis'}."
     )
     table = plain_table("share of a step's operations", *HIS_SHARES, right=tuple(HIS_SHARES))
     table.add_row("thesis, of computing time", *(f"{value:.1f} %" for value in HIS_SHARES.values()))

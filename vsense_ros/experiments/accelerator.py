@@ -141,7 +141,7 @@ def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict
 
 
 def results(
-    vehicle: Vehicle, systems: int, asked: int, progress: Callable[[str], Any]
+    vehicle: Vehicle, systems: int, asked: int, short: bool, progress: Callable[[str], Any]
 ) -> tuple[dict[str, Any], list[Implementation]]:
     """Everything that `make accelerator` writes, and the implementation table."""
     used, content = recorded("resources"), {}
@@ -169,7 +169,7 @@ def results(
             continue
         nodes[backend] = {f"p{q:g}_ms": float(np.percentile(times, q)) for q in (50, 99)}
     with progress("implementation table") as done:
-        rows = implementations(vehicle, done)
+        rows = implementations(vehicle, done, short=short)
     with progress(f"{asked} requests under each fault") as done:
         faults = under_faults(asked, done)
     with progress("units of FMI") as done:
@@ -178,6 +178,7 @@ def results(
     return {
         "kernels": content,
         "node": nodes,
+        "drives": "short" if short else "thesis",
         "implementation": [asdict(row) | {"seconds": row.seconds, "his": row.his} for row in rows],
         "shares": shares(vehicle, rows),
         "iterations_ratio": iterations_ratio(rows),
