@@ -148,7 +148,7 @@ def page(content: dict[str, Any]) -> str:
 def drives(content: dict[str, Any]) -> str:
     short = "from 10 m/s, 1.2 s with his throttle, and his steering at 0.2 s"
     if content["drives"] == "short":
-        return f"Friction 0.6, {short} (`vsense accelerator --short`)."
+        return f"Friction 0.6, {short}; steps of 4 ms, his finest tolerance (`vsense accelerator --short`)."
     return f"The simplified car drives his second manoeuvre; the full one, friction 0.6, {short}."
 
 
