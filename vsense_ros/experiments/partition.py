@@ -117,7 +117,7 @@ class Profile:
     iterations: float
     evaluations: float
     more_iterations: float
-    kernels: dict[str, float]  # calls in an iteration or evaluation
+    kernels: dict[str, float]  # requests in a step
     solver: str
 
     @property
@@ -129,11 +129,10 @@ class Profile:
         """What the kernels would do in a step. What the processor has left of a part, requests and checks, counts
         against it."""
         ops, found = self.operations, []
-        for name, calls in self.kernels.items():
+        for name, count in self.kernels.items():
             if name == self.solver:
-                count, work = self.iterations * calls, ops.factor + self.iterations * ops.solve
+                work = ops.factor + self.iterations * ops.solve
             else:
-                count = self.evaluations * calls
                 left = (ops.mass_matrix - ops.check_mass, ops.update_motion - ops.check_motion)
                 work = self.evaluations * left[name == "suspension_motion"]
             found.append(Use(KERNELS[name], count, work / count))
@@ -145,12 +144,16 @@ def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: fl
     vehicle file lacks the tables or linkages for it."""
     if full:
         bodies = sum(len(linkage.bodies) for linkage in FullCar(vehicle).mechanism.branches)
-        kernels, substeps = {"solve56": 1.0, "body_mass": float(bodies)}, 4
+        kernels, substeps = {"solve56": iterations, "body_mass": iterations * bodies}, 4
         found = flop_of_full(vehicle, substeps)
         return Profile(found, iterations, iterations + substeps, more_iterations, kernels, "solve56")
     if vehicle.suspension is None:
         raise InputError(f"{vehicle.name} has no tables of its suspensions; make them with vsense suspension")
-    kernels = {"solve14": 1.0, "body_mass": float(len(WHEELS)), "suspension_motion": 1.0}
+    kernels = {
+        "solve14": iterations,
+        "body_mass": (iterations + 1) * len(WHEELS),
+        "suspension_motion": iterations + 1,
+    }
     return Profile(flop_of_simplified(vehicle), iterations, iterations + 1, more_iterations, kernels, "solve14")
 
 
