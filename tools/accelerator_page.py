@@ -172,7 +172,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
         left = [a + b for a, b in zip(left, values, strict=True)]
     axes.invert_yaxis()
     axes.set_xlabel("modelled time of a step of 4 ms [µs]")
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper right")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 
