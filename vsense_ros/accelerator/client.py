@@ -23,6 +23,8 @@ MISSES = 3  # in a row, before the accelerator is left alone
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # [s]
 RESIDUAL = 1e-4  # of a solution, relative to the size of what it is made of
 
+_SOLVERS = sorted((kernel for kernel in KERNELS.values() if kernel.size), key=lambda kernel: kernel.size)
+
 Array = NDArray[np.float64]
 
 
@@ -101,8 +103,8 @@ class Client:
         """x (n,) of matrix (n, n) x = right (n,): by the accelerator where it is asked and right, else by
         `on_processor`. A smaller matrix is filled up with the unit matrix."""
         n = len(right)
-        kernel = KERNELS["solve14"] if n <= 14 else KERNELS["solve42"]
-        if n > kernel.size:
+        kernel = next((kernel for kernel in _SOLVERS if n <= kernel.size), None)
+        if kernel is None:
             self.counts["too_large"] += 1
             return on_processor(matrix, right)
         # Rows and columns by the size of the diagonal, so that the numbers are near one: binary32 has room for less.

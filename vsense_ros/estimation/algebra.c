@@ -32,6 +32,10 @@ enum { n = STATES };
 #define WIDE 2
 #define ROWS 3
 #define LANES 4
+#elif defined __ARM_NEON && !defined __aarch64__ /* one number a lane, and 32 registers of them */
+#define WIDE 1
+#define ROWS 4
+#define LANES 4
 #else
 #define WIDE 1
 #define ROWS 2
@@ -110,8 +114,9 @@ static void combine_rows(int rows, int width, double *out, int stride, int count
         return;
     }
     const int all = (width + WIDE - 1) / WIDE, strips = (all + LANES - 1) / LANES;
-    for (int s = 0; s < strips; s++) {
-        const int begin = s * all / strips, end = (s + 1) * all / strips;
+    const int least = all / strips, more = all - least * strips; /* some processors divide in thirty instructions */
+    for (int s = 0, begin = 0, end; s < strips; s++, begin = end) {
+        end = begin + least + (s < more);
         const int last = s + 1 < strips ? (end - 1) * WIDE : width - WIDE;
         struct terms terms = {count, by_row, by_term, factor, term};
         int done = strip(ROWS, end - begin, begin * WIDE, last, rows, out, stride, &terms);
@@ -145,13 +150,29 @@ struct innovation {
     double weights[COMPONENTS], factor[COMPONENTS][COMPONENTS];
 };
 
-/* projected (used x n) = H P, of which elements of H that are zero are left out. */
+/* projected (used x n) = H P, of which elements of H that are zero are left out: in all rows at once where they have
+ * most of their elements in the same columns, else row by row. */
 static void project(const struct innovation *found, const double *p, double (*projected)[STATES]) {
-    double factors[STATES];
+    double factors[STATES * COMPONENTS];
     const double *from[STATES];
-    for (int a = 0; a < found->used; a++) {
-        int count = 0;
-        memset(projected[a], 0, sizeof projected[a]);
+    const int used = found->used;
+    int count = 0, elements = 0;
+    for (int k = 0; k < n; k++) {
+        int here = 0;
+        for (int a = 0; a < used; a++) {
+            factors[count * used + a] = found->rows[a][k];
+            here += found->rows[a][k] != 0;
+        }
+        elements += here;
+        if (here) from[count++] = p + k * n;
+    }
+    memset(projected, 0, used * sizeof *projected);
+    if (2 * used * count <= 3 * elements) {
+        combine_rows(used, n, projected[0], n, count, factors, 1, used, from);
+        return;
+    }
+    for (int a = 0; a < used; a++) {
+        count = 0;
         for (int k = 0; k < n; k++)
             if (found->rows[a][k] != 0) {
                 factors[count] = found->rows[a][k];
@@ -159,6 +180,20 @@ static void project(const struct innovation *found, const double *p, double (*pr
             }
         combine(n, projected[a], count, factors, from);
     }
+}
+
+/* p += sums of factor * row, which are symmetric: `count` rows, the factors of each n apart. */
+static void add_symmetric(double *p, int count, const double *factor, const double *const *row) {
+#if WIDE > 1
+    combine_rows(n, n, p, n, count, factor, 1, n, row);
+#else /* half of it, and the other half copied: vectors would spend more on the ends of rows than they save */
+    for (int i = 0; i < n; i += ROWS) {
+        const int end = i + ROWS < n ? i + ROWS : n;
+        combine_rows(end - i, end, p + i * n, n, count, factor + i, 1, n, row);
+        for (int k = i; k < end; k++)
+            for (int j = 0; j < i; j++) p[j * n + k] = p[k * n + j];
+    }
+#endif
 }
 
 /* L L' = total in place, below the diagonal, and weights = L^-1 innovation; returns their squared norm, or NaN. */
@@ -208,7 +243,7 @@ static double apply(struct innovation *found, double (*projected)[STATES], doubl
     }
     memset(error, 0, n * sizeof *error);
     combine(n, error, used, found->weights, from);
-    combine_rows(n, n, p, n, used, negative[0], 1, n, from);
+    add_symmetric(p, used, negative[0], from);
     return nis;
 }
 

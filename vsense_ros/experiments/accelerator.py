@@ -18,19 +18,17 @@ from vsense_ros.accelerator.device import Device
 from vsense_ros.accelerator.faults import Faults
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
 from vsense_ros.accelerator.kernels.suspension_motion import table
-from vsense_ros.accelerator.link import Link
 from vsense_ros.accelerator.rtl import Rtl, missing
-from vsense_ros.experiments.thesis import Kind as Observed
-from vsense_ros.experiments.thesis import driven, observe, observing
+from vsense_ros.experiments.implementation import (
+    Implementation,
+    every_case,
+    implementations,
+    iterations_ratio,
+    shares,
+)
 from vsense_ros.export import fmu, fmu_check
 from vsense_ros.manoeuvre import generate
-from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
-from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
-from vsense_ros.observer.implicit import ImplicitCar, Solve, in_double
-from vsense_ros.observer.state import Prior
 
 Words = NDArray[np.uint32]
 SYSTEMS = 10_000
@@ -80,75 +78,6 @@ def bit_exact(kernel: Kernel, vehicle: Vehicle, count: int, progress: Callable[[
         same += int(alike.sum())
         progress((begin + len(part)) / count)
     return same, kernel.cycles()
-
-
-@dataclass(frozen=True)
-class Implementation:
-    """A line of the thesis's table: an observer on the Zynq as modelled."""
-
-    label: str
-    iterations: float
-    cycles: int  # of the hardware in a step, link included
-    accelerator_us: float  # of a step, with the set-up of transfers
-    largest_difference: float  # of the velocities from those of the processor alone, relative to the largest
-    his: str
-
-
-# Computing time of 10 s [s] and iterations of his simplified errorEKF, and with the solver on the hardware (slides,
-# "Implementation").
-HIS = {(4, 1e-5): ("7.673 s, 1.554", "7.465 s, 1.511")}
-
-
-class _Placed:
-    """Makes the filter by the implicit rule, which knows where it starts, and keeps its car."""
-
-    def __init__(self, solve: Solve, at: Callable[[float], None] | None, tolerance: float) -> None:
-        self._solve, self._at, self._tolerance = solve, at, tolerance
-        self.car: ImplicitCar | None = None
-
-    def __call__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
-        placed = Prior.of(vehicle, sensors).placed()
-        self.car = ImplicitCar(
-            vehicle, sensors, prior=placed, solve=self._solve, at=self._at, tolerance=self._tolerance
-        )  # fmt: skip
-        return ErrorEkf(self.car)
-
-
-def implementations(vehicle: Vehicle, progress: Callable[[float], None]) -> list[Implementation]:
-    """The simplified car by the implicit rule in the thesis's second manoeuvre, with steps of 4 and 8 ms and three
-    tolerances, without and with the solver on the accelerator."""
-    manoeuvre = MANOEUVRES[1]
-    car, trajectory = driven(vehicle, manoeuvre)
-    kind = Observed("errorEKF", "error_ekf")
-    cases = [(step, tolerance) for step in (4, 8) for tolerance in (1e-5, 2e-4, 1e-3)]
-    found = []
-    for i, (step, tolerance) in enumerate(cases):
-        recording = record(trajectory, car, 0, name=manoeuvre.name, biased=False, every=step)
-        model = observing(vehicle, kind, step)
-        kept = []
-        for accelerated in (False, True):
-            transport = Direct(Device("mock", ("solve14",)))
-            client = Client(transport)
-            solve, at = (client.solve, transport.at) if accelerated else (in_double, None)
-            made = _Placed(solve, at, tolerance)
-            _, output, _ = observe(recording, model, kind, step, made)
-            own = made.car
-            assert own is not None
-            iterations = own.iterations / max(own.steps, 1)
-            kept.append(output["vsense/odometry"].columns["linear"])
-            link, kernel = Link(), KERNELS["solve14"]
-            clocks = kernel.cycles() + link.cycles(kernel) if accelerated else 0
-            apart = float(np.abs(kept[-1] - kept[0]).max() / np.abs(kept[0]).max())
-            his = HIS.get((step, tolerance), ("–", "–"))[int(accelerated)]
-            found.append(
-                Implementation(
-                    f"errorEKF{' + solver' if accelerated else ''}, {step} ms, {tolerance:g}", iterations,
-                    round(clocks * iterations), 1e6 * link.seconds(clocks) * iterations if accelerated else 0.0, apart,
-                    his,
-                )
-            )  # fmt: skip
-        progress((i + 1) / len(cases))
-    return found
 
 
 def recorded(name: str) -> dict[str, Any]:
@@ -217,8 +146,24 @@ def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict
     return found
 
 
+def implementation_table(
+    vehicle: Vehicle, short: bool, progress: Callable[[str], Any]
+) -> tuple[dict[str, Any], list[Implementation]]:
+    """The thesis's tables again; in `short` those lines of 4 ms and his finest tolerance, on a drive of 1.2 s."""
+    chosen = [case for case in every_case() if not short or (case.step, case.tolerance) == (4, 1e-5)]
+    with progress("implementation table") as done:
+        rows = implementations(vehicle, done, chosen, short)
+    return {
+        "drives": "short" if short else "thesis",
+        "implementation": [asdict(row) | {"seconds": row.seconds, "his": row.his} for row in rows],
+        "shares": shares(vehicle, rows),
+        "iterations_ratio": iterations_ratio(rows),
+        "largest_difference": max(row.difference for row in rows),
+    }, rows
+
+
 def results(
-    vehicle: Vehicle, systems: int, asked: int, progress: Callable[[str], Any]
+    vehicle: Vehicle, systems: int, asked: int, short: bool, progress: Callable[[str], Any]
 ) -> tuple[dict[str, Any], list[Implementation]]:
     """Everything that `make accelerator` writes, and the implementation table."""
     used, content = recorded("resources"), {}
@@ -245,9 +190,7 @@ def results(
         except ImportError:
             continue
         nodes[backend] = {f"p{q:g}_ms": float(np.percentile(times, q)) for q in (50, 99)}
-    with progress("implementation table") as done:
-        rows = implementations(vehicle, done)
-    pairs = zip(rows[::2], rows[1::2], strict=True)
+    table, rows = implementation_table(vehicle, short, progress)
     with progress(f"{asked} requests under each fault") as done:
         faults = under_faults(asked, done)
     with progress("units of FMI") as done:
@@ -256,8 +199,7 @@ def results(
     return {
         "kernels": content,
         "node": nodes,
-        "iterations_ratio": max(fast.iterations / plain.iterations for plain, fast in pairs),
-        "largest_difference": max(row.largest_difference for row in rows),
+        **table,
         "timing_ecp5_mhz": {name: entry["mhz"] for name, entry in recorded("timing").items()},
         "arm": json.loads(arm.read_text(encoding="utf-8")) if arm.exists() else {},
         "fmu": fmi,

@@ -13,22 +13,17 @@ from importlib import resources
 from itertools import product
 from pathlib import Path
 
-import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from vsense_ros import codegen
 from vsense_ros.accelerator.kernels import KERNELS, Kernel
 from vsense_ros.accelerator.link import Link
 from vsense_ros.errors import InputError
+from vsense_ros.experiments.flop import Operations, flop_of_full, flop_of_simplified
 from vsense_ros.files.installed import shared_folder
 from vsense_ros.messages import yaml_text
-from vsense_ros.model.car import steps
-from vsense_ros.model.car.car import car_of
-from vsense_ros.model.car.steps import sensor_function
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.observer import sensors_of
-from vsense_ros.observer.state import layout
 
 RESOURCES = ("dsp", "lut", "ff", "bram")
 WORTH = 0.005  # share of a step below which a gain is none: the estimates are no better
@@ -81,7 +76,7 @@ class Use:
 
     kernel: Kernel
     calls: float  # in a step
-    flop: float  # of a call, on the processor
+    flop: float  # of a call, that the processor is rid of; negative where it has more to do
 
 
 @dataclass(frozen=True)
@@ -113,35 +108,53 @@ class Partition:
         return self.step_us / (self.step_us - self.gain_us)
 
 
-def flop_of_observer(vehicle: Vehicle) -> float:
-    """Operations of a step of the errorEKF with every sensor once, counted in the expressions and the algebra."""
-    car, sensors = car_of(vehicle), sensors_of(vehicle)
-    moving = [steps.linearize_function(car), steps.advance_function(car), steps.kinematics_function(car)]
-    functions = [codegen.expanded(f) for f in (*moving, steps.force_function(car))]
-    correcting = [s for s in sensors.values() if not s.is_input]
-    functions += [codegen.expanded(sensor_function(car, s)) for s in correcting]
-    n, model = layout(sensors).size, 14
-    gained = 2 * model**3 * 3 + 2 * model * 39 * model  # the inverse, and its products
-    moved = 2 * model * (39 + n) * n  # rows of the velocities, and of the coordinates that follow them
-    corrected = sum(2 * len(s.deviations()) * n * (n + 20) for s in correcting)
-    return float(sum(map(_operations, functions)) + gained + moved + corrected)
+@dataclass(frozen=True)
+class Profile:
+    """An observer's step: its operations, iterations in double precision, evaluations of the equations beside those of
+    the iterations, by how much single precision makes iterations more, and the kernels there are for it."""
+
+    operations: Operations
+    iterations: float
+    evaluations: float
+    more_iterations: float
+    kernels: dict[str, float]  # requests in a step
+    solver: str
+
+    @property
+    def flop(self) -> float:
+        """Of a step on the processor alone."""
+        return self.operations.processor(self.iterations, self.evaluations)
+
+    def uses(self) -> list[Use]:
+        """What the kernels would do in a step. What the processor has left of a part, requests and checks, counts
+        against it."""
+        ops, found = self.operations, []
+        for name, count in self.kernels.items():
+            if name == self.solver:
+                work = ops.factor + self.iterations * ops.solve
+            else:
+                left = (ops.mass_matrix - ops.check_mass, ops.update_motion - ops.check_motion)
+                work = self.evaluations * left[name == "suspension_motion"]
+            found.append(Use(KERNELS[name], count, work / count))
+        return found
 
 
-def _operations(function: ca.Function) -> int:
-    """Of a function of scalars, without moving numbers."""
-    moves = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN}
-    return sum(function.instruction_id(k) not in moves for k in range(function.n_instructions()))
-
-
-def uses(vehicle: Vehicle, iterations: float = 3.0) -> list[Use]:
-    """What the kernels would do in a step of the simplified car: one system and one update of the suspensions for each
-    iteration, the matrices of chassis, hubs and wheels once."""
-    n = 14
-    found = [Use(KERNELS["solve14"], iterations, 2 / 3 * n**3 + 2 * n**2)]
-    found.append(Use(KERNELS["body_mass"], 1 + 2 * len(WHEELS), 93))
-    if vehicle.suspension is not None:
-        found.append(Use(KERNELS["suspension_motion"], iterations, 2 * (12 * 36 + 24 * 15 + 24)))
-    return found
+def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: float = 1.0) -> Profile:
+    """Of the observer with the simplified car or, in steps of 4 ms, with the full one. Raises `InputError` where the
+    vehicle file lacks the tables or linkages for it."""
+    if full:
+        bodies = sum(len(linkage.bodies) for linkage in FullCar(vehicle).mechanism.branches)
+        kernels, substeps = {"solve56": iterations, "body_mass": iterations * bodies}, 4
+        found = flop_of_full(vehicle, substeps)
+        return Profile(found, iterations, iterations + substeps, more_iterations, kernels, "solve56")
+    if vehicle.suspension is None:
+        raise InputError(f"{vehicle.name} has no tables of its suspensions; make them with vsense suspension")
+    kernels = {
+        "solve14": iterations,
+        "body_mass": (iterations + 1) * len(WHEELS),
+        "suspension_motion": iterations + 1,
+    }
+    return Profile(flop_of_simplified(vehicle), iterations, iterations + 1, more_iterations, kernels, "solve14")
 
 
 def recorded_resources() -> dict[str, dict[str, int]]:

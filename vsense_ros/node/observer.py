@@ -43,7 +43,7 @@ from vsense_ros.node.reader import LATCHED, Reader
 from vsense_ros.node.transforms import Transforms
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS, MakeFilter
-from vsense_ros.observer.implicit import implicit_error_ekf
+from vsense_ros.observer.implicit import ACCELERATED, accelerated
 from vsense_ros.observer.monitor import load_limits
 
 _MOST_FRAMES = 20  # that are told
@@ -66,8 +66,11 @@ class ObserverParameters(NodeParameters):
     )
     accelerator: Literal["", "topics", "mock", "rtl"] = Field(
         "",
-        description="what solves the systems of the errorEKF's implicit step: the accelerator node over its topics, or "
-        "within this process NumPy or simulated hardware, in modelled time; empty: no such systems",
+        description="what computes kernels of errorEKF or SPI, whose step is implicit then: the accelerator node over "
+        "its topics, or within this process NumPy or simulated hardware, in modelled time; empty: none",
+    )
+    accelerator_kernels: tuple[str, ...] = Field(
+        ("solve14",), description="which: solve14, suspension_motion, body_mass; of the full car solve56, body_mass"
     )
     accelerator_deadline: float = parameter(
         0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
@@ -103,7 +106,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         car = load_vehicle(vehicle_path(p.vehicle))
         self._client = None
         if p.accelerator:
-            self._observer = Observer(car, origin, self._accelerated())
+            self._observer = Observer(car, origin, self._accelerated(car))
         else:
             self._observer = _observer(p.filter, car, origin)
         if self._observer.left_out:
@@ -190,23 +193,25 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
             self.publish_bytes("robot_description", "std_msgs/msg/String", cdr.encode_text(self._description))
 
-    def _accelerated(self) -> MakeFilter:
-        """The filter whose systems an accelerator solves."""
+    def _accelerated(self, car: Vehicle) -> MakeFilter:
+        """The filter of which an accelerator computes some kernels."""
         p = self.parameters
-        if p.filter not in ("", "error_ekf"):
+        name = p.filter or ("spi" if car.observer.parameters else "error_ekf")
+        if name not in ACCELERATED:
             raise InputError(
-                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; only error_ekf has systems "
-                "that an accelerator solves: leave filter empty, or accelerator"
+                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; an accelerator computes "
+                f"kernels of {', '.join(ACCELERATED)} alone: leave filter empty, or accelerator"
             )
         if p.accelerator == "topics":
             self._link = TopicLink(self)
             # In a replay nothing may depend on how busy the machine is: there the observer waits.
             waits = bool(self.get_parameter("use_sim_time").value)
-            self._client = Client(self._link, deadline=1.0 if waits else p.accelerator_deadline)
-            return implicit_error_ekf(self._client.solve)
-        direct = Direct(Device(p.accelerator, ("solve14",)))
-        self._client = Client(direct, deadline=p.accelerator_deadline)
-        return implicit_error_ekf(self._client.solve, direct.at)
+            client, at = Client(self._link, deadline=1.0 if waits else p.accelerator_deadline), None
+        else:
+            direct = Direct(Device(p.accelerator, p.accelerator_kernels))
+            client, at = Client(direct, deadline=p.accelerator_deadline), direct.at
+        self._client = client
+        return accelerated(name, client, p.accelerator_kernels, at)
 
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
@@ -368,12 +373,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if client is None:
             return []
         values = {name: str(number) for name, number in client.counts.items()}
-        values |= {"clocks of a solution": str(client.compute_cycles), "of the link": str(client.link_cycles)}
+        values |= {"clocks of a result": str(client.compute_cycles), "of the link": str(client.link_cycles)}
         values |= {"fallback": str(client.fallbacks), "longest wait [ms]": f"{1e3 * client.longest:.2f}"}
         if client.is_off:
-            return [Diagnostic("use of accelerator", Level.WARN, "left alone: the processor solves", values)]
+            return [Diagnostic("use of accelerator", Level.WARN, "left alone: the processor does the work", values)]
         level = Level.WARN if client.fallbacks else Level.OK
-        text = f"{client.fallbacks} of {client.counts['requests']} systems were solved by the processor"
+        text = f"{client.fallbacks} of {client.counts['requests']} requests were computed by the processor"
         return [Diagnostic("use of accelerator", level, text, values)]
 
     def _clocks(self, reach: int) -> list[Diagnostic]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Gaussian
+from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
@@ -23,20 +24,29 @@ from vsense_ros.observer.state import DISTURB, FORCE, Prior, Q, U
 
 Array = NDArray[np.float64]
 
+TOLERANCE = 1e-9  # of the change of the full car's coordinates in the last iteration [m, rad]
 LONGEST_STEP = 1e-3  # [s] of the full car: at rest its tyres are stiff, and Newton's method fails with a longer one
 
 
 class FullCarBlocks(CarBlocks):
     """A vehicle with a `linkage` section.
 
-    `numbers()` gives the full car its numbers, where a filter of parameters changes them. Raises `InputError` for a
+    `numbers()` gives the full car its numbers, where a filter of parameters changes them; its systems may be solved
+    `outside`. Raises `InputError` for a
     vehicle with errors of the tyre radius or physical effects, which the full car lacks.
     """
 
     in_blocks = False
 
     def __init__(
-        self, vehicle: Vehicle, sensors: dict[str, SensorBase], *, extra: int = 0, prior: Prior | None = None
+        self,
+        vehicle: Vehicle,
+        sensors: dict[str, SensorBase],
+        *,
+        extra: int = 0,
+        prior: Prior | None = None,
+        tolerance: float = TOLERANCE,
+        outside: Outside | None = None,
     ) -> None:
         if vehicle.linkage is None:
             raise InputError(
@@ -50,7 +60,7 @@ class FullCarBlocks(CarBlocks):
             )
         if vehicle.physics.effects.present():
             raise InputError(f"{vehicle.name}: the full car has no physics.effects; leave them out")
-        self.plant = FullCarPlant(vehicle, LONGEST_STEP)
+        self.plant = FullCarPlant(vehicle, LONGEST_STEP, tolerance=tolerance, outside=outside)
         self.numbers: Callable[[], Array] | None = None
         size, accelerations = self.plant.memory().size, len(self.plant.udot)
         super().__init__(vehicle, sensors, extra=extra + size + accelerations, prior=prior)

@@ -1,34 +1,47 @@
-"""The errorEKF whose car moves by the implicit trapezoidal rule with Newton's method, as that of Rodríguez 2020.
+"""errorEKF and SPI whose car moves by the implicit trapezoidal rule with Newton's method, as Rodríguez 2020.
 
 `CarBlocks` moves in a linearly implicit step without iterations. Here a step solves
 
     u₁ = u₀ + h/2 (f₀ + f₁),   q₁ = q₀ + h/2 (q̇₀ + q̇₁)
 
 with one matrix a step, M (I - h/2 ∂f/∂u - h²/4 ∂f/∂q N), whose systems have 14 unknowns and may be solved elsewhere: on
-an accelerator in binary32. That changes how many iterations there are, not where they end.
+an accelerator in binary32. That changes how many iterations there are, not where they end. Suspension tables and the
+inertias of the wheels may come from there, too (`offload`); these change where the iterations end, by their rounding.
+The full car, whose own steps are implicit, may have its systems and the matrices of its bodies from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros import codegen
+from vsense_ros.accelerator.client import Client
 from vsense_ros.codegen import Kernel
+from vsense_ros.errors import InputError
 from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
+from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
+from vsense_ros.observer.catalogue import MakeFilter, room_for_parameters
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
+from vsense_ros.observer.full_car import FullCarBlocks
+from vsense_ros.observer.full_car_spi import FULL_CAR_FILTERS, FullCarSpi
+from vsense_ros.observer.offload import PARTS, OffloadedParts, Parts, turned_by
+from vsense_ros.observer.spi import FILTERS, Spi
 from vsense_ros.observer.state import DISTURB, FORCE, Prior, Q, U
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array, Array], Array]
 
+SOLVER, FULL_KERNELS = "solve14", ("solve56", "body_mass")
 TOLERANCE = 1e-5  # of the change of the velocities in the last iteration, his finest [m/s, rad/s]
 MOST = 20  # iterations, after which the step is made without them
 
@@ -39,8 +52,8 @@ def in_double(matrix: Array, right: Array) -> Array:
 
 
 class ImplicitCar(CarBlocks):
-    """As `CarBlocks`; `solve(matrix, right)` solves the systems of the iteration, `at(time)` is told the seconds since
-    the start before each step, for what keeps time. `steps`, `iterations` and `given_up` count."""
+    """As `CarBlocks`; `solve(matrix, right)` of `work` solves the systems of the iteration. `steps`, `iterations` and
+    `given_up` count."""
 
     in_blocks = False
 
@@ -51,24 +64,40 @@ class ImplicitCar(CarBlocks):
         *,
         extra: int = 0,
         prior: Prior | None = None,
-        solve: Solve = in_double,
-        at: Callable[[float], None] | None = None,
-        tolerance: float = TOLERANCE,
+        work: Work | None = None,
     ) -> None:
         super().__init__(vehicle, sensors, extra=extra, prior=prior)
-        self.solve, self.tolerance = solve, tolerance
-        self._at = at or (lambda _: None)
+        work = work or Work()
+        self.solve, self.tolerance, parts = work.solve, work.tolerance, work.parts
+        self._at = work.at or (lambda _: None)
         self.steps = self.iterations = self.given_up = 0
         self._elapsed = 0.0
         q, u = np.zeros(COORDINATES), np.zeros(COORDINATES)
         self._moved_q, self._moved_u = q, u
         around = [self.mean[FORCE], self.mean[DISTURB], self.inputs, self.parameters, self.effects]
         rate, mass = codegen.compiled("implicit", [_rate_function(), _mass_function(self.car)])
-        self._here = Kernel(self.functions["dynamics"], self.arguments)
-        self._there = Kernel(self.functions["dynamics"], [q, u, *around])
         self._rate_here = Kernel(rate, [self.mean[Q], self.mean[U], self.mean[DISTURB]])
         self._rate_there = Kernel(rate, [q, u, self.mean[DISTURB]])
-        self._mass = Kernel(mass, [self.mean[Q], *around[1:]])
+        self._parts: tuple[OffloadedParts, ...] = ()
+        if parts is None or not parts.names:
+            self._here = Kernel(self.functions["dynamics"], self.arguments)
+            self._there = Kernel(self.functions["dynamics"], [q, u, *around])
+            self._mass = Kernel(mass, [self.mean[Q], *around[1:]])
+            return
+        if vehicle.suspension is None:
+            raise InputError(
+                f"{vehicle.name}: an accelerator computes {', '.join(parts.names)} from tables of the suspensions, "
+                "which the vehicle file lacks; make them with vsense suspension, or take the kernel solve14 alone"
+            )
+        own = CarInParts(vehicle)
+        dynamics, mass = codegen.compiled("car_in_parts", [own.dynamics_function(), own.mass_function()])
+        here, there = (
+            OffloadedParts(own, vehicle, parts, [*where, *around[1:]]) for where in (self.arguments[:2], [q, u])
+        )
+        self._parts = here, there
+        self._here = Kernel(dynamics, [*self.arguments, *here.memory])
+        self._there = Kernel(dynamics, [q, u, *around, *there.memory])
+        self._mass = Kernel(mass, [self.mean[Q], *around[1:], *here.memory])
 
     def step(self, h: float) -> None:
         process = self.process(h)
@@ -89,6 +118,8 @@ class ImplicitCar(CarBlocks):
 
     def _iterated(self, h: float) -> tuple[Array, Array] | None:
         """Coordinates and velocities after the step; None where the iteration does not end."""
+        for part in self._parts[:1]:
+            part.update()
         self._here.call()
         self._rate_here.call()
         self._mass.call()
@@ -100,6 +131,8 @@ class ImplicitCar(CarBlocks):
         u[:], q[:] = u0 + h * f0, q0 + h * rate0
         self.steps += 1
         for _ in range(MOST):
+            for part in self._parts[1:]:
+                part.update()
             self._there.call()
             self._rate_there.call()
             q[:] = q0 + h / 2 * (rate0 + self._rate_there.results[0][:, 0])
@@ -117,13 +150,84 @@ class ImplicitCar(CarBlocks):
         return None
 
 
-def implicit_error_ekf(
-    solve: Solve = in_double, at: Callable[[float], None] | None = None, tolerance: float = TOLERANCE
-) -> Callable[..., CarFilter]:
-    """What makes such a filter of a vehicle, as `observer.catalogue.MakeFilter`."""
+@dataclass(frozen=True)
+class Work:
+    """How the work of an implicit step is done: what solves its systems, what is told the seconds since the start
+    before each step, when the iteration ends, and which parts of the car come from an accelerator."""
+
+    solve: Solve = in_double
+    at: Callable[[float], None] | None = None
+    tolerance: float = TOLERANCE
+    parts: Parts | None = None
+
+
+def implicit_error_ekf(work: Work | None = None) -> MakeFilter:
+    """What makes such an errorEKF."""
 
     def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
-        return ErrorEkf(ImplicitCar(vehicle, sensors, prior=prior, solve=solve, at=at, tolerance=tolerance))
+        return ErrorEkf(ImplicitCar(vehicle, sensors, prior=prior, work=work))
+
+    return make
+
+
+def implicit_spi(work: Work | None = None) -> MakeFilter:
+    """What makes such an SPI, of a vehicle that lists parameters."""
+
+    def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+        room = room_for_parameters(vehicle, sensors)
+        car = ImplicitCar(vehicle, sensors, extra=room, prior=prior, work=work)
+        return Spi(car, FILTERS[vehicle.observer.parameter_filter])
+
+    return make
+
+
+def work_with(
+    client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None, tolerance: float = TOLERANCE
+) -> Work:
+    """An implicit step with these kernels by an accelerator. Raises `InputError` for those that there is no use for."""
+    _refuse_others(kernels, (SOLVER, *PARTS))
+    parts = tuple(name for name in kernels if name != SOLVER)
+    solve = client.solve if SOLVER in kernels else in_double
+    return Work(solve, at, tolerance, Parts(client, parts) if parts else None)
+
+
+def outside_with(client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None) -> Outside:
+    """The same for the full car."""
+    _refuse_others(kernels, FULL_KERNELS)
+    solve = client.solve if FULL_KERNELS[0] in kernels else in_double
+    return Outside(solve, turned_by(client) if FULL_KERNELS[1] in kernels else None, at)
+
+
+def _refuse_others(kernels: Collection[str], known: Collection[str]) -> None:
+    if unknown := [name for name in kernels if name not in known]:
+        raise InputError(
+            f"this observer has no use for the kernel {', '.join(unknown)} of an accelerator; it has for "
+            f"{', '.join(known)}"
+        )
+
+
+ACCELERATED = ("error_ekf", "spi", "full_error_ekf", "full_spi")
+
+
+def accelerated(
+    name: str,
+    client: Client,
+    kernels: Collection[str],
+    at: Callable[[float], None] | None = None,
+    tolerance: float = TOLERANCE,
+) -> MakeFilter:
+    """What makes the filter of a name of `ACCELERATED`, with these kernels by an accelerator. `at` is told the seconds
+    since the start before each step. Raises `InputError` for kernels that the filter has no use for."""
+    if not name.startswith("full_"):
+        work = work_with(client, kernels, at, tolerance)
+        return implicit_error_ekf(work) if name == "error_ekf" else implicit_spi(work)
+    outside = outside_with(client, kernels, at)
+
+    def make(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
+        learns = name == "full_spi"
+        room = room_for_parameters(vehicle, sensors) if learns else 0
+        car = FullCarBlocks(vehicle, sensors, extra=room, prior=prior, tolerance=tolerance, outside=outside)
+        return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter]) if learns else ErrorEkf(car)
 
     return make
 

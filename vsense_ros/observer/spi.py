@@ -317,6 +317,18 @@ def _functions(
     return _compiled(type(equations), equations.car, equations.columns, equations.size, sensors, biases)
 
 
+def equations_of(
+    made: ParameterFilter, sensors: tuple[SensorBase, ...], biases: tuple[tuple[int, int], ...]
+) -> list[ca.Function]:
+    """The functions of a parameter filter: what parameters do, a step, and what each sensor that corrects tells."""
+    seen = [
+        made.seen(f"seen_{i}", sensor, slice(*where))
+        for i, (sensor, where) in enumerate(zip(sensors, biases, strict=True))
+        if not sensor.is_input
+    ]
+    return [made.effect(), made.predict(), made.learn(), *seen]
+
+
 @cache
 def _compiled(
     kind: type[ParameterFilter],
@@ -326,11 +338,5 @@ def _compiled(
     sensors: tuple[SensorBase, ...],
     biases: tuple[tuple[int, int], ...],
 ) -> dict[str, ca.Function]:
-    made = kind(car, columns, size)
-    functions = [made.effect(), made.predict(), made.learn()]
-    functions += [
-        made.seen(f"seen_{i}", sensor, slice(*where))
-        for i, (sensor, where) in enumerate(zip(sensors, biases, strict=True))
-        if not sensor.is_input
-    ]
+    functions = equations_of(kind(car, columns, size), sensors, biases)
     return {f.name(): f for f in codegen.compiled("parameters", functions)}

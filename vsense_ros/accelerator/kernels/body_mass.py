@@ -16,7 +16,7 @@ from vsense_ros.accelerator.float32 import add, canonical, flushed, multiply
 from vsense_ros.accelerator.kernels.base import Array, Kernel, Words
 
 _SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # where xx yy zz xy xz yz stand in the matrix
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_FIRST, _SECOND = np.triu_indices(3)  # of the upper triangle, by rows
 
 
 class BodyMass(Kernel):
@@ -39,11 +39,12 @@ class BodyMass(Kernel):
         j = given[..., 9:15][..., _SYMMETRIC]
         s, m = given[..., 15:18], given[..., 18]
         # Columns of [J | s] by rows of R, then rows of that by rows of R.
-        first = np.stack([_dot3(r, j[..., None, :, k]) for k in range(3)] + [_dot3(r, s[..., None, :])], axis=-1)
-        turned = [_dot3(first[..., i, :3], r[..., k, :]) for i, k in _UPPER]
+        columns = np.concatenate([j, s[..., None, :]], axis=-2)  # J is symmetric
+        first = _dot3(r[..., :, None, :], columns[..., None, :, :])
+        turned = _dot3(first[..., _FIRST, :3], r[..., _SECOND, :])
         # The unit that has m R s to make adds two products of zeros.
-        moment = [add(add(multiply(first[..., i, 3], m), np.float32(0)), np.float32(0)) for i in range(3)]
-        return canonical(np.stack([*turned, *moment], axis=-1)), np.zeros(words.shape[:-1], bool)
+        moment = add(add(multiply(first[..., 3], m[..., None]), np.float32(0)), np.float32(0))
+        return canonical(np.concatenate([turned, moment], axis=-1)), np.zeros(words.shape[:-1], bool)
 
     def cycles(self, **parameters: Any) -> int:
         chosen = self.parameters | parameters

@@ -92,3 +92,4 @@ SOLVE_42 = GaussJordan(
     22,
     {"serial": {"P": 1, "DEEP": 1}, "11 lanes": {"P": 11, "DEEP": 1}, "22 lanes": {"P": 22, "DEEP": 1}},
 )
+SOLVE_56 = GaussJordan("solve56", 6, 56, 19, {"serial": {"P": 1, "DEEP": 1}, "19 lanes": {"P": 19, "DEEP": 1}})

@@ -286,7 +286,7 @@ class Car:
             across, along = a.wheel_diametral_inertia, a.wheel_spin_inertia
             inertia = inertia + mass * (offset @ offset) - ca.diag(ca.vertcat(ca.SX(across), along, across))
             point = spatial.rigid_inertia(mass, here, ca.SX(3, 3))
-            disc = ca.diagcat(across * unturned + (along - across) * hub.axle @ hub.axle.T, ca.SX(3, 3))
+            disc = ca.diagcat(self._wheel_inertia(corner, hub), ca.SX(3, 3))
             name, spin = WHEELS[corner.index], ca.vertcat(hub.axle, here)
             axis_rate = hub.bend * self.u[TRAVEL][corner.index]
             bodies.append(Body(f"hub_{name}", -1, hub.subspace, unturned, hub.centre, point, axis_rate))
@@ -297,6 +297,11 @@ class Car:
         offset = spatial.skew(centre)
         inertia = inertia + sprung * (offset @ offset)  # from about cog to about the chassis's own centre
         return Tree(spatial.rigid_inertia(sprung, centre, inertia), tuple(bodies))
+
+    def _wheel_inertia(self, corner: Corner, hub: HubMotion) -> ca.SX:
+        """Inertia of a wheel about its centre in the axes of the chassis, 3×3."""
+        across, along = corner.axle.wheel_diametral_inertia, corner.axle.wheel_spin_inertia
+        return across * ca.SX.eye(3) + (along - across) * hub.axle @ hub.axle.T
 
     @cached_property
     def root_velocity(self) -> ca.SX:

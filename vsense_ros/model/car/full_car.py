@@ -57,6 +57,7 @@ from vsense_ros.model.multibody.mechanism import (
     Point,
     Spring,
 )
+from vsense_ros.model.multibody.outside import Outside, OutsideIntegrator
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 from vsense_ros.model.parameter import Scalar, symbols, vector
 from vsense_ros.model.tyres import TyreForces, TyreInput
@@ -500,10 +501,14 @@ class FullCar:
         mechanism = self.mechanism
         return Counts(mechanism.bodies, mechanism.coordinates, mechanism.constraints, free)
 
-    def integrator(self, vehicle: Vehicle, h: float, tolerance: float = 1e-9) -> Integrator:
-        """The car at rest in its design position, wheels on level ground, ready to step by `h` [s]."""
-        parameters = self.parameters(vehicle)
-        integrator = Integrator(self.mechanism, parameters, h, tolerance, "full_car")
+    def integrator(
+        self, vehicle: Vehicle, h: float, tolerance: float = 1e-9, outside: Outside | None = None
+    ) -> Integrator:
+        """The car at rest in its design position, wheels on level ground, ready to step by `h` [s]; its systems are
+        solved `outside`, if there is something."""
+        made = (self.mechanism, self.parameters(vehicle), h, tolerance, "full_car")
+        integrator = Integrator(*made) if outside is None else OutsideIntegrator(*made, outside=outside)
+        parameters = integrator.parameters
         z = integrator.state.z
         z[Z] = vehicle.physics.chassis.cog_height
         offsets = self.mechanism.offsets

@@ -22,6 +22,7 @@ ROUNDING = 1e-6  # what a table may differ by from the design position where it 
 
 Polynomial = tuple[tuple[float, ...], ...]
 Coefficients = dict[str, Sequence[Sequence[ca.SX | float]]]  # of an axle's columns, by name
+Columns = dict[str, tuple[ca.SX, ca.SX, ca.SX]]  # of an axle's columns three values each, by name
 
 
 def _column(unit: str, description: str) -> Polynomial:
@@ -162,7 +163,13 @@ def table_guide(
 ) -> HubMotion:
     """The hub of a wheel, `side` 1 on the left and -1 on the right, as the tables with the coefficients of its `axle`
     move it from `design` (3×1) [m]."""
-    at = _evaluate(tables, axle, travel, side * steering)
+    place = place_in_tables(tables, travel, side * steering)
+    return hub_from_columns(columns_within(axle, place), place, side, design, travel)
+
+
+def hub_from_columns(within: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
+    """The same from what `columns_within` gives at a place of the tables."""
+    at = _columns_beyond(within, place)
     x, y = at["x"], [side * v for v in at["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
     toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])
@@ -197,32 +204,58 @@ def _function(tables: SuspensionTables, axle: str) -> ca.Function:
     return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in found.values()))])
 
 
-def _evaluate(
-    tables: SuspensionTables, table: Coefficients, travel: ca.SX, steering: ca.SX
-) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
-    """Value, first and second derivative by the travel of each column."""
+@dataclass(frozen=True, eq=False)
+class TablePlace:
+    """Where in the tables a wheel is: its travel ξ, `within` the tables and `along` beyond them; its steering η; and
+    half the travel that they cover [m]."""
+
+    along: ca.SX
+    within: ca.SX
+    across: ca.SX
+    half: float
+
+
+def place_in_tables(tables: SuspensionTables, travel: ca.SX, steering: ca.SX) -> TablePlace:
+    """The place of a left wheel; of a right one for the opposite steering."""
     low, high = tables.travel
     half = (high - low) / 2
     along = (travel - (low + high) / 2) / half
     within = ca.fmin(ca.fmax(along, -1), 1)
-    inside = within == along
     across = ca.fmin(ca.fmax(steering / tables.steering, -1), 1)
-    columns = {}
-    for name, rows in table.items():
-        value, slope, curvature = _horner([_horner(row, across)[0] for row in rows], within)
-        columns[name] = (
-            value + slope * (along - within),
-            slope / half,
-            ca.if_else(inside, curvature / half**2, 0),
+    return TablePlace(along, within, across, half)
+
+
+def columns_within(table: Coefficients, place: TablePlace) -> Columns:
+    """Of each column of an axle's tables its value, slope and half its curvature by ξ."""
+    return {
+        name: _horner([_horner(row, place.across)[0] for row in rows], place.within) for name, rows in table.items()
+    }
+
+
+def _columns_beyond(within: Columns, place: TablePlace) -> Columns:
+    """Value, first and second derivative by the travel of each column, beyond the tables too."""
+    inside = place.within == place.along
+    return {
+        name: (
+            value + slope * (place.along - place.within),
+            slope / place.half,
+            ca.if_else(inside, 2 * half_curvature / place.half**2, 0),
         )
-    return columns
+        for name, (value, slope, half_curvature) in within.items()
+    }
+
+
+def _evaluate(tables: SuspensionTables, table: Coefficients, travel: ca.SX, steering: ca.SX) -> Columns:
+    """Value, first and second derivative by the travel of each column."""
+    place = place_in_tables(tables, travel, steering)
+    return _columns_beyond(columns_within(table, place), place)
 
 
 def _horner(coefficients: Sequence[ca.SX | float], x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Value, first and second derivative of a polynomial, by Horner's scheme."""
+    """Value, slope and half the curvature of a polynomial, by Horner's scheme."""
     value, slope, half_curvature = ca.SX(coefficients[-1]), ca.SX(0), ca.SX(0)
     for coefficient in reversed(coefficients[:-1]):
         half_curvature = half_curvature * x + slope
         slope = slope * x + value
         value = value * x + coefficient
-    return value, slope, 2 * half_curvature
+    return value, slope, half_curvature

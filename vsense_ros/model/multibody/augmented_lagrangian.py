@@ -44,6 +44,7 @@ class _Branch:
     """The functions of one linkage: symbols in, numbers out, shared by all branches that are equal."""
 
     evaluate: ca.Function
+    tangent: ca.Function
     factor: ca.Function
     constraints: ca.Function
     equations: ca.Function
@@ -94,6 +95,7 @@ def _branch(linkage: Linkage) -> _Branch:
     exports = [motion.measure(measure).value for measure in linkage.exports]
     return _Branch(
         evaluate=function("evaluate", [residual, weight * forces.base, constraint]),
+        tangent=shape,
         factor=factor,
         constraints=function(
             "constraints", [constraint, motion.constraint_rate, motion.constraint_acceleration, jacobian]
@@ -226,7 +228,7 @@ class Equations:
                 shared = self._shared[mechanism.branches[link.source]]
                 exports[link.source] = shared.exports(*part(link.source))
         results = []
-        for i, linkage in enumerate(mechanism.branches):
+        for i in range(len(mechanism.branches)):
             here = slice(mechanism.offsets[i], mechanism.offsets[i + 1])
             rows = slice(mechanism.equation_offsets[i], mechanism.equation_offsets[i + 1])
             own_z, own_guides, own_parameters = part(i)
@@ -234,13 +236,23 @@ class Equations:
             for link in mechanism.links:
                 if link.to == i:
                     own_inputs[link.entry] = exports[link.source][link.export]
-            function = getattr(self._shared[linkage], name)
-            found = function(
+            arguments = [
                 own_z, dz[here], ddz[here], own_guides, multipliers[rows], *base[:4], own_parameters,
                 ca.vertcat(ca.MX(0, 1), *own_inputs), self.h if h is None else h,
-            )  # fmt: skip
+            ]  # fmt: skip
+            found = self._called(i, name, arguments)
             results.append(found if isinstance(found, tuple) else (found,))
         return results
+
+    def function_of(self, i: int, name: str) -> ca.Function:
+        """The function of a branch by its name."""
+        function: ca.Function = getattr(self._shared[self.mechanism.branches[i]], name)
+        return function
+
+    def _called(self, i: int, name: str, arguments: Sequence[ca.MX]) -> ca.MX | tuple[ca.MX, ...]:
+        """What the function of a branch gives."""
+        found: ca.MX | tuple[ca.MX, ...] = self.function_of(i, name)(*arguments)
+        return found
 
     def _factor(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None

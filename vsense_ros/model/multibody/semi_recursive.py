@@ -277,17 +277,26 @@ class Forces:
     """What the bodies of a linkage need to move as `motion` says on a base that moves too.
 
     `base_velocity` (6×1) is the base's spatial velocity, `base_acceleration` its spatial acceleration minus that of
-    free fall, `up` and `height` as in `BodyState`.
+    free fall, `up` and `height` as in `BodyState`. Spatial inertias of the bodies (6×6, about the base's origin and in
+    its axes) may be given by name.
     """
 
     def __init__(
-        self, motion: Motion, base_velocity: ca.SX, base_acceleration: ca.SX, up: ca.SX, height: ca.SX
+        self,
+        motion: Motion,
+        base_velocity: ca.SX,
+        base_acceleration: ca.SX,
+        up: ca.SX,
+        height: ca.SX,
+        inertias: dict[str, ca.SX] | None = None,
     ) -> None:
         self.motion = motion
         self._base_velocity, self._base_acceleration, self._up, self._height = (
             base_velocity, base_acceleration, up, height,
         )  # fmt: skip
-        self._inertia = {body.name: _inertia_in_base(body, motion.frames[body.name]) for body in motion.linkage.bodies}
+        self._inertia = inertias or {
+            body.name: _inertia_in_base(body, motion.frames[body.name]) for body in motion.linkage.bodies
+        }
         self.load_outputs: list[ca.SX] = []
         self._loads: list[tuple[str, ca.SX, ca.SX, ca.SX]] = []
         for load in motion.linkage.loads:

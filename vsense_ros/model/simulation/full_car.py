@@ -43,6 +43,7 @@ from vsense_ros.model.coordinates import (
     Z,
 )
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
+from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
 from vsense_ros.model.simulation.surface import Surface
 from vsense_ros.model.vehicle import Vehicle
@@ -61,7 +62,7 @@ class FullCarPlant:
 
     Within a step the road's axes stand still. Then they are moved to where the car has come to, and turned as the road
     is there: on a `surface` that is geometry; else slopes are those that are given, and curvature turns the axes. Each
-    wheel stands on the tangent plane of the road below it.
+    wheel stands on the tangent plane of the road below it. `tolerance` and `outside` are those of its integrator.
     """
 
     def __init__(
@@ -71,11 +72,14 @@ class FullCarPlant:
         car: FullCar | None = None,
         rack: SteeringRack | None = None,
         surface: Surface | None = None,
+        *,
+        tolerance: float = 1e-9,
+        outside: Outside | None = None,
     ) -> None:
         self.car = car or FullCar(vehicle)
         self.step_length = step
         self.rack = rack or steering_rack(vehicle)
-        self.integrator: Integrator = self.car.integrator(vehicle, step)
+        self.integrator: Integrator = self.car.integrator(vehicle, step, tolerance, outside)
         self._vehicle = vehicle
         state = self.integrator.state
         motion, placing = compiled("full_car_motion", [self.car.motion_function(), self.car.placing_function()])

@@ -1,0 +1,110 @@
+// Made by hw/registers.py from vsense_ros/accelerator/registers.py.
+package register_map;
+  localparam logic [5:0] CONTROL = 6'h00;
+  localparam int CONTROL_START = 0;
+  localparam int CONTROL_DONE = 1;
+  localparam int CONTROL_IDLE = 2;
+  localparam int CONTROL_READY = 3;
+  localparam int CONTROL_AUTO_RESTART = 7;
+  localparam logic [5:0] GLOBAL_INTERRUPT = 6'h04;
+  localparam int GLOBAL_INTERRUPT_ENABLE = 0;
+  localparam logic [5:0] INTERRUPT_ENABLE = 6'h08;
+  localparam int INTERRUPT_ENABLE_DONE = 0;
+  localparam int INTERRUPT_ENABLE_READY = 1;
+  localparam logic [5:0] INTERRUPT_STATUS = 6'h0c;
+  localparam int INTERRUPT_STATUS_DONE = 0;
+  localparam int INTERRUPT_STATUS_READY = 1;
+  localparam logic [5:0] KERNEL = 6'h10;
+  localparam logic [5:0] MAP_VERSION = 6'h14;
+  localparam logic [5:0] SIZE = 6'h18;
+  localparam logic [5:0] WORDS_IN = 6'h1c;
+  localparam logic [5:0] WORDS_OUT = 6'h20;
+  localparam logic [5:0] TABLE_WORDS = 6'h24;
+  localparam logic [5:0] MODE = 6'h28;
+  localparam int MODE_TABLE = 0;
+  localparam logic [5:0] STATUS = 6'h2c;
+  localparam logic [5:0] COMPUTE_CYCLES = 6'h30;
+  localparam logic [5:0] LINK_CYCLES = 6'h34;
+  localparam logic [5:0] REQUESTS = 6'h38;
+  function automatic int kernel_of(input int number);
+    case (number)
+      1: kernel_of = 1;
+      2: kernel_of = 2;
+      3: kernel_of = 3;
+      4: kernel_of = 4;
+      6: kernel_of = 6;
+      default: kernel_of = 0;
+    endcase
+  endfunction
+  function automatic int map_version_of(input int number);
+    case (number)
+      1: map_version_of = 1;
+      2: map_version_of = 1;
+      3: map_version_of = 1;
+      4: map_version_of = 1;
+      6: map_version_of = 1;
+      default: map_version_of = 0;
+    endcase
+  endfunction
+  function automatic int size_of(input int number);
+    case (number)
+      1: size_of = 14;
+      2: size_of = 42;
+      3: size_of = 0;
+      4: size_of = 0;
+      6: size_of = 56;
+      default: size_of = 0;
+    endcase
+  endfunction
+  function automatic int words_in_of(input int number);
+    case (number)
+      1: words_in_of = 210;
+      2: words_in_of = 1806;
+      3: words_in_of = 19;
+      4: words_in_of = 12;
+      6: words_in_of = 3192;
+      default: words_in_of = 0;
+    endcase
+  endfunction
+  function automatic int words_out_of(input int number);
+    case (number)
+      1: words_out_of = 14;
+      2: words_out_of = 42;
+      3: words_out_of = 9;
+      4: words_out_of = 96;
+      6: words_out_of = 56;
+      default: words_out_of = 0;
+    endcase
+  endfunction
+  function automatic int table_words_of(input int number);
+    case (number)
+      1: table_words_of = 0;
+      2: table_words_of = 0;
+      3: table_words_of = 0;
+      4: table_words_of = 576;
+      6: table_words_of = 0;
+      default: table_words_of = 0;
+    endcase
+  endfunction
+  localparam int STATUS_OK = 0, STATUS_PIVOT = 1;
+endpackage
+
+// The kernel of a number, with the parameters that it is built with.
+module chosen_kernel #(parameter int NUMBER = 1) (
+    input logic clk, rst_n, s_tvalid, s_tuser, m_tready, input logic [31:0] s_tdata,
+    output logic s_tready, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles
+);
+  generate
+    if (NUMBER == 1) begin : solve14
+      gj_solver #(.N(14), .P(8), .DEEP(1)) kernel (.clk, .rst_n, .s_tvalid, .s_tready, .s_tdata, .m_tvalid, .m_tready, .m_tdata, .m_tlast, .err, .cycles);
+    end else if (NUMBER == 2) begin : solve42
+      gj_solver #(.N(42), .P(22), .DEEP(1)) kernel (.clk, .rst_n, .s_tvalid, .s_tready, .s_tdata, .m_tvalid, .m_tready, .m_tdata, .m_tlast, .err, .cycles);
+    end else if (NUMBER == 3) begin : body_mass
+      body_mass #(.ROWS(1), .DEEP(0)) kernel (.clk, .rst_n, .s_tvalid, .s_tready, .s_tdata, .m_tvalid, .m_tready, .m_tdata, .m_tlast, .err, .cycles);
+    end else if (NUMBER == 4) begin : suspension_motion
+      suspension_motion #(.U(12), .DEEP(1)) kernel (.s_tuser, .clk, .rst_n, .s_tvalid, .s_tready, .s_tdata, .m_tvalid, .m_tready, .m_tdata, .m_tlast, .err, .cycles);
+    end else if (NUMBER == 6) begin : solve56
+      gj_solver #(.N(56), .P(19), .DEEP(1)) kernel (.clk, .rst_n, .s_tvalid, .s_tready, .s_tdata, .m_tvalid, .m_tready, .m_tdata, .m_tlast, .err, .cycles);
+    end
+  endgenerate
+endmodule

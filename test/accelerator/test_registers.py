@@ -1,0 +1,213 @@
+"""A kernel behind its registers, as a processor and its DMA see it."""
+
+from __future__ import annotations
+
+import ctypes
+import runpy
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linear_systems import mass_matrices, tables
+from vsense_ros.accelerator.frame import Status
+from vsense_ros.accelerator.kernels import BODY_MASS, SOLVE_14, SUSPENSION_MOTION, Kernel
+from vsense_ros.accelerator.registers import REGISTERS, values
+from vsense_ros.accelerator.rtl import missing, sources
+
+HW = Path(__file__).parents[2] / "hw"
+AT = {register.name: register.offset for register in REGISTERS}
+BIT = {f"{r.name}.{f.name}": 1 << f.lowest for r in REGISTERS for f in r.fields}
+simulated = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}: make hw-tools"),
+]
+
+
+def test_what_is_made_of_the_list_of_registers_is_up_to_date() -> None:
+    for path, text in runpy.run_path(str(HW / "registers.py"))["written"]().items():
+        assert path.read_text(encoding="utf-8") == text, f"{path}: run python hw/registers.py"
+
+
+def test_registers_are_words_that_do_not_overlap_and_begin_as_those_of_high_level_synthesis() -> None:
+    offsets = [register.offset for register in REGISTERS]
+    assert offsets == list(range(0, 4 * len(offsets), 4))
+    names = ["CONTROL", "GLOBAL_INTERRUPT", "INTERRUPT_ENABLE", "INTERRUPT_STATUS"]  # UG1399: AP_CTRL, GIER, IER, ISR
+    assert [r.name for r in REGISTERS[:4]] == names
+    control = {f.name: f.lowest for f in REGISTERS[0].fields}
+    assert control == {"start": 0, "done": 1, "idle": 2, "ready": 3, "auto_restart": 7}
+    for register in REGISTERS:
+        masks = [((1 << f.width) - 1) << f.lowest for f in register.fields]
+        assert sum(masks) == np.bitwise_or.reduce(masks) if masks else True
+
+
+class Controlled:
+    """A kernel behind its registers in Verilator."""
+
+    def __init__(self, library: Path, kernel: Kernel) -> None:
+        self.kernel = kernel
+        self._of = ctypes.CDLL(str(library))
+        self._of.kernel_new.restype = ctypes.c_void_p
+        self._of.kernel_read.restype = ctypes.c_uint32
+        self._it = ctypes.c_void_p(self._of.kernel_new())
+
+    def write(self, name: str, value: int, order: int = 0) -> None:
+        self._of.kernel_write(self._it, AT[name], value, order)
+
+    def read(self, name: str) -> int:
+        return int(self._of.kernel_read(self._it, AT[name]))
+
+    def offer(self, words: np.ndarray, clocks: int = 100_000, every: int = 1) -> int:
+        given = np.ascontiguousarray(words, np.uint32)
+        return int(self._of.kernel_offer(self._it, ctypes.c_void_p(given.ctypes.data), given.size, clocks, every))
+
+    def collect(self, every: int = 1) -> tuple[np.ndarray, int]:
+        found, last = np.zeros(self.kernel.words_out, np.uint32), ctypes.c_int()
+        pointer = ctypes.c_void_p(found.ctypes.data)
+        came = self._of.kernel_collect(self._it, pointer, found.size, 100_000, every, ctypes.byref(last))
+        return found[:came], last.value
+
+    @property
+    def interrupts(self) -> bool:
+        return bool(self._of.kernel_irq(self._it))
+
+    def run(self, words: np.ndarray) -> np.ndarray:
+        self.write("CONTROL", BIT["CONTROL.start"])
+        assert self.offer(words) == words.size
+        found, last = self.collect()
+        assert last == self.kernel.words_out - 1
+        return found
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Kernel], Controlled]:
+    made: dict[str, Path] = {}
+
+    def build(kernel: Kernel) -> Controlled:
+        if kernel.name not in made:
+            place = tmp_path_factory.mktemp(kernel.name)
+            files = [HW / "control" / "register_map.sv", HW / "control" / "controlled_kernel.sv"]
+            files += sorted(sources().glob("*.sv"))
+            subprocess.run(
+                ["verilator", "--cc", "-O3", "--noassert", "-Wno-fatal", "-Wno-WIDTH", "--top-module",
+                 "controlled_kernel", f"-GNUMBER={kernel.number}", *map(str, files)],
+                cwd=place, check=True, capture_output=True,
+            )  # fmt: skip
+            objects = ["Vcontrolled_kernel__ALL.a", "verilated.o", "verilated_threads.o"]
+            options = ["OPT_FAST=-O1 -fPIC", "OPT_SLOW=-fPIC", "OPT_GLOBAL=-O1 -fPIC"]
+            make = ["make", "-s", "-f", "Vcontrolled_kernel.mk", *options, *objects]
+            subprocess.run(make, cwd=place / "obj_dir", check=True, capture_output=True)
+            told = ["verilator", "--getenv", "VERILATOR_ROOT"]
+            root = subprocess.run(told, check=True, capture_output=True, text=True).stdout.strip()
+            link = ["g++", "-shared", "-fPIC", "-O1", "-std=c++17", "-Iobj_dir", f"-I{root}/include"]
+            link += [f"-I{root}/include/vltstd", str(HW / "test" / "controlled_kernel.cpp")]
+            link += [*(f"obj_dir/{name}" for name in objects), "-o", "kernel.so", "-lpthread"]
+            subprocess.run(link, cwd=place, check=True, capture_output=True)
+            made[kernel.name] = place / "kernel.so"
+        return Controlled(made[kernel.name], kernel)
+
+    return build
+
+
+def system(seed: int = 1) -> np.ndarray:
+    matrix = mass_matrices(1, seed)[0]
+    right = np.random.default_rng(seed).normal(0, 1000, 14)
+    return np.hstack([matrix, right[:, None]]).astype(np.float32).reshape(-1).view(np.uint32)
+
+
+class TestSimulated:
+    pytestmark = simulated
+
+    @pytest.mark.parametrize("kernel", [SOLVE_14, BODY_MASS, SUSPENSION_MOTION], ids=lambda k: k.name)
+    def test_a_kernel_tells_what_it_is(self, built, kernel: Kernel) -> None:
+        here = built(kernel)
+        assert {name: here.read(name) for name in values(kernel)} == values(kernel)
+        assert here.read("CONTROL") == BIT["CONTROL.idle"]
+
+    def test_a_request_gives_the_bits_of_the_mock_and_is_counted(self, built) -> None:
+        here = built(SOLVE_14)
+        for k in range(3):
+            words = system(k)
+            expected, _ = SOLVE_14.run(words)
+            assert np.array_equal(here.run(words), expected)
+            assert here.read("STATUS") == Status.OK
+            assert here.read("COMPUTE_CYCLES") == SOLVE_14.cycles()
+            assert here.read("REQUESTS") == k + 1
+            # Nothing made the stream wait but the handshakes between request, kernel and result.
+            assert 0 <= here.read("LINK_CYCLES") - SOLVE_14.words_in - SOLVE_14.words_out < 8
+
+    def test_no_word_is_taken_without_a_start_and_none_too_many_with_one(self, built) -> None:
+        here, words = built(BODY_MASS), np.arange(60, dtype=np.uint32)
+        assert here.offer(words, clocks=100) == 0
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(words, clocks=1000) == BODY_MASS.words_in
+        assert here.offer(words, clocks=1000) == 0
+
+    def test_done_and_ready_are_cleared_by_reading(self, built) -> None:
+        here = built(BODY_MASS)
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert not here.read("CONTROL") & BIT["CONTROL.idle"]
+        here.offer(np.ones(19, np.float32).view(np.uint32))
+        assert here.read("CONTROL") == BIT["CONTROL.ready"]
+        here.collect()
+        assert here.read("CONTROL") == BIT["CONTROL.done"] | BIT["CONTROL.idle"]
+        assert here.read("CONTROL") == BIT["CONTROL.idle"]
+
+    def test_a_pivot_that_is_refused_is_told_and_forgotten_with_the_next_system(self, built) -> None:
+        here = built(SOLVE_14)
+        here.run(np.zeros(210, np.uint32))
+        assert here.read("STATUS") == Status.PIVOT
+        here.run(system())
+        assert here.read("STATUS") == Status.OK
+
+    def test_an_interrupt_comes_where_it_is_enabled_and_goes_when_it_is_written_back(self, built) -> None:
+        here = built(BODY_MASS)
+        words = np.ones(19, np.float32).view(np.uint32)
+        here.run(words)
+        assert not here.interrupts
+        assert here.read("INTERRUPT_STATUS") == BIT["INTERRUPT_STATUS.done"] | BIT["INTERRUPT_STATUS.ready"]
+        here.write("INTERRUPT_STATUS", 3)
+        here.write("INTERRUPT_ENABLE", BIT["INTERRUPT_ENABLE.done"])
+        here.write("GLOBAL_INTERRUPT", 1)
+        assert not here.interrupts
+        here.run(words)
+        assert here.interrupts
+        here.write("INTERRUPT_STATUS", BIT["INTERRUPT_STATUS.done"])
+        assert not here.interrupts
+
+    def test_coefficients_are_taken_in_their_mode_and_kept(self, built) -> None:
+        here, table = built(SUSPENSION_MOTION), tables()
+        here.write("MODE", BIT["MODE.table"])
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(table) == table.size
+        assert here.read("CONTROL") & BIT["CONTROL.done"]
+        here.write("MODE", 0)
+        words = np.random.default_rng(3).uniform(-1, 1, 12).astype(np.float32).view(np.uint32)
+        expected, _ = SUSPENSION_MOTION.run(words, table)
+        for _ in range(2):
+            assert np.array_equal(here.run(words), expected)
+
+    @pytest.mark.parametrize("order", [0, 1, 2])
+    def test_address_and_data_of_a_write_may_come_in_any_order(self, built, order: int) -> None:
+        here = built(BODY_MASS)
+        here.write("INTERRUPT_ENABLE", 2, order)
+        assert here.read("INTERRUPT_ENABLE") == 2
+
+    def test_a_stream_that_stops_and_goes_changes_no_bit(self, built) -> None:
+        here, words = built(SOLVE_14), system(4)
+        here.write("CONTROL", BIT["CONTROL.start"])
+        assert here.offer(words, every=3) == words.size
+        found, _ = here.collect(every=4)
+        assert np.array_equal(found, SOLVE_14.run(words)[0])
+
+    def test_what_repeats_itself_takes_the_next_request_at_once(self, built) -> None:
+        here = built(BODY_MASS)
+        here.write("CONTROL", BIT["CONTROL.start"] | BIT["CONTROL.auto_restart"])
+        words = np.ones(19, np.float32).view(np.uint32)
+        for _ in range(3):
+            assert here.offer(words) == 19
+            assert here.collect()[0].size == 9
+        here.write("CONTROL", 0)
+        assert here.read("REQUESTS") == 3

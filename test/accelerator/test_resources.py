@@ -1,0 +1,31 @@
+"""Resources on the thesis's device, as recorded and as Yosys counts them now."""
+
+from __future__ import annotations
+
+import runpy
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vsense_ros.accelerator.kernels import KERNELS
+from vsense_ros.experiments.partition import recorded_resources
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_variant_of_every_kernel_has_its_resources_on_record_with_the_clocks_that_it_takes() -> None:
+    known = recorded_resources()
+    wanted = {f"{k.name}/{v}": k.cycles(**p) for k in KERNELS.values() for v, p in k.variants.items()}
+    assert {name: entry["cycles"] for name, entry in known.items()} == wanted
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("yosys") is None, reason="needs yosys: make hw-tools")
+def test_the_smallest_variant_has_the_resources_on_record() -> None:
+    kernel = KERNELS["body_mass"]
+    found = runpy.run_path(str(ROOT / "hw" / "synthesise.py"))["xc7"](kernel, kernel.variants["serial"])
+    expected = recorded_resources()["body_mass/serial"]
+    assert (found["dsp"], found["bram"]) == (expected["dsp"], expected["bram"])
+    for name in ("lut", "ff"):  # which differ a little from one release of Yosys to the next
+        assert found[name] == pytest.approx(expected[name], rel=0.1)

@@ -1,0 +1,144 @@
+"""The registers that a processor starts and reads a kernel by, over AXI4-Lite: one list, from which the hardware's
+package, a header for C and the table of the documents are made (`hw/registers.py`).
+
+The first four are laid out and behave as those of AMD's high-level synthesis (UG1399, "S_AXILITE control register
+map"), so that drivers for such kernels start ours; what belongs to the kernel begins at 0x10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from vsense_ros.accelerator.frame import VERSION, Status
+from vsense_ros.accelerator.kernels import KERNELS, Kernel
+
+
+@dataclass(frozen=True)
+class Bits:
+    """A field: lowest bit, width, and what it says."""
+
+    name: str
+    lowest: int
+    width: int
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Register:
+    """One word. `access` is rw, ro (read), rc (read, whose marked bits are cleared by it), or rt (written ones
+    toggle)."""
+
+    name: str
+    offset: int
+    access: str
+    meaning: str
+    fields: tuple[Bits, ...] = ()
+
+
+DONE, READY = Bits("done", 0, 1, "result has left"), Bits("ready", 1, 1, "request was taken in")
+REGISTERS = (
+    Register(
+        "CONTROL",
+        0x00,
+        "rc",
+        "start and state",
+        (
+            Bits("start", 0, 1, "write 1: take one request; reads 1 until it has been taken in"),
+            Bits("done", 1, 1, "the result has left; reading clears it"),
+            Bits("idle", 2, 1, "no request is worked on"),
+            Bits("ready", 3, 1, "the request was taken in; reading clears it"),
+            Bits("auto_restart", 7, 1, "start again as soon as a request was taken in"),
+        ),
+    ),
+    Register("GLOBAL_INTERRUPT", 0x04, "rw", "interrupts at all", (Bits("enable", 0, 1, "interrupts leave"),)),
+    Register("INTERRUPT_ENABLE", 0x08, "rw", "which events interrupt", (DONE, READY)),
+    Register("INTERRUPT_STATUS", 0x0C, "rt", "events since they were cleared by writing 1", (DONE, READY)),
+    Register("KERNEL", 0x10, "ro", "number of the kernel, as in a frame"),
+    Register("MAP_VERSION", 0x14, "ro", "version of the frames and of this list"),
+    Register("SIZE", 0x18, "ro", "rows of a matrix, or 0"),
+    Register("WORDS_IN", 0x1C, "ro", "of a request"),
+    Register("WORDS_OUT", 0x20, "ro", "of a result"),
+    Register("TABLE_WORDS", 0x24, "ro", "of coefficients, or 0"),
+    Register("MODE", 0x28, "rw", "what the next start takes in", (Bits("table", 0, 1, "coefficients"),)),
+    Register("STATUS", 0x2C, "ro", "of the last result, as in a frame: 0 or 1 (a pivot was refused)"),
+    Register("COMPUTE_CYCLES", 0x30, "ro", "clocks of the last computation"),
+    Register("LINK_CYCLES", 0x34, "ro", "clocks of the last request but those: words that came, left or were awaited"),
+    Register("REQUESTS", 0x38, "ro", "results that have left since the reset"),
+)
+ADDRESS_BITS = 6
+
+
+def values(kernel: Kernel) -> dict[str, int]:
+    """What the registers of a kernel read that never change."""
+    return {
+        "KERNEL": kernel.number, "MAP_VERSION": VERSION, "SIZE": kernel.size, "WORDS_IN": kernel.words_in,
+        "WORDS_OUT": kernel.words_out, "TABLE_WORDS": kernel.table_words,
+    }  # fmt: skip
+
+
+def systemverilog() -> str:
+    """The package `register_map`, and the module that holds the kernel of a number."""
+    return "\n".join([*_package(), "", *_chosen()]) + "\n"
+
+
+def _package() -> Iterator[str]:
+    yield "// Made by hw/registers.py from vsense_ros/accelerator/registers.py."
+    yield "package register_map;"
+    for register in REGISTERS:
+        yield f"  localparam logic [{ADDRESS_BITS - 1}:0] {register.name} = {ADDRESS_BITS}'h{register.offset:02x};"
+        for field in register.fields:
+            yield f"  localparam int {register.name}_{field.name.upper()} = {field.lowest};"
+    for name in values(next(iter(KERNELS.values()))):
+        yield f"  function automatic int {name.lower()}_of(input int number);"
+        yield "    case (number)"
+        for kernel in KERNELS.values():
+            yield f"      {kernel.number}: {name.lower()}_of = {values(kernel)[name]};"
+        yield f"      default: {name.lower()}_of = 0;"
+        yield "    endcase"
+        yield "  endfunction"
+    yield f"  localparam int STATUS_OK = {Status.OK}, STATUS_PIVOT = {Status.PIVOT};"
+    yield "endpackage"
+
+
+def _chosen() -> Iterator[str]:
+    yield "// The kernel of a number, with the parameters that it is built with."
+    yield "module chosen_kernel #(parameter int NUMBER = 1) ("
+    ports = "input logic clk, rst_n, s_tvalid, s_tuser, m_tready, input logic [31:0] s_tdata,"
+    yield f"    {ports}"
+    yield "    output logic s_tready, m_tvalid, m_tlast, err, output logic [31:0] m_tdata, cycles"
+    yield ");"
+    yield "  generate"
+    for i, kernel in enumerate(KERNELS.values()):
+        chosen = ", ".join(f".{name}({value})" for name, value in kernel.parameters.items())
+        user = ".s_tuser, " if kernel.table_words else ""
+        names = ("clk", "rst_n", "s_tvalid", "s_tready", "s_tdata", "m_tvalid", "m_tready", "m_tdata", "m_tlast", "err")
+        yield f"    {'end else ' if i else ''}if (NUMBER == {kernel.number}) begin : {kernel.name}"
+        yield f"      {kernel.top} #({chosen}) kernel ({user}{', '.join(f'.{name}' for name in names)}, .cycles);"
+    yield "    end"
+    yield "  endgenerate"
+    yield "endmodule"
+
+
+def c_header() -> str:
+    """Offsets and bits for a driver."""
+    lines = ["/* Made by hw/registers.py from vsense_ros/accelerator/registers.py. */", "#ifndef VSENSE_REGISTERS_H"]
+    lines.append("#define VSENSE_REGISTERS_H")
+    for register in REGISTERS:
+        lines.append(f"#define VSENSE_{register.name} 0x{register.offset:02x}u /* {register.meaning} */")
+        for field in register.fields:
+            mask = ((1 << field.width) - 1) << field.lowest
+            lines.append(f"#define VSENSE_{register.name}_{field.name.upper()} 0x{mask:x}u /* {field.meaning} */")
+    for kernel in KERNELS.values():
+        lines.append(f"#define VSENSE_KERNEL_{kernel.name.upper()} {kernel.number}u")
+    return "\n".join([*lines, "#endif"]) + "\n"
+
+
+def markdown() -> str:
+    """The table of the documents."""
+    lines = ["| offset | register | access | meaning |", "|---|---|---|---|"]
+    for register in REGISTERS:
+        bits = "; ".join(f"bit {f.lowest} `{f.name}`: {f.meaning}" for f in register.fields)
+        text = f"{register.meaning}{': ' if bits else ''}{bits}"
+        lines.append(f"| 0x{register.offset:02X} | `{register.name}` | {register.access} | {text} |")
+    return "\n".join(lines) + "\n"
