@@ -9,6 +9,7 @@ import pytest
 
 from vsense_ros.bag import datasets
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.terminal import PIPE_WIDTH, PlainConsole
 from vsense_ros.experiments import leung
 from vsense_ros.experiments.leung_drives import Case, Error, Errors, Truth, readings, receiver
 from vsense_ros.experiments.leung_observers import BOUND, OBSERVERS
@@ -84,6 +85,18 @@ def test_every_table_names_filters_and_manoeuvres_that_exist_and_has_a_figure_fo
         assert all(table.manoeuvres[row] in MANOEUVRES for row in table.printed)
     with pytest.raises(InputError, match=r"no table '9\.9'"):
         leung.repeat(["9.9"], Path(), None)
+
+
+def test_a_wide_table_comes_in_parts_of_which_no_figure_is_cut() -> None:
+    figure = {"printed": 12.8077, "ours": 0.012345, "spread": 0.00234}
+    headings = [column.title for column in leung.TABLES["5.5"].columns]
+    console = PlainConsole(width=PIPE_WIDTH)
+    with console.capture() as capture:
+        leung.show({"5.5": {row: dict.fromkeys(headings, figure) for row in leung.ROWS}}, console)
+    lines = capture.get().splitlines()
+    assert capture.get().count("0.0123 ± 0.002 (12.8077)") == len(headings) * len(leung.ROWS)
+    assert all(len(line) <= PIPE_WIDTH for line in lines[:-1])
+    assert sum(line.startswith("DO15") for line in lines) == 4  # 12 columns of 27 characters
 
 
 @pytest.mark.slow

@@ -340,22 +340,26 @@ def angle_errors(output: Recording, lap: Recording, key: str) -> tuple[Array, Ar
     return (found.stamp - true.stamp[0]) * 1e-9, found.error[:, 0], deviation
 
 
-_WIDEST = 10  # columns that a terminal can show
-
-
 def show(found: Found, console: Console) -> None:
-    """Print tables: ours, its spread over seeds, and in brackets what the thesis prints."""
+    """Print tables: ours, its spread over seeds, and in brackets what the thesis prints. A wide one comes in parts."""
     for name, rows in found.items():
         title = TABLES[name].title if name in TABLES else _TITLES[name]
-        headings = tuple(next(iter(rows.values())))
-        if len(headings) > _WIDEST:  # rather long than wide
-            rows = {heading: {row: columns[heading] for row, columns in rows.items()} for heading in headings}
-            headings = tuple(next(iter(rows.values())))
-        table = plain_table("", *headings, right=headings)
-        for row, columns in rows.items():
-            table.add_row(row, *(_cell(columns.get(heading)) for heading in headings))
         console.print(Text.assemble("\n", (f"Table {name}", "bold"), f": {title}"))
-        console.print(table)
+        cells = {
+            heading: {row: _cell(columns.get(heading)) for row, columns in rows.items()}
+            for heading in next(iter(rows.values()))
+        }
+        first = max(map(len, rows))
+        for i, part in enumerate(_parts(cells, console.width - first)):
+            if i:
+                console.print()
+            table = plain_table("", *part, right=tuple(part))
+            table.columns[0].width = first
+            for column, width in zip(table.columns[1:], part.values(), strict=True):
+                column.width = width
+            for row in rows:
+                table.add_row(row, *(cells[heading][row] for heading in part))
+            console.print(table)
     console.print(
         "\nOurs ± spread over seeds (thesis). N: RMSE over range [%], R: 100 RMSE [SI], after 20 s; W: N of the whole "
         "drive. On our plant, tyres and driver.",
@@ -369,6 +373,20 @@ _TITLES = {
     "5.3": "input errors, NRMSD [%]",
     GENESIS: "third Genesis lap in place of MIRA's",
 }
+
+
+_SPACE = 2  # between columns, on either side
+
+
+def _parts(cells: Mapping[str, Mapping[str, str]], width: int) -> list[dict[str, int]]:
+    """Headings of the columns that fit side by side, with their widths; a heading may be broken between words."""
+    parts: list[dict[str, int]] = [{}]
+    for heading, column in cells.items():
+        needed = max(map(len, (*column.values(), *heading.split())))
+        if parts[-1] and sum(parts[-1].values()) + needed + 2 * _SPACE * (len(parts[-1]) + 1) > width:
+            parts.append({})
+        parts[-1][heading] = needed
+    return parts
 
 
 def _cell(figure: Mapping[str, float | None] | None) -> str:
