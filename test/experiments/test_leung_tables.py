@@ -99,6 +99,13 @@ def test_a_wide_table_comes_in_parts_of_which_no_figure_is_cut() -> None:
     assert sum(line.startswith("DO15") for line in lines) == 4  # 12 columns of 27 characters
 
 
+@pytest.mark.parametrize("frequency", [0.05, 0.3, 2.0])
+def test_what_is_faster_than_a_second_is_a_waves_share_of_its_mean(frequency: float) -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    fast = leung.fast_part(t, np.sin(2 * np.pi * frequency * t), 1.0)
+    assert np.std(fast) == pytest.approx(abs(1 - np.sinc(frequency)) / 2**0.5, rel=0.02, abs=2e-3)
+
+
 @pytest.mark.slow
 def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_thesis_and_none_beats_the_bound(
     tmp_path: Path,
