@@ -9,6 +9,7 @@ import pytest
 
 from vsense_ros.bag import datasets
 from vsense_ros.errors import InputError
+from vsense_ros.evaluate.terminal import PIPE_WIDTH, PlainConsole
 from vsense_ros.experiments import leung
 from vsense_ros.experiments.leung_drives import Case, Error, Errors, Truth, readings, receiver
 from vsense_ros.experiments.leung_observers import BOUND, OBSERVERS
@@ -84,6 +85,25 @@ def test_every_table_names_filters_and_manoeuvres_that_exist_and_has_a_figure_fo
         assert all(table.manoeuvres[row] in MANOEUVRES for row in table.printed)
     with pytest.raises(InputError, match=r"no table '9\.9'"):
         leung.repeat(["9.9"], Path(), None)
+
+
+def test_a_wide_table_comes_in_parts_of_which_no_figure_is_cut() -> None:
+    figure = {"printed": 12.8077, "ours": 0.012345, "spread": 0.00234}
+    headings = [column.title for column in leung.TABLES["5.5"].columns]
+    console = PlainConsole(width=PIPE_WIDTH)
+    with console.capture() as capture:
+        leung.show({"5.5": {row: dict.fromkeys(headings, figure) for row in leung.ROWS}}, console)
+    lines = capture.get().splitlines()
+    assert capture.get().count("0.0123 ± 0.002 (12.8077)") == len(headings) * len(leung.ROWS)
+    assert all(len(line) <= PIPE_WIDTH for line in lines[:-1])
+    assert sum(line.startswith("DO15") for line in lines) == 4  # 12 columns of 27 characters
+
+
+@pytest.mark.parametrize("frequency", [0.05, 0.3, 2.0])
+def test_what_is_faster_than_a_second_is_a_waves_share_of_its_mean(frequency: float) -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    fast = leung.fast_part(t, np.sin(2 * np.pi * frequency * t), 1.0)
+    assert np.std(fast) == pytest.approx(abs(1 - np.sinc(frequency)) / 2**0.5, rel=0.02, abs=2e-3)
 
 
 @pytest.mark.slow

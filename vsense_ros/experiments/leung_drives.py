@@ -37,6 +37,9 @@ STEERING_RATIO = 17.58  # steering-wheel over road-wheel angle (table A.1), in w
 LEVEL = (
     1e-3  # [rad] by which the road may lean: the plant's is level, which every filter of the thesis takes for granted
 )
+# Share by which the tyres may be stiffer or softer. The filters of the thesis take them for known; 15 % is what
+# `car_numbers` says of a car from its file, and costs `integrated` most where side slip is small.
+TYRES_KNOWN = 0.02
 SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not tell its window
 _DEGREE = np.pi / 180
 

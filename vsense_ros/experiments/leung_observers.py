@@ -18,6 +18,7 @@ from vsense_ros.experiments.leung_drives import (
     LEVEL,
     SETTLED,
     STEP,
+    TYRES_KNOWN,
     Case,
     Errors,
     Readings,
@@ -42,9 +43,10 @@ Array = NDArray[np.float64]
 _START = 1_000_000_000  # [ns]
 
 BOUND = "bound"
-OBSERVERS: dict[str, MakeFilter] = {"error_ekf": error_ekf, "spi": spi, BOUND: error_ekf}
-# What differs between two cars of a kind and shows in side slip, by a tenth: stiffness of the tyres.
-PARAMETERS = {f"{axle}.cornering_scale": EstimatedParameter(deviation=0.1) for axle in ("front", "rear")}
+OBSERVERS: dict[str, MakeFilter] = {"error_ekf": error_ekf, "spi": spi, "spi_unsure": spi, BOUND: error_ekf}
+# How well an SPI knows the stiffness of its tyres: as the other filters of the table, or as those of two cars of a kind
+# differ.
+TYRES = {"spi": TYRES_KNOWN, "spi_unsure": 0.1}
 
 
 @cache
@@ -73,8 +75,9 @@ def car_of_study(plant: str, errors: Errors, observer: str) -> Vehicle:
             update=_PERFECT if observer == BOUND else _by_steering(car, errors)
         ),
     }
-    if observer == "spi":
-        settings["parameters"] = PARAMETERS
+    if observer in TYRES:
+        known_within = EstimatedParameter(deviation=TYRES[observer])
+        settings["parameters"] = {f"{axle}.cornering_scale": known_within for axle in ("front", "rear")}
     return car.model_copy(update={"sensors": sensors, "observer": known.model_copy(update=settings)})
 
 
@@ -84,10 +87,15 @@ _PERFECT = dict.fromkeys(("longitudinal", "lateral", "vertical", "roll", "pitch"
 
 def _by_steering(car: Vehicle, errors: Errors) -> dict[str, float]:
     """How far the forces across the car are wrong: as the filters of the thesis, the observer knows the plant's tyres,
-    but the steering angle only with the noise of its sensor, which an input of a model does not have."""
+    but the steering angle only with the noise of its sensor, which an input of a model does not have. It is new with
+    each reading: of the last one's, 5 % are left."""
     numbers = car_numbers(car, ())
     force = numbers["front_stiffness"] * errors.steering.noise
-    return {"lateral": force / numbers["mass"], "yaw": numbers["to_front"] * force / numbers["yaw_inertia"]}
+    return {
+        "lateral": force / numbers["mass"],
+        "yaw": numbers["to_front"] * force / numbers["yaw_inertia"],
+        "time_constant": STEP / 3,
+    }
 
 
 def as_recording(read: Readings, errors: Errors) -> Recording:

@@ -21,6 +21,7 @@ from vsense_ros.experiments.leung_drives import (
     LEVEL,
     SETTLED,
     STEP,
+    TYRES_KNOWN,
     Case,
     Errors,
     Readings,
@@ -44,10 +45,6 @@ from vsense_ros.navigation.motion import Motions, Readout
 from vsense_ros.navigation.space import MOTION
 
 Array = NDArray[np.float64]
-
-# Share by which the tyres may be stiffer or softer. The filters of the thesis take them for known; 15 % is what
-# `car_numbers` says of a car from its file, and costs `integrated` most where side slip is small.
-TYRES_KNOWN = 0.02
 
 
 def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:

@@ -11,18 +11,18 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
-    SensorBase,
     Tells,
     Values,
     Vector,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.gnss import Receiver
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
 
 
-class GnssAttitude(SensorBase):
+class GnssAttitude(Receiver):
     """Yaw in the map [rad], as cosine and sine so that no wrap is needed.
 
     Cosine and sine mean nothing one by one, so it has no components. A simulation has one antenna, and gives none.
@@ -39,7 +39,6 @@ class GnssAttitude(SensorBase):
     yaw: float = parameter("rad", "direction of the base line in the axes of cog", default=0.0)
     noise: float = parameter("rad", "standard deviation of the heading", gt=0, default=0.005)
     noise_from_message: NoiseFromMessage = True
-    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
     def mounting(self) -> Vector:
         return np.array([self.yaw])

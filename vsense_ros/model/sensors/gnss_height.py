@@ -11,18 +11,17 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Bias,
     Names,
-    Position,
-    SensorBase,
     Tells,
     Values,
     Vector,
 )
+from vsense_ros.model.sensors.gnss import Antenna
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
 
 
-class GnssHeight(SensorBase):
+class GnssHeight(Antenna):
     """Height of an antenna over the map's origin [m], from the same messages as the position.
 
     A receiver's height is off by metres, but this error changes slowly: it is estimated, and what heights differ by
@@ -38,17 +37,12 @@ class GnssHeight(SensorBase):
     kind: Literal["gnss_height"] = "gnss_height"
     topic: str = "gps/fix"
     frame_id: str = "gnss_link"
-    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m", "standard deviation of the error that changes at once", gt=0, default=0.3)
     slow_error: float = parameter("m", "standard deviation of the error that stays", ge=0, default=5.0)
     slow_error_drift: float = parameter("m", "its change in one second", ge=0, default=0.1)
-    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
 
     def biases(self) -> tuple[Bias, ...]:
         return (Bias("slow_error", self.slow_error, self.slow_error_drift, unit="m"),)
-
-    def mounting(self) -> Vector:
-        return np.array(self.position)
 
     def deviations(self) -> Vector:
         return np.array([self.noise])

@@ -13,20 +13,19 @@ from vsense_ros.model.sensors.base import (
     Component,
     Names,
     NoiseFromMessage,
-    Position,
-    SensorBase,
     Tells,
     Values,
     Vector,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
 
 
-class GnssPosition(SensorBase):
+class GnssPosition(Antenna):
     """East and north of the map's origin [m].
 
     Whoever reads its messages adds `east` and `north` to their fields, which are latitude and longitude.
@@ -47,13 +46,8 @@ class GnssPosition(SensorBase):
     kind: Literal["gnss_position"] = "gnss_position"
     topic: str = "gps/fix"
     frame_id: str = "gnss_link"
-    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m", "standard deviation of east and north", gt=0, default=1.5)
     noise_from_message: NoiseFromMessage = True
-    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
-
-    def mounting(self) -> Vector:
-        return np.array(self.position)
 
     def deviations(self) -> Vector:
         return np.full(2, self.noise)

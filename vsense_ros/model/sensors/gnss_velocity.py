@@ -13,13 +13,12 @@ from vsense_ros.model.sensors.base import (
     Component,
     Names,
     NoiseFromMessage,
-    Position,
-    SensorBase,
     Tells,
     Values,
     Vector,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def _ground_speed(value: Vector, radius: float) -> Vector:
     return np.hypot(value[:, 0], value[:, 1])
 
 
-class GnssVelocity(SensorBase):
+class GnssVelocity(Antenna):
     """Horizontal velocity in the map [m/s]."""
 
     message: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
@@ -61,13 +60,8 @@ class GnssVelocity(SensorBase):
     kind: Literal["gnss_velocity"] = "gnss_velocity"
     topic: str = "gps/velocity"
     frame_id: str = "map"
-    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m/s", "standard deviation of east and north", gt=0, default=0.1)
     noise_from_message: NoiseFromMessage = True
-    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
-
-    def mounting(self) -> Vector:
-        return np.array(self.position)
 
     def deviations(self) -> Vector:
         return np.full(2, self.noise)

@@ -11,19 +11,18 @@ from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Names,
     NoiseFromMessage,
-    Position,
-    SensorBase,
     Tells,
     Values,
     Vector,
     covariance_diagonal,
 )
+from vsense_ros.model.sensors.gnss import Antenna
 
 if TYPE_CHECKING:
     from vsense_ros.model.motion import Motion
 
 
-class GnssVerticalVelocity(SensorBase):
+class GnssVerticalVelocity(Antenna):
     """Upward velocity of an antenna in the map [m/s], from the same messages as the horizontal velocity.
 
     It is a sensor of its own because many receivers, and most recordings, tell a horizontal velocity alone and leave
@@ -38,13 +37,8 @@ class GnssVerticalVelocity(SensorBase):
     kind: Literal["gnss_vertical_velocity"] = "gnss_vertical_velocity"
     topic: str = "gps/velocity"
     frame_id: str = "map"
-    position: Position = parameter("m", "antenna in the axes of cog", default=(0.0, 0.0, 0.0))
     noise: float = parameter("m/s", "standard deviation", gt=0, default=0.2)
     noise_from_message: NoiseFromMessage = True
-    timeout: float = parameter("s", "silence after which the sensor counts as lost", gt=0, default=2.5)
-
-    def mounting(self) -> Vector:
-        return np.array(self.position)
 
     def deviations(self) -> Vector:
         return np.array([self.noise])
