@@ -216,15 +216,13 @@ def maximise(
     free_parameters: Sequence[FreeParameter],
     progress: Progress | None = None,
     iterations: int = ITERATIONS,
-    least_gain: float = 0.0,
 ) -> tuple[Array, Array]:
     """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, and their standard
     deviations (k,).
 
     Each iteration is a scoring step, shortened until it is an improvement. Which messages are outliers is decided once,
     at zero: if that could change, a filter that refuses whatever is unlikely would win. Two points are compared by the
-    messages that both have an innovation of. An iteration must promise `least_gain` in log-likelihood for each message,
-    or it is the last.
+    messages that both have an innovation of.
     """
     count = len(free_parameters)
     deviations = np.array([free.deviation for free in free_parameters])
@@ -245,12 +243,11 @@ def maximise(
         before, after = (_minus_twice_log_likelihood(of, both) for of in (now, found))
         return before - after + float(np.sum((here / deviations) ** 2) - np.sum((there / deviations) ** 2))
 
-    least = max(LEAST_GAIN * count, least_gain * sum(int(of.sum()) for of in credible))
     for iteration in range(iterations):
         nearby = at([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, iterations))
         equations = _equations(free_parameters, here, now, nearby, credible)
         change = _scoring_step(equations, here)
-        if -0.5 * equations.gradient @ change < least:
+        if -0.5 * equations.gradient @ change < LEAST_GAIN * count:
             break
         step = change * deviations
         step *= min(1.0, LARGEST_STEP / float(np.abs(step).max()))
