@@ -62,7 +62,7 @@ def filtered(measured: Array, steps: Array, limit: float = np.inf) -> Innovation
             state += variance / total * innovation
             variance *= noise**2 / total
     whitened, deviation, used = np.array(rows).T
-    return Innovations(whitened[:, None], deviation[:, None], used.astype(bool))
+    return Innovations(whitened[:, None], deviation[:, None], used.astype(bool), np.arange(len(measured)))
 
 
 def dense(measured: Array, steps: Array) -> float:
@@ -108,6 +108,34 @@ def test_a_number_that_the_measurements_say_nothing_about_stays(walk: Array):
     assert deviation[2] == pytest.approx(PRIOR)
 
 
+def test_a_filter_that_did_not_judge_some_messages_is_compared_by_the_others(walk: Array):
+    """An observer that starts anew with other noise levels has no innovations meanwhile."""
+
+    def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
+        found = []
+        for point in points:
+            of = filtered(walk, point)
+            judged = np.ones(COUNT, bool)
+            if point.any():
+                judged[COUNT // 2 : COUNT // 2 + 50] = False
+            found.append([Innovations(of.whitened[judged], of.deviation[judged], of.used[judged], of.stamp[judged])])
+        return found
+
+    found, _ = maximise(evaluate, free(2))
+    whole, deviation = maximise(lambda points, _: [[filtered(walk, point)] for point in points], free(2))
+    assert np.all(np.abs(found - whole) < deviation)
+
+
+def test_messages_without_an_innovation_are_told(walk: Array):
+    known = filtered(walk, np.zeros(2))
+    part = Innovations(known.whitened[::2], known.deviation[::2], known.used[::2], known.stamp[::2])
+    found = part.at(known.stamp)
+    assert found.there.tolist() == [i % 2 == 0 for i in range(COUNT)]
+    assert not found.used[1::2].any()
+    assert np.array_equal(found.whitened[::2], part.whitened)
+    assert known.at(known.stamp) is known
+
+
 def test_outliers_that_the_gate_refuses_do_not_become_noise(walk: Array):
     wild = walk.copy()
     wild[::25] += 30.0
@@ -134,14 +162,14 @@ def test_white_innovations_pass_as_consistent_and_others_do_not():
     random = np.random.default_rng(0)
     white = random.normal(size=(4000, 3))
     ones, used = np.ones_like(white), np.ones(len(white), dtype=bool)
-    good = consistency([Innovations(white, ones, used)], [used])
+    good = consistency([Innovations(white, ones, used, np.arange(len(used)))], [used])
     assert good.nis_interval[0] < good.nis < good.nis_interval[1]
     assert abs(good.lag_1) < 1.5 * good.lag_1_bound  # the largest of three
     assert good.log_likelihood == pytest.approx(
         float(np.mean(-0.5 * np.sum(white**2, axis=1))) - 1.5 * np.log(2 * np.pi)
     )
     smooth = white[1:] + 0.5 * white[:-1]
-    bad = consistency([Innovations(smooth, ones[1:], used[1:])], [used[1:]])
+    bad = consistency([Innovations(smooth, ones[1:], used[1:], np.arange(len(used) - 1))], [used[1:]])
     assert bad.nis > bad.nis_interval[1]
     assert bad.lag_1 == pytest.approx(0.4, abs=0.05)  # 0.5 / (1 + 0.5²)
 

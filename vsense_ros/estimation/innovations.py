@@ -22,12 +22,31 @@ class Innovations:
 
     `whitened` (n, m): each component, less what those before it in the same message tell, in units of its standard
     deviation, `deviation` (n, m) [units of the sensor]; both NaN where a component was absent. `used` (n,) is False
-    where the gate refused the message.
+    where the gate refused the message. `stamp` (n,) is when it was measured [ns].
     """
 
     whitened: Array
     deviation: Array
     used: NDArray[np.bool_]
+    stamp: NDArray[np.int64]
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """Messages (n,) of which there is an innovation."""
+        return np.asarray(~np.all(np.isnan(self.deviation), axis=1))
+
+    def at(self, stamp: NDArray[np.int64]) -> Innovations:
+        """The innovations of messages that were measured at these times, in order of time; none, and not used, where
+        this filter did not judge a message: it may have been starting anew, or have left the sensor out."""
+        if np.array_equal(stamp, self.stamp):
+            return self
+        if not len(self.stamp):
+            none = np.full((len(stamp), self.whitened.shape[1]), np.nan)
+            return Innovations(none, none, np.zeros(len(stamp), bool), stamp)
+        place = np.minimum(np.searchsorted(self.stamp, stamp), len(self.stamp) - 1)
+        known = self.stamp[place] == stamp
+        rows = (np.where(known[:, None], rows[place], np.nan) for rows in (self.whitened, self.deviation))
+        return Innovations(*rows, self.used[place] & known, stamp)
 
     def log_density(self) -> Array:
         """Of each message given all before it, whether it was used or not, (n,)."""

@@ -207,7 +207,7 @@ def _free(name: str) -> FreeParameter:
     return FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied({name: 1.0}))
 
 
-# Innovations at each of some points, (k,) offsets, in the same order of the same messages.
+# Innovations at each of some points, (k,) offsets, in the same order of sensors.
 Evaluate = Callable[[Sequence[Array], Progress | None], list[list[Innovations]]]
 
 
@@ -221,7 +221,8 @@ def maximise(
     deviations (k,).
 
     Each iteration is a scoring step, shortened until it is an improvement. Which messages are outliers is decided once,
-    at zero: if that could change, a filter that refuses whatever is unlikely would win.
+    at zero: if that could change, a filter that refuses whatever is unlikely would win. Two points are compared by the
+    messages that both have an innovation of.
     """
     count = len(free_parameters)
     deviations = np.array([free.deviation for free in free_parameters])
@@ -230,13 +231,20 @@ def maximise(
     now = evaluate([here], None)[0]
     if not now:
         raise InputError("the recordings have no message of a sensor that measures; there is no innovation to judge by")
-    credible = [innovation.credible() for innovation in now]
+    stamps, credible = [one.stamp for one in now], [one.credible() for one in now]
 
-    def value(offsets: Array, found: Sequence[Innovations]) -> float:
-        return _minus_twice_log_likelihood(found, credible) + float(np.sum((offsets / deviations) ** 2))
+    def at(points: Sequence[Array], done: Progress | None = None) -> list[list[Innovations]]:
+        """`evaluate`, of the messages that there were at zero."""
+        return [[one.at(stamp) for one, stamp in zip(of, stamps, strict=True)] for of in evaluate(points, done)]
+
+    def rise(there: Array, found: Sequence[Innovations]) -> float:
+        """Of the log-likelihood and the prior together, from where it is, doubled."""
+        both = [of & one.there & other.there for of, one, other in zip(credible, now, found, strict=True)]
+        before, after = (_minus_twice_log_likelihood(of, both) for of in (now, found))
+        return before - after + float(np.sum((here / deviations) ** 2) - np.sum((there / deviations) ** 2))
 
     for iteration in range(iterations):
-        nearby = evaluate([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, iterations))
+        nearby = at([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, iterations))
         equations = _equations(free_parameters, here, now, nearby, credible)
         change = _scoring_step(equations, here)
         if -0.5 * equations.gradient @ change < LEAST_GAIN * count:
@@ -245,8 +253,8 @@ def maximise(
         step *= min(1.0, LARGEST_STEP / float(np.abs(step).max()))
         for shorter in SHORTER:
             there = np.clip(here + shorter * step, low, high)
-            found = evaluate([there], None)[0]
-            if value(there, found) < value(here, now):
+            found = at([there])[0]
+            if rise(there, found) > 0:
                 break
         else:
             break

@@ -72,8 +72,16 @@ def comparison(
     cars = {"as_it_was": vehicle, **tuned}
     found = {name: [innovations(one, car) for one in judged] for name, car in cars.items()}
     progress()
-    # What an outlier is, is the same for all.
+    # What an outlier is, is the same for all; and what one of them has no innovation of, none is judged by.
     credible = [{s: one.credible() for s, one in of.items()} for of in found["as_it_was"]]
+    stamps = [{s: one.stamp for s, one in of.items()} for of in found["as_it_was"]]
+    for name, of_car in found.items():
+        found[name] = [{s: of[s].at(at[s]) for s in at if s in of} for of, at in zip(of_car, stamps, strict=True)]
+        for rows, of in zip(credible, found[name], strict=True):
+            for s in rows.keys() - of.keys():
+                del rows[s]
+            for s in rows:
+                rows[s] = rows[s] & of[s].there
     outputs = {name: _against_reference(judged, car) for name, car in cars.items()}
     progress()
     figures = {

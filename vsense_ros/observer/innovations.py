@@ -7,6 +7,7 @@ of their densities is the likelihood of the recording (Schweppe 1965).
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +29,16 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
     """Of each sensor with messages in a recording, by name.
 
     The filter is the errorEKF. Messages are taken in order of measurement, not of arrival, so that each innovation is
-    given all that was measured before it. Raises `InputError` if the observer never starts.
+    given all that was measured before it; what the observer goes back for and does again does not count again. Raises
+    `InputError` if the observer never starts.
     """
-    seen: dict[str, list[tuple[bool, Array]]] = {}
+    seen: dict[str, list[tuple[int, bool, Array]]] = {}
 
-    def keep(sensor: str, innovation: Innovation) -> None:
+    def keep(sensor: str, stamp: int, innovation: Innovation) -> None:
         if not innovation.nis < 0:
             whitened = innovation.whitened
             deviation = np.where(np.isnan(whitened), np.nan, innovation.factor.diagonal())
-            seen.setdefault(sensor, []).append((innovation.accepted, np.stack([whitened, deviation])))
+            seen.setdefault(sensor, []).append((stamp, innovation.accepted, np.stack([whitened, deviation])))
 
     observer = Observer(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
     topics = topics_in(recording, observer)
@@ -48,8 +50,10 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
     found = {}
     for name in observer.sensors:
         if name in seen:
-            whitened, deviation = np.array([innovation for _, innovation in seen[name]]).transpose(1, 0, 2)
-            found[name] = Innovations(whitened, deviation, np.array([used for used, _ in seen[name]]))
+            in_order = sorted(seen[name], key=itemgetter(0))
+            whitened, deviation = np.array([innovation for *_, innovation in in_order]).transpose(1, 0, 2)
+            used, stamps = np.array([used for _, used, _ in in_order]), np.array([stamp for stamp, *_ in in_order])
+            found[name] = Innovations(whitened, deviation, used, stamps)
     return found
 
 

@@ -47,7 +47,8 @@ class Observer:
     `vehicle` names the sensors; those whose messages do not come simply do not contribute. `map_origin` (latitude,
     longitude [deg], height [m]) fixes the map frame; by default it is where the first GNSS fix was made. `make` builds
     the filter (`observer.catalogue`), by default the errorEKF, or the SPI where the vehicle file lists parameters.
-    `on_innovation(sensor, innovation)` is called for every measurement that a filter was given in its turn.
+    `on_innovation(sensor, stamp, innovation)` is called once for every measurement that the filter was given in its
+    turn (stamp in ns), not again where the observer goes back.
 
     Raises `InputError` if nothing in the sensor set could tell the car's speed, or its steering angle, or if the filter
     does not fit the vehicle.
@@ -58,7 +59,7 @@ class Observer:
         vehicle: Vehicle,
         map_origin: tuple[float, float, float] | None = None,
         make: MakeFilter | None = None,
-        on_innovation: Callable[[str, Innovation], None] | None = None,
+        on_innovation: Callable[[str, int, Innovation], None] | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.sensors = sensors_of(vehicle)
@@ -264,8 +265,8 @@ class Observer:
                 innovation = self.filter.correct(channel.name, event.value, event.variance, channel.limit)
             else:
                 innovation = self.vote.correct(axes, event, first=not event.counted)
-            if self._on_innovation is not None:
-                self._on_innovation(channel.name, innovation)
+            if self._on_innovation is not None and not event.counted:
+                self._on_innovation(channel.name, event.stamp, innovation)
         else:
             event.counted = True
             return
