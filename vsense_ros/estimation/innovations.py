@@ -45,8 +45,8 @@ class Innovations:
             return Innovations(none, none, np.zeros(len(stamp), bool), stamp)
         place = np.minimum(np.searchsorted(self.stamp, stamp), len(self.stamp) - 1)
         known = self.stamp[place] == stamp
-        rows = (np.where(known[:, None], rows[place], np.nan) for rows in (self.whitened, self.deviation))
-        return Innovations(*rows, self.used[place] & known, stamp)
+        whitened, deviation = (np.where(known[:, None], row[place], np.nan) for row in (self.whitened, self.deviation))
+        return Innovations(whitened, deviation, self.used[place] & known, stamp)
 
     def log_density(self) -> Array:
         """Of each message given all before it, whether it was used or not, (n,)."""
