@@ -12,6 +12,8 @@ from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
 from vsense_ros.experiments.bags import LARGEST, SEED
+from vsense_ros.files.installed import vehicle_path
+from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import ON_ROADS, STANDARD, generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.observer import run
@@ -139,3 +141,9 @@ def test_the_vertical_velocity_of_the_hills_is_what_their_height_changes_by() ->
     assert np.std(there) > 5 * stated
     assert abs(error.mean()) < 4 * stated / len(error) ** 0.5
     assert 0.8 * stated < error.std() < 1.5 * stated
+
+
+def test_a_car_that_overturns_has_no_recording() -> None:
+    tall = load_vehicle(vehicle_path("rav4")).with_parameters({"chassis.cog_height": 1.3})
+    with pytest.raises(InputError, match=r"overturns at [0-9.]+ s of steady_state_circle: take a slower one"):
+        generate("steady_state_circle", tall)

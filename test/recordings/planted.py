@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 
+from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES, generate
@@ -220,12 +221,16 @@ def planted(
 
 
 def clean(count: int) -> Iterator[tuple[str, Recording]]:
-    """Drives with nothing wrong."""
+    """Drives with nothing wrong, in which no car overturns."""
     made = 0
     for seed in range(1, 1000):
         for vehicle in VEHICLES:
             for manoeuvre in MANOEUVRES:
                 if made == count:
                     return
+                try:
+                    recording = generate(manoeuvre, load_vehicle(vehicle_path(vehicle)), seed)
+                except InputError:
+                    continue
                 made += 1
-                yield f"{vehicle}, {manoeuvre}, {seed}", generate(manoeuvre, load_vehicle(vehicle_path(vehicle)), seed)
+                yield f"{vehicle}, {manoeuvre}, {seed}", recording

@@ -5,6 +5,8 @@ To add one: write its file, add it here.
 
 from __future__ import annotations
 
+import numpy as np
+
 from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import (
     accelerate_and_brake,
@@ -24,6 +26,7 @@ from vsense_ros.manoeuvre import (
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
+from vsense_ros.model.coordinates import ROLL
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
@@ -40,6 +43,7 @@ TESTS = (
 )
 MANOEUVRES = {m.name: m for m in (*TESTS, *ON_ROADS, *throttle_and_steer.MANOEUVRES, *leung_tracks.MANOEUVRES)}
 STEP = 1e-3  # [s] of the simulation
+_OVERTURNED = 1.0  # [rad] of roll, from which no car comes back
 
 __all__ = ["IN_BAGS", "MANOEUVRES", "STANDARD", "TESTS", "Manoeuvre", "drive", "generate"]
 
@@ -63,7 +67,7 @@ def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
     """What the sensors of `vehicle` record in a manoeuvre, with the truth below `reference/`.
 
     The same arguments give the same recording to the last bit (see `sensing`). Raises `InputError` for an unknown name,
-    and where the motion leaves the model's range.
+    where the car overturns, and where the motion leaves the model's range.
     """
     manoeuvre = _find(name)
     about = f"{manoeuvre.title}: {manoeuvre.source}"
@@ -71,6 +75,10 @@ def generate(name: str, vehicle: Vehicle, seed: int = 0) -> Recording:
         trajectory = drive(name, vehicle)
     except FloatingPointError as error:
         raise InputError(f"{error} of {name}; is there a value in the vehicle file that no car has?") from None
+    over = np.flatnonzero(np.abs(trajectory.q[:, ROLL]) > _OVERTURNED)
+    if len(over):
+        at = trajectory.t[over[0]]
+        raise InputError(f"{vehicle.name} overturns at {at:.1f} s of {name}: take a slower one, or another car")
     return record(trajectory, vehicle, seed, name=name, about=about, biased=manoeuvre.biased)
 
 

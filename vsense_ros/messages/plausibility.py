@@ -54,6 +54,7 @@ _FIXES = 10  # before and behind a step of the position
 _SWAY = 3.0  # [s] over which a change has to happen to tell a lag
 _TRACK = 1.5  # [m] about that of any car
 _ANTENNA = 2.0  # [m] that an antenna may be beside the middle of a car
+_AHEAD = 1.5  # [m] that it may well be ahead of the rear axle
 _BESIDE = 0.01  # of the speed by which it may then be faster
 STANDARD_RADIUS = 0.32  # [m] about the rolling radius of any car
 
@@ -861,12 +862,15 @@ class Relations:
             if steer is not None:
                 judge(("imu", "steering"), self._compare(turns, "gyro", steer), (-0.06, 0.4))
         slow = self.gnss_span > 1.0
+        # Where tyres hardly slip, the course of a point this far ahead of the rear axle turns before the car does.
+        moving = self.speed[self.speed > _SLOW]
+        early = _AHEAD / float(moving.mean()) if len(moving) else 0.0
         if "gnss" in turns:
             if "gyro" in turns and _spread(turns["gyro"]) > 0.03:
                 judge(
                     ("imu", "gnss"),
                     self._compare(turns, "gyro", "gnss"),
-                    (-0.3, 0.12) if not slow else (-0.6, 0.6),
+                    (-0.3, 0.12 + early) if not slow else (-0.6, 0.6 + early),
                     0.93,
                 )
             if "accelerometer" in turns and _spread(turns["accelerometer"]) > 0.03:
@@ -886,7 +890,7 @@ class Relations:
             judge(
                 ("wheels", "gnss"),
                 self._compare(turns, "wheels", "gnss"),
-                (-0.3, 0.15) if not slow else (-0.6, 0.6),
+                (-0.3, 0.15 + early) if not slow else (-0.6, 0.6 + early),
                 0.93,
             )
         verdict = {pair: max(found, key=lambda item: item[1]) for pair, found in late.items()}
