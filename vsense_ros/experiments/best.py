@@ -180,7 +180,7 @@ def literally(drive: Drive, free: tuple[str, ...], kind: Kind = "extended", pass
         Best4Dof(), start, free, literal_noise((0.2, 0.2, 0.02), STATE_UNITS, Best4Dof.states), kind=kind,
         curves=lambda p: best_4dof.curves(p) / peak, drifts=LITERAL_DENSITY**0.5 * units,
     )  # fmt: skip
-    return rinse(one, [replace(drive, alike=1)], Literal2016(units=tuple(units.tolist()), passes=passes))
+    return rinse(one, [replace(drive, every=1)], Literal2016(units=tuple(units.tolist()), passes=passes))
 
 
 def free_heights(drive: Drive, low_passed: Drive, seed: int) -> HPlus:

@@ -17,7 +17,7 @@ import numpy as np
 from vsense_ros import codegen
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.state_space import Named, expression
-from vsense_ros.identify.rinsing import Drive, alike, low_passed
+from vsense_ros.identify.rinsing import Drive, independent, low_passed
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 
@@ -49,7 +49,8 @@ class Twin:
         inputs = self.inputs + random.standard_normal(self.inputs.shape) * INPUT_NOISE
         outputs = self.clean + random.standard_normal(self.clean.shape) * OUTPUT_NOISE
         inputs, outputs = low_passed(inputs, STEP, cut_off), low_passed(outputs, STEP, cut_off)
-        return Drive(name, STEP, inputs, outputs, self.states[0].copy(), alike=alike(STEP, cut_off))
+        every = independent(STEP, cut_off)
+        return Drive(name, STEP, inputs, outputs, self.states[0].copy(), every=every)
 
 
 @dataclass

@@ -21,7 +21,7 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.identify.best import EVERYDAY_CUT_OFF, PRIOR
 from vsense_ros.identify.identification import handling_identifier
 from vsense_ros.identify.recorded import GAP, SLOWEST, STEP
-from vsense_ros.identify.rinsing import SENSOR, alike
+from vsense_ros.identify.rinsing import SENSOR, independent
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import Imu, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -32,6 +32,7 @@ PERIOD = 1.0  # [s] between two messages of it
 FIRST = 0.5  # of the prior deviations, with which a new car begins: so far the equations are nearly linear
 AGEING = 0.02  # of its value, by which a parameter may have changed from one drive to the next
 _LIMIT = 100.0  # normalized innovation squared beyond which a reading is not believed
+_EVERY = independent(STEP, EVERYDAY_CUT_OFF)
 _AT_MOST = 100  # steps that one message may bring about
 
 
@@ -68,12 +69,12 @@ class OnlineIdentification:
         self._values: dict[str, Array] = {}
         self._stamps: dict[str, int] = {}
         self._new = False
+        self._since = 0  # steps since the last correction
         self.stamp = 0  # of the last step [ns]; 0: the filter is not running
         self.driven = 0.0  # [s] in this and all drives before
         self.restarts = 0
         self._belief = Gaussian(self._one.begin(), np.diag((self._prior * FIRST) ** 2))
         self._b, self._a = butter(2, 2 * EVERYDAY_CUT_OFF * STEP)
-        self._variance = np.square(self._one.noise.outputs) * alike(STEP, EVERYDAY_CUT_OFF)
         self._delays = np.zeros((2, 9))  # of the low-pass of inputs and outputs
         self._good = self._belief
         if stored is not None and stored.exists():
@@ -144,9 +145,10 @@ class OnlineIdentification:
         smooth = self._low_passed(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
         self._filter.inputs[:] = smooth[:5]
         try:
-            if self._new:
-                self._filter.correct(SENSOR, smooth[5:], self._variance, _LIMIT)
-                self._new = False
+            self._since += 1
+            if self._new and self._since >= _EVERY:
+                self._filter.correct(SENSOR, smooth[5:], np.square(self._one.noise.outputs), _LIMIT)
+                self._new, self._since = False, 0
             self._filter.predict(STEP)
             sound = self._filter.is_valid()
         except FloatingPointError:

@@ -16,7 +16,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.identify.best import CUT_OFF, EVERYDAY, EVERYDAY_CUT_OFF
-from vsense_ros.identify.rinsing import Drive, alike, low_passed
+from vsense_ros.identify.rinsing import Drive, independent, low_passed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase, telling
 from vsense_ros.model.simulation.closed_loop import rolling_radii
@@ -165,8 +165,8 @@ def drives(found: Sequence[Signals], model: str) -> list[Drive]:
             start[0], start[2] = one.speed[stretch.start], _mean(one.rates[stretch.start : stretch.start + 20, 2])
         else:
             start[1] = outputs[0, 1]
-        begin = float(one.t[stretch.start])
-        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), begin, alike(STEP, cut_off)))
+        begin, every = float(one.t[stretch.start]), independent(STEP, cut_off)
+        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), begin, every))
     return made
 
 

@@ -41,8 +41,8 @@ LITERAL_DENSITY = 1e-7  # of the paper's P(0) and Q, in the units of its table
 
 @dataclass(frozen=True)
 class Drive:
-    """Samples `h` [s] apart: inputs (N, k) and outputs (N, m) of a model, and the state (n,) at the first of them.
-    `alike` outputs in a row share their noise: the variance of each counts so many times."""
+    """Samples `h` [s] apart: inputs (N, k) and outputs (N, m) of a model, and the state (n,) at the first of them. A
+    filter is given one in `every` of the outputs: so far apart their noise is independent."""
 
     name: str
     h: float
@@ -50,7 +50,7 @@ class Drive:
     outputs: Array
     start: Array
     begin: float = 0.0  # of the first sample, since the recording began [s]
-    alike: int = 1
+    every: int = 1
 
     @property
     def seconds(self) -> Array:
@@ -64,6 +64,15 @@ class Drive:
             begin=self.begin + first * self.h,
         )  # fmt: skip
 
+    @property
+    def given(self) -> Array:
+        """Outputs (N, m) that a filter is given; the others are not numbers."""
+        if self.every == 1:
+            return self.outputs
+        outputs = np.full(self.outputs.shape, np.nan)
+        outputs[:: self.every] = self.outputs[:: self.every]
+        return outputs
+
 
 def low_passed(values: Array, h: float, cut_off: float) -> Array:
     """Columns (N, m), `h` [s] apart, without what is faster than a cut-off [Hz], and without delay."""
@@ -71,14 +80,12 @@ def low_passed(values: Array, h: float, cut_off: float) -> Array:
     return np.ascontiguousarray(smooth, dtype=np.float64)
 
 
-def alike(h: float, cut_off: float) -> int:
-    """How many samples in a row, `h` [s] apart, share their noise after a low-pass with a cut-off [Hz] (Nyquist).
+def independent(h: float, cut_off: float) -> int:
+    """One in how many samples, `h` [s] apart, has noise of its own after a low-pass with a cut-off [Hz] (Nyquist).
 
     A Kalman filter takes the noise of its measurements to be independent. Where it is not, the state follows it from
     sample to sample, the innovations are correlated with the sensitivities, and parameters come out wrong however long
-    the drive is (Ljung 1999, ch. 8): yaw inertia by a sixth after 5 Hz, at 100 Hz. With a variance so many times as
-    large the filter is told no more than there is. To leave out the samples between does the same for a model without
-    errors, but on a real car worse.
+    the drive is (Ljung 1999, ch. 8): yaw inertia by a sixth with every sample after 5 Hz, at 100 Hz.
     """
     return max(1, round(0.5 / (cut_off * h)))
 
@@ -275,7 +282,7 @@ class Identifier:
         spread[:n, :n], spread[n:, n:] = np.diag(np.square(self.noise.start)), belief.covariance
         self.filter.inputs[:] = drive.inputs[0]
         self.filter.start(Gaussian(np.concatenate([drive.start, belief.mean]), spread))
-        course = Course(SENSOR, drive.inputs, drive.outputs, variance * drive.alike, drive.h)
+        course = Course(SENSOR, drive.inputs, drive.given, variance, drive.h)
         nis, memory = self.filter.follow(course, _HISTORY)
         end = self.filter.belief()
         return nis, memory, Gaussian(end.mean[n:], end.covariance[n:, n:])
