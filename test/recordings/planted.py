@@ -230,7 +230,9 @@ def clean(count: int) -> Iterator[tuple[str, Recording]]:
                     return
                 try:
                     recording = generate(manoeuvre, load_vehicle(vehicle_path(vehicle)), seed)
-                except InputError:
+                except InputError as error:
+                    if "overturns" not in str(error):
+                        raise
                     continue
                 made += 1
                 yield f"{vehicle}, {manoeuvre}, {seed}", recording

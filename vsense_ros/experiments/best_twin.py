@@ -1,6 +1,6 @@
 """The car of table 1 of Best & Bogdanski (2016) as a plant, its driver, and the sensors of its CAN bus.
 
-The plant is not the filter's: Runge-Kutta steps of 1 ms in place of the midpoint rule's 10, wheels that spin under
+The plant is not the filter's: Runge-Kutta steps of 1 ms in place of 10, wheels that spin under
 torques, and a driver of its own. What the identification gets is sampled at 100 Hz, noisy, and low-passed at 10 Hz.
 """
 

@@ -85,7 +85,7 @@ def independent(h: float, cut_off: float) -> int:
 
     A Kalman filter takes the noise of its measurements to be independent. Where it is not, the state follows it from
     sample to sample, the innovations are correlated with the sensitivities, and parameters come out wrong however long
-    the drive is (Ljung 1999, ch. 8): yaw inertia by a sixth with every sample after 5 Hz, at 100 Hz.
+    the drive is (Ljung 1999, ch. 8).
     """
     return max(1, round(0.5 / (cut_off * h)))
 

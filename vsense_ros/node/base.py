@@ -222,6 +222,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self.start()
         self._connected = False
         # What there is by now stays: no garbage collection need look through it again, which would hold up messages.
+        gc.unfreeze()  # of an earlier activation
         gc.collect()
         gc.freeze()
         self.get_logger().info("active")

@@ -12,7 +12,7 @@ of springs, loads and constraint forces in it, and leaves out what the change of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -52,35 +52,52 @@ class _Branch:
     outputs: ca.Function
 
 
-def _branch(linkage: Linkage) -> _Branch:
-    n, m, g = len(linkage.coordinate_names), len(linkage.equation_names), len(linkage.guides)
-    z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
-    guides, multipliers = ca.SX.sym("guides", g, 3), ca.SX.sym("multipliers", m)
-    base_velocity, base_acceleration = ca.SX.sym("base_velocity", 6), ca.SX.sym("base_acceleration", 6)
-    up, height, h = ca.SX.sym("up", 3), ca.SX.sym("height"), ca.SX.sym("h")
-    motion = Motion(linkage, z, dz, ddz, guides)
-    forces = Forces(motion, base_velocity, base_acceleration, up, height)
-    weight = h**2 / 4
-    jacobian, constraint = motion.constraint_jacobian, motion.constraint
-    arguments = [
-        z, dz, ddz, guides, multipliers, base_velocity, base_acceleration, up, height,
-        linkage.parameters, linkage.inputs, h,
-    ]  # fmt: skip
-    names = (
+class StepOfLinkage:
+    """What one linkage adds to the equations of a time step, in symbols.
+
+    `evaluated` are what its coordinates and its base lack, times h²/4, and its constraints; `tangent` are the
+    derivatives by its coordinates, by the base, of the base, of the base by the base, and the Jacobian of the
+    constraints. `arguments` have the `NAMES`. `inertias` gives spatial inertias of the bodies, as `Forces` takes them.
+    """
+
+    NAMES = (
         "z", "dz", "ddz", "guides", "multipliers", "base_velocity", "base_acceleration", "up", "height",
         "parameters", "inputs", "h",
     )  # fmt: skip
 
+    def __init__(self, linkage: Linkage, inertias: Callable[[Motion], dict[str, ca.SX]] | None = None) -> None:
+        n, m, g = len(linkage.coordinate_names), len(linkage.equation_names), len(linkage.guides)
+        z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
+        guides, multipliers = ca.SX.sym("guides", g, 3), ca.SX.sym("multipliers", m)
+        base_velocity, base_acceleration = ca.SX.sym("base_velocity", 6), ca.SX.sym("base_acceleration", 6)
+        up, height, h = ca.SX.sym("up", 3), ca.SX.sym("height"), ca.SX.sym("h")
+        self.motion = motion = Motion(linkage, z, dz, ddz, guides)
+        given = None if inertias is None else inertias(motion)
+        self.forces = forces = Forces(motion, base_velocity, base_acceleration, up, height, given)
+        weight = h**2 / 4
+        jacobian, constraint = motion.constraint_jacobian, motion.constraint
+        self.arguments = [
+            z, dz, ddz, guides, multipliers, base_velocity, base_acceleration, up, height,
+            linkage.parameters, linkage.inputs, h,
+        ]  # fmt: skip
+        residual = weight * (forces.residual + jacobian.T @ multipliers) + PENALTY_MASS * (jacobian.T @ constraint)
+        tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
+        matrix = tangent + weight * motion.constraint_curvature(multipliers) + PENALTY_MASS * (jacobian.T @ jacobian)
+        self.evaluated = [residual, weight * forces.base, constraint]
+        self.tangent = [matrix, by_base, of_base, both, jacobian]
+
+
+def _branch(linkage: Linkage) -> _Branch:
+    step = StepOfLinkage(linkage)
+    motion, forces, arguments, names = step.motion, step.forces, step.arguments, step.NAMES
+
     def function(kind: str, results: Sequence[ca.SX]) -> ca.Function:
         return codegen.function(f"{kind}_{linkage.name}", arguments, results, names)
 
-    residual = weight * (forces.residual + jacobian.T @ multipliers) + PENALTY_MASS * (jacobian.T @ constraint)
-    tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
-    matrix = tangent + weight * motion.constraint_curvature(multipliers) + PENALTY_MASS * (jacobian.T @ jacobian)
     # Elimination sees plain elements and not the expressions behind them, which keeps the code short.
-    inverse = _inverse(linkage.name, n)
+    inverse = _inverse(linkage.name, len(linkage.coordinate_names))
     mass, mass_by_base, mass_of_base, mass_both = forces.tangent(ca.SX(0), ca.SX(0))
-    shape = codegen.function(f"tangent_{linkage.name}", arguments, [matrix, by_base, of_base, both, jacobian], names)
+    shape = function("tangent", step.tangent)
     symbols = [ca.MX.sym(name, *a.shape) for name, a in zip(names, arguments, strict=True)]
     matrix_x, by_base_x, of_base_x, both_x, jacobian_x = shape(*symbols)
     inverse_x = inverse(matrix_x)
@@ -94,16 +111,17 @@ def _branch(linkage: Linkage) -> _Branch:
     )
     exports = [motion.measure(measure).value for measure in linkage.exports]
     return _Branch(
-        evaluate=function("evaluate", [residual, weight * forces.base, constraint]),
+        evaluate=function("evaluate", step.evaluated),
         tangent=shape,
         factor=factor,
         constraints=function(
-            "constraints", [constraint, motion.constraint_rate, motion.constraint_acceleration, jacobian]
+            "constraints",
+            [motion.constraint, motion.constraint_rate, motion.constraint_acceleration, motion.constraint_jacobian],
         ),
         equations=function("equations", [mass, mass_by_base, mass_of_base, mass_both, forces.residual, forces.base]),
         exports=ca.Function(
             f"exports_{linkage.name}",
-            [z, guides, linkage.parameters],
+            [arguments[0], arguments[3], linkage.parameters],
             [ca.densify(ca.vertcat(ca.SX(0, 1), *exports))],
             ["z", "guides", "parameters"],
             ["exports"],

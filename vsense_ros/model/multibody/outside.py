@@ -24,10 +24,11 @@ from vsense_ros.model.multibody.augmented_lagrangian import (
     PENALTY_MASS,
     Equations,
     Integrator,
+    StepOfLinkage,
 )
 from vsense_ros.model.multibody.joints import column
 from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
-from vsense_ros.model.multibody.semi_recursive import Forces, Motion
+from vsense_ros.model.multibody.semi_recursive import Motion
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array, Array], Array]
@@ -67,37 +68,26 @@ class _BranchOfParts:
 
 def _in_parts(linkage: Linkage) -> _BranchOfParts:
     """As `_branch`, with the results of `turned` for its bodies as one more argument (9×k); and what `turned` needs."""
-    n, m, g = len(linkage.coordinate_names), len(linkage.equation_names), len(linkage.guides)
-    z, dz, ddz = (ca.SX.sym(name, n) for name in ("z", "dz", "ddz"))
-    guides, multipliers = ca.SX.sym("guides", g, 3), ca.SX.sym("multipliers", m)
-    base_velocity, base_acceleration = ca.SX.sym("base_velocity", 6), ca.SX.sym("base_acceleration", 6)
-    up, height, h = ca.SX.sym("up", 3), ca.SX.sym("height"), ca.SX.sym("h")
     given = ca.SX.sym("given", TURNED, len(linkage.bodies))
-    motion = Motion(linkage, z, dz, ddz, guides)
-    inertias, bodies = {}, []
-    for i, body in enumerate(linkage.bodies):
-        frame, mass, j = motion.frames[body.name], ca.SX(body.mass), body.inertia
-        xx, xy, xz, yy, yz, zz = ca.vertsplit(given[:6, i])
-        matrix = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
-        inertias[body.name] = spatial.rigid_inertia(mass, frame.origin + given[6:, i] / mass, matrix)
-        own = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
-        bodies.append(ca.vertcat(ca.vec(frame.rotation.T), *own, column(body.centre), mass))
-    forces = Forces(motion, base_velocity, base_acceleration, up, height, inertias)
-    weight = h**2 / 4
-    arguments = [
-        z, dz, ddz, guides, multipliers, base_velocity, base_acceleration, up, height,
-        linkage.parameters, linkage.inputs, h, given,
-    ]  # fmt: skip
-    names = [f"a{i}" for i in range(len(arguments))]
-    jacobian, constraint = motion.constraint_jacobian, motion.constraint
-    residual = weight * (forces.residual + jacobian.T @ multipliers) + PENALTY_MASS * (jacobian.T @ constraint)
-    tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
-    matrix = tangent + weight * motion.constraint_curvature(multipliers) + PENALTY_MASS * (jacobian.T @ jacobian)
-    evaluated, shape = [residual, weight * forces.base, constraint], [matrix, by_base, of_base, both, jacobian]
+    bodies = []
+
+    def inertias(motion: Motion) -> dict[str, ca.SX]:
+        found = {}
+        for i, body in enumerate(linkage.bodies):
+            frame, mass, j = motion.frames[body.name], ca.SX(body.mass), body.inertia
+            xx, xy, xz, yy, yz, zz = ca.vertsplit(given[:6, i])
+            matrix = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+            found[body.name] = spatial.rigid_inertia(mass, frame.origin + given[6:, i] / mass, matrix)
+            own = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
+            bodies.append(ca.vertcat(ca.vec(frame.rotation.T), *own, column(body.centre), mass))
+        return found
+
+    step = StepOfLinkage(linkage, inertias)
+    arguments, names = [*step.arguments, given], [*step.NAMES, "given"]
     return _BranchOfParts(
-        codegen.function(f"evaluate_parts_{linkage.name}", arguments, evaluated, names),
-        codegen.function(f"tangent_parts_{linkage.name}", arguments, shape, names),
-        codegen.function(f"bodies_{linkage.name}", arguments[:-1], [ca.horzcat(*bodies)], names[:-1]),
+        codegen.function(f"evaluate_parts_{linkage.name}", arguments, step.evaluated, names),
+        codegen.function(f"tangent_parts_{linkage.name}", arguments, step.tangent, names),
+        codegen.function(f"bodies_{linkage.name}", step.arguments, [ca.horzcat(*bodies)], step.NAMES),
     )
 
 
