@@ -35,7 +35,7 @@ enum { n = STATES };
 #elif defined __ARM_NEON && !defined __aarch64__ /* one number a lane, and 32 registers of them */
 #define WIDE 1
 #define ROWS 4
-#define LANES 4
+#define LANES 6
 #else
 #define WIDE 1
 #define ROWS 2
@@ -46,10 +46,20 @@ typedef double lane __attribute__((vector_size(sizeof(double) * WIDE), aligned(s
 #else
 typedef double lane;
 #endif
+/* AS_IT_IS keeps a pointer in one register: else compilers keep a sum for every lane behind it, and add them anew for
+ * every term, in place of the instruction that loads from so far behind a register. */
 #ifdef __GNUC__
 #define INLINE static inline __attribute__((always_inline))
+#define AS_IT_IS(pointer) __asm__("" : "+r"(pointer))
 #else
 #define INLINE static inline
+#define AS_IT_IS(pointer) (void)0
+#endif
+/* Where lane j begins, behind the first. */
+#if WIDE > 1
+#define COLUMN(j) ((j) < lanes - 1 ? (j) * WIDE : last - first)
+#else
+#define COLUMN(j) (j)
 #endif
 
 /* Sums of terms: `count` rows, and their factors, which stand `by_row` apart from sum to sum and `by_term` from term to
@@ -60,71 +70,93 @@ struct terms {
     const double *const *row;
 };
 
-/* Adds to as many of `left` rows, `stride` apart, as are full tiles, and returns how many. `rows` and `lanes` are
- * constants wherever this is called; columns begin with `first` in all rows, those of the last lane with `last`. */
-INLINE int tiles(const int rows, const int lanes, int first, int last, int left, double *out, int stride,
+/* Adds to as many of `left` rows, `stride` apart, as are full tiles, or, if `anew`, sets these; returns how many. `rows`,
+ * `lanes` and `anew` are constants wherever this is called; columns begin with `first` in all rows, those of the last
+ * lane with `last`. */
+INLINE int tiles(const int anew, const int rows, const int lanes, int first, int last, int left, double *out, int stride,
                  const struct terms *terms) {
     int done = 0;
-    for (; done + rows <= left; done += rows) {
-        const double *f = terms->factor + done * terms->by_row;
-        double *const to = out + done * stride;
+    (void)last; /* the lanes of single numbers never reach over the end */
+    const double *factors = terms->factor;
+    for (out += first; done + rows <= left; done += rows, factors += rows * terms->by_row) {
+        const double *f = factors;
+        double *to[ROWS];
         lane sum[ROWS][LANES];
-        for (int r = 0; r < rows; r++)
-            for (int j = 0; j < lanes; j++)
-                sum[r][j] = *(const lane *)(to + r * stride + (j < lanes - 1 ? first + j * WIDE : last));
-        for (int k = 0; k < terms->count; k++, f += terms->by_term)
+        for (int r = 0; r < rows; r++, out += stride) {
+            AS_IT_IS(out);
+            to[r] = out;
+            for (int j = 0; j < lanes; j++) sum[r][j] = anew ? (lane){0} : *(const lane *)(to[r] + COLUMN(j));
+        }
+        for (int k = 0; k < terms->count; k++, f += terms->by_term) {
+            const double *from = terms->row[k] + first;
+            AS_IT_IS(from);
             for (int j = 0; j < lanes; j++) {
-                const lane x = *(const lane *)(terms->row[k] + (j < lanes - 1 ? first + j * WIDE : last));
+                const lane x = *(const lane *)(from + COLUMN(j));
                 for (int r = 0; r < rows; r++) sum[r][j] += f[r * terms->by_row] * x;
             }
+        }
         for (int r = 0; r < rows; r++)
-            for (int j = 0; j < lanes; j++)
-                *(lane *)(to + r * stride + (j < lanes - 1 ? first + j * WIDE : last)) = sum[r][j];
+            for (int j = 0; j < lanes; j++) *(lane *)(to[r] + COLUMN(j)) = sum[r][j];
     }
     return done;
 }
 
 /* The same of `lanes` lanes for a constant number of rows. */
-INLINE int strip(const int rows, int lanes, int first, int last, int left, double *out, int stride,
+INLINE int strip(const int anew, const int rows, int lanes, int first, int last, int left, double *out, int stride,
                  const struct terms *terms) {
     switch (lanes) {
-        case 1: return tiles(rows, 1, first, last, left, out, stride, terms);
-        case 2: return tiles(rows, 2, first, last, left, out, stride, terms);
-        case 3: return tiles(rows, 3, first, last, left, out, stride, terms);
-        case 4: return tiles(rows, 4, first, last, left, out, stride, terms);
+        case 1: return tiles(anew, rows, 1, first, last, left, out, stride, terms);
+        case 2: return tiles(anew, rows, 2, first, last, left, out, stride, terms);
+        case 3: return tiles(anew, rows, 3, first, last, left, out, stride, terms);
+        case 4: return tiles(anew, rows, 4, first, last, left, out, stride, terms);
 #if LANES > 4
-        case 5: return tiles(rows, 5, first, last, left, out, stride, terms);
-        case 6: return tiles(rows, 6, first, last, left, out, stride, terms);
+        case 5: return tiles(anew, rows, 5, first, last, left, out, stride, terms);
+        case 6: return tiles(anew, rows, 6, first, last, left, out, stride, terms);
 #endif
 #if LANES > 6
-        case 7: return tiles(rows, 7, first, last, left, out, stride, terms);
+        case 7: return tiles(anew, rows, 7, first, last, left, out, stride, terms);
 #endif
     }
     return left;
 }
 
-/* out += sums of factor * term: `rows` rows that are `width` long and `stride` apart, each of `count` terms, whose
- * factors stand `by_row` apart from row to row and `by_term` from term to term. */
-static void combine_rows(int rows, int width, double *out, int stride, int count, const double *factor, int by_row,
-                         int by_term, const double *const *term) {
+/* out += sums of factor * term, or, if `anew`, out = these: `rows` rows that are `width` long and `stride` apart, each of
+ * `count` terms, whose factors stand `by_row` apart from row to row and `by_term` from term to term. */
+INLINE void sum_rows(const int anew, int rows, int width, double *out, int stride, int count, const double *factor,
+                     int by_row, int by_term, const double *const *term) {
     if (width < WIDE) {
-        for (int i = 0; i < rows; i++)
+        for (int i = 0; i < rows; i++) {
+            for (int j = 0; j < width && anew; j++) out[i * stride + j] = 0;
             for (int k = 0; k < count; k++)
                 for (int j = 0; j < width; j++) out[i * stride + j] += factor[i * by_row + k * by_term] * term[k][j];
+        }
         return;
     }
-    const int all = (width + WIDE - 1) / WIDE, strips = (all + LANES - 1) / LANES;
-    const int least = all / strips, more = all - least * strips; /* some processors divide in thirty instructions */
-    for (int s = 0, begin = 0, end; s < strips; s++, begin = end) {
-        end = begin + least + (s < more);
-        const int last = s + 1 < strips ? (end - 1) * WIDE : width - WIDE;
+    const int all = (width + WIDE - 1) / WIDE;
+    for (int begin = 0, end; begin < all; begin = end) { /* the last two share what is left */
+        const int left = all - begin;
+        end = left <= LANES ? all : left < 2 * LANES ? begin + (left + 1) / 2 : begin + LANES;
+        const int last = end < all ? (end - 1) * WIDE : width - WIDE;
         struct terms terms = {count, by_row, by_term, factor, term};
-        int done = strip(ROWS, end - begin, begin * WIDE, last, rows, out, stride, &terms);
+        int done = strip(anew, ROWS, end - begin, begin * WIDE, last, rows, out, stride, &terms);
         terms.factor = factor + done * by_row;
-        if (ROWS > 2) done += strip(2, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
+        if (ROWS > 2)
+            done += strip(anew, 2, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
         terms.factor = factor + done * by_row;
-        strip(1, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
+        strip(anew, 1, end - begin, begin * WIDE, last, rows - done, out + done * stride, stride, &terms);
     }
+}
+
+/* out += sums. */
+static void combine_rows(int rows, int width, double *out, int stride, int count, const double *factor, int by_row,
+                         int by_term, const double *const *term) {
+    sum_rows(0, rows, width, out, stride, count, factor, by_row, by_term, term);
+}
+
+/* out = sums, whatever stood there. */
+static void set_rows(int rows, int width, double *out, int stride, int count, const double *factor, int by_row,
+                     int by_term, const double *const *term) {
+    sum_rows(1, rows, width, out, stride, count, factor, by_row, by_term, term);
 }
 
 /* out += sum of factor[k] * row[k], all rows `width` long. */
@@ -166,9 +198,8 @@ static void project(const struct innovation *found, const double *p, double (*pr
         elements += here;
         if (here) from[count++] = p + k * n;
     }
-    memset(projected, 0, used * sizeof *projected);
     if (2 * used * count <= 3 * elements) {
-        combine_rows(used, n, projected[0], n, count, factors, 1, used, from);
+        set_rows(used, n, projected[0], n, count, factors, 1, used, from);
         return;
     }
     for (int a = 0; a < used; a++) {
@@ -178,9 +209,24 @@ static void project(const struct innovation *found, const double *p, double (*pr
                 factors[count] = found->rows[a][k];
                 from[count++] = p + k * n;
             }
-        combine(n, projected[a], count, factors, from);
+        set_rows(1, n, projected[a], n, count, factors, 0, 1, from);
     }
 }
+
+#if WIDE == 1
+/* Columns of p from `first` up to `end` become what the rows are, before these. */
+static void mirror_rows(double *p, int first, int end) {
+    if (end - first == ROWS) {
+        const double *from = p + first * n;
+        double *to = p + first;
+        for (int j = 0; j < first; j++, from++, to += n)
+            for (int k = 0; k < ROWS; k++) to[k] = from[k * n];
+        return;
+    }
+    for (int k = first; k < end; k++)
+        for (int j = 0; j < first; j++) p[j * n + k] = p[k * n + j];
+}
+#endif
 
 /* p += sums of factor * row, which are symmetric: `count` rows, the factors of each n apart. */
 static void add_symmetric(double *p, int count, const double *factor, const double *const *row) {
@@ -190,8 +236,7 @@ static void add_symmetric(double *p, int count, const double *factor, const doub
     for (int i = 0; i < n; i += ROWS) {
         const int end = i + ROWS < n ? i + ROWS : n;
         combine_rows(end - i, end, p + i * n, n, count, factor + i, 1, n, row);
-        for (int k = i; k < end; k++)
-            for (int j = 0; j < i; j++) p[j * n + k] = p[k * n + j];
+        mirror_rows(p, i, end);
     }
 #endif
 }
@@ -228,7 +273,7 @@ static double whiten(struct innovation *found, double *inverse_diagonal) {
 static double apply(struct innovation *found, double (*projected)[STATES], double *p, double *error, double limit) {
     double negative[COMPONENTS][STATES], inverse[COMPONENTS], factors[COMPONENTS] = {0};
     double (*const total)[COMPONENTS] = found->factor;
-    const double *from[COMPONENTS];
+    const double *from[COMPONENTS] = {0};
     const int used = found->used;
     const double nis = whiten(found, inverse);
     if (!(nis <= limit)) return nis;

@@ -72,7 +72,7 @@ static int sensed(const struct sensor *sensor, const double *variance, struct in
 static double measure(const struct live *live, const struct sensor *sensor, const double *value,
                       const double *variance, double limit, double scale) {
     struct innovation found;
-    int component[COMPONENTS];
+    int component[COMPONENTS] = {0};
     double nis = -1;
     memcpy(sensor->value, value, sensor->components * sizeof(double));
     if (sensed(sensor, variance, &found, component)) nis = update(&found, live->covariance, live->error, scale, limit);

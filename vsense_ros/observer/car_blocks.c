@@ -114,20 +114,16 @@ static int invert(double (*a)[PADDED]) {
     for (int k = 0; k < MODEL; k++) {
         const int best = swapped[k] = pivot_row(a, k);
         if (!(fabs(a[best][k]) > 1e-300)) return 0;
-        double pivot[PADDED], others[PADDED]; /* columns other than k: 1 */
+        double pivot[PADDED], factor[MODEL];
         const double scale = 1 / a[best][k];
-        for (int j = 0; j < PADDED; j++) {
-            others[j] = j != k;
-            pivot[j] = scale * (j == k ? 1 : a[best][j]);
-        }
+        for (int j = 0; j < PADDED; j++) pivot[j] = scale * (j == k ? 1 : a[best][j]);
         if (best != k) memcpy(a[best], a[k], sizeof a[k]);
         for (int i = 0; i < MODEL; i++) {
-            const double f = a[i][k];
-            for (int j = 0; j < PADDED; j += WIDE) {
-                lane *const x = (lane *)(a[i] + j);
-                *x = *(lane *)(others + j) * *x - f * *(lane *)(pivot + j);
-            }
+            factor[i] = a[i][k];
+            a[i][k] = 0;
         }
+        for (int i = 0; i < MODEL; i++)
+            for (int j = 0; j < PADDED; j += WIDE) *(lane *)(a[i] + j) -= factor[i] * *(lane *)(pivot + j);
         memcpy(a[k], pivot, sizeof pivot);
     }
     for (int k = MODEL - 1; k >= 0; k--) /* rows that were exchanged are columns of the inverse */
@@ -151,7 +147,6 @@ static int transition(const struct model *model, double h, double gamma) {
         inverse[i][i] += 1;
     }
     if (!invert(inverse)) return 0;
-    memset(gain, 0, GAIN * sizeof *gain);
     for (int i = 0; i < MODEL; i++) { /* h [S + (1/2 - gamma) W S] with W = (S - I) / gamma */
         rows[i] = inverse[i];
         for (int j = 0; j < PADDED; j++) {
@@ -162,9 +157,9 @@ static int transition(const struct model *model, double h, double gamma) {
     }
     combine_rows(MODEL, PADDED, response[0], PADDED, MODEL, share[0], PADDED, 1, rows);
     for (int i = 0; i < MODEL; i++) rows[i] = response[i];
-    combine_rows(DYNAMIC, PADDED, gain[0], PADDED, MODEL, model->by_q, MODEL, 1, rows);
-    combine_rows(MODEL, PADDED, gain[DYNAMIC], PADDED, MODEL, slope, MODEL, 1, rows);
-    combine_rows(DISTURB, PADDED, response[MODEL], PADDED, MODEL, model->by_disturbances, MODEL, 1, rows);
+    set_rows(DYNAMIC, PADDED, gain[0], PADDED, MODEL, model->by_q, MODEL, 1, rows);
+    set_rows(MODEL, PADDED, gain[DYNAMIC], PADDED, MODEL, slope, MODEL, 1, rows);
+    set_rows(DISTURB, PADDED, response[MODEL], PADDED, MODEL, model->by_disturbances, MODEL, 1, rows);
     for (int i = 0; i < MODEL; i++) gain[DYNAMIC + i][i] += 1;
     return 1;
 }
@@ -185,16 +180,16 @@ static void put_rows(double (*rows)[STATES], double (*corner)[PADDED], double *p
 /* Covariance after the velocities have moved: their rows, then what these make of themselves. */
 static void propagate_velocities(const struct model *model) {
     enum { half = PADDED / 2 }; /* of the corner the lower triangle is needed: its first rows are short */
-    double *const p = model->covariance, rows[MODEL][STATES] = {{0}}, corner[MODEL][PADDED] = {{0}};
+    double *const p = model->covariance, rows[MODEL][STATES], corner[MODEL][PADDED];
     const double *from[GAIN], *from_moved[GAIN];
     int k = 0;
     for (int i = 0; i < DYNAMIC; i++) from[k++] = p + dynamic_coordinates[i] * n;
     for (int i = MODEL; i < 3 * MODEL + DISTURB; i++) from[k++] = p + i * n;
-    combine_rows(MODEL, n, rows[0], n, GAIN, model->gain, 1, PADDED, from);
+    set_rows(MODEL, n, rows[0], n, GAIN, model->gain, 1, PADDED, from);
     mirror(rows, p, MODEL);
     for (k = 0; k < GAIN; k++) from_moved[k] = from[k] + MODEL;
-    combine_rows(half, half, corner[0], PADDED, GAIN, model->gain, 1, PADDED, from_moved);
-    combine_rows(MODEL - half, MODEL, corner[half], PADDED, GAIN, model->gain + half, 1, PADDED, from_moved);
+    set_rows(half, half, corner[0], PADDED, GAIN, model->gain, 1, PADDED, from_moved);
+    set_rows(MODEL - half, MODEL, corner[half], PADDED, GAIN, model->gain + half, 1, PADDED, from_moved);
     put_rows(rows, corner, p, MODEL);
 }
 
@@ -288,10 +283,17 @@ static void propagate(const struct model *model, double h, double speed, const d
     propagate_coordinates(model, h);
     propagate_road(model);
     for (int j = 0; j < n; j++) one[j] = j < SLOW ? 1 : decay[j - SLOW];
+#if WIDE > 1
     for (int i = 0; i < n; i++) {
         const double own = one[i];
         for (int j = i < SLOW ? SLOW : 0; j < n; j++) p[i * n + j] *= own * one[j];
     }
+#else
+    for (int i = SLOW; i < n; i++) {
+        const double own = one[i];
+        for (int j = 0; j <= i; j++) p[j * n + i] = p[i * n + j] *= own * one[j];
+    }
+#endif
     add_noise(model, noise);
     for (int i = 0; i < 2; i++) p[(3 * MODEL + 2 + i) * (n + 1)] += changes[i];
 }
