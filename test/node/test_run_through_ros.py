@@ -188,7 +188,9 @@ def test_bytes_and_frames_through_all_six_processes_make_an_estimate_and_lose_no
 def test_a_bag_as_fast_as_can_be_gives_what_the_observer_gives_without_ros(tmp_path: Path) -> None:
     drive = straight_drive()
     write_bag(tmp_path / "drive", drive)
-    through = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0).output["vsense/odometry"]
+    run = run_through_ros(tmp_path / "drive", CAR, output_rate=1000.0)
+    assert run.messages_lost == 0
+    through = run.output["vsense/odometry"]
     alone = observer.run(drive, load_vehicle(vehicle_path(CAR)), rate=1000.0).output["vsense/odometry"]
     common, here, there = np.intersect1d(through.stamp, alone.stamp, return_indices=True)
     assert len(common) > 0.9 * len(alone)
