@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import casadi as ca
 
 from vsense_ros import codegen
 from vsense_ros.codegen import native
+from vsense_ros.codegen.corner_loops import CornerLoops
 from vsense_ros.codegen.forms import number, zeros
+from vsense_ros.codegen.side_by_side import packed
+from vsense_ros.codegen.values import values_of
 
 _OPERATIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -52,23 +55,43 @@ _OPERATIONS = {
 }
 
 
+_KNOWN = "known"  # in the place of an argument that is known, and so is none of the function in C
+
+
 def wrapped(text: str, indent: str = "") -> str:
     """A line of C as several of at most 120 characters; the first begins where it is put, behind `indent`."""
     lines = textwrap.wrap(text, 120, initial_indent=indent, subsequent_indent=indent + "    ")
     return "\n".join(lines).removeprefix(indent)
 
 
-def c_function(function: ca.Function, results: Sequence[str], name: str = "") -> str:
+def c_function(
+    function: ca.Function, results: Sequence[str], name: str = "", corners: native.Corners | None = None
+) -> str:
     """A static C99 function that does what `function` does, with its name if none is given; its arguments and then
-    `results` name its parameters. If it multiplies matrices which other functions make, those come before it.
+    `results` name its parameters. If it multiplies matrices which other functions make, those come before it. With
+    `corners` it does in loops what is alike for them, and their known arguments are left out.
 
     Matrices are column-major and have the elements that CasADi stores. Raises `NotImplementedError` for an operation
     that C's library lacks.
     """
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
     if ca.OP_MTIMES in operations and native.multiplies(function):
-        return _matrices(function, results, name or function.name())
+        return _matrices(function, results, name or function.name(), corners)
+    if corners is not None:
+        return _looped(function, results, name or function.name(), corners)
     return _straight(function, results, name or function.name())
+
+
+def _looped(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners) -> str:
+    """A function of scalars, with loops over the corners."""
+    plain = codegen.expanded(function)
+    arguments = [plain.name_in(i) for i in range(plain.n_in())]
+    known = corners.known_of(plain)
+    packing = packed(values_of(plain, known), arguments, corners.alike)
+    text = CornerLoops(packing, arguments, results, _OPERATIONS.__getitem__)
+    body = text.statements()
+    unused = [f"(void){word};" for i, word in enumerate(arguments) if i not in text.read and i not in known]
+    return _written(function, results, name, [*unused, *body], known)
 
 
 def _straight(function: ca.Function, results: Sequence[str], name: str) -> str:
@@ -97,11 +120,14 @@ def _straight(function: ca.Function, results: Sequence[str], name: str) -> str:
     return _written(function, results, name, [*declared, *unused, *body])
 
 
-def _written(function: ca.Function, results: Sequence[str], name: str, body: Sequence[str]) -> str:
-    """The text of a function with these statements."""
-    arguments = [function.name_in(i) for i in range(function.n_in())]
-    parameters = [f"const double *{argument}" for argument in arguments] + [f"double *{result}" for result in results]
-    shapes = [f"{argument}[{function.nnz_in(i)}]" for i, argument in enumerate(arguments)]
+def _written(
+    function: ca.Function, results: Sequence[str], name: str, body: Sequence[str], known: Container[int] = ()
+) -> str:
+    """The text of a function with these statements, and without arguments that are `known`."""
+    arguments = {i: function.name_in(i) for i in range(function.n_in()) if i not in known}
+    parameters = [f"const double *{argument}" for argument in arguments.values()]
+    parameters += [f"double *{result}" for result in results]
+    shapes = [f"{argument}[{function.nnz_in(i)}]" for i, argument in arguments.items()]
     made = [_shape(result, function.sparsity_out(i)) for i, result in enumerate(results)]
     lines = [
         wrapped(f"/* {', '.join(shapes)} -> {', '.join(made)} */"),
@@ -119,8 +145,9 @@ def _shape(name: str, sparsity: ca.Sparsity) -> str:
     return f"{name}[{rows}]" if columns == 1 else f"{name}[{rows} x {columns}]"
 
 
-def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
+def _matrices(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None = None) -> str:
     """A function that calls others and multiplies what they make."""
+    known = {} if corners is None else corners.known_of(function)
     before: list[str] = []
     body: list[str] = []
     names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
@@ -135,7 +162,7 @@ def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
             )
             continue
         if operation == ca.OP_INPUT:
-            made = [function.name_in(read[0])]
+            made = [function.name_in(read[0])] if read[0] not in known else [_KNOWN]
         elif operation == ca.OP_CONST:
             made = [""]
         elif operation == ca.OP_HORZSPLIT:
@@ -143,7 +170,9 @@ def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
             made = [f"({given[0] or zeros(sum(ends))} + {sum(ends[:k])})" for k in range(len(ends))]
         elif operation == ca.OP_CALL:
             called = function.instruction_MX(i).which_function()
-            before.append(c_function(called, [called.name_out(k) for k in range(called.n_out())], f"{name}_{i}"))
+            outs = [called.name_out(k) for k in range(called.n_out())]
+            before.append(c_function(called, outs, f"{name}_{i}", corners))
+            given = [x for x in given if x != _KNOWN]
             body += [f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(made)]
             body.append(f"{name}_{i}({', '.join([x or '0' for x in given] + made)});")
         else:
@@ -153,8 +182,9 @@ def _matrices(function: ca.Function, results: Sequence[str], name: str) -> str:
             body += _product(product, begin, left, right, made[0])
         names |= dict(zip(write, made, strict=True))
     used = {name for line in body for name in re.findall(r"\w+", line)}
-    unused = (function.name_in(i) for i in range(function.n_in()) if function.name_in(i) not in used)
-    return "\n".join([*before, _written(function, results, name, [*body, *(f"(void){word};" for word in unused)])])
+    unused = (function.name_in(i) for i in range(function.n_in()) if i not in known and function.name_in(i) not in used)
+    text = _written(function, results, name, [*body, *(f"(void){word};" for word in unused)], known)
+    return "\n".join([*before, text])
 
 
 def _product(result: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:

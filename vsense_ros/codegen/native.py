@@ -32,6 +32,11 @@ class Corners:
     alike: Alike
     known: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
+    def known_of(self, function: ca.Function) -> dict[int, Sequence[float]]:
+        """The known arguments of a function, by their place."""
+        names = [function.name_in(i) for i in range(function.n_in())]
+        return {names.index(name): numbers for name, numbers in self.known.items() if name in names}
+
 
 def source(functions: Sequence[ca.Function], corners: Corners | None = None) -> str:
     """C of the functions, for `casadi.external`; known arguments are left out.
@@ -93,8 +98,7 @@ def multiplies(function: ca.Function) -> bool:
 
 
 def _known(function: ca.Function, corners: Corners | None) -> dict[int, Sequence[float]]:
-    names = [function.name_in(i) for i in range(function.n_in())]
-    return {} if corners is None else {names.index(n): numbers for n, numbers in corners.known.items() if n in names}
+    return {} if corners is None else corners.known_of(function)
 
 
 def _straight(function: ca.Function, name: str, written: _Written) -> str:

@@ -277,15 +277,7 @@ class _Contents:
         self.observer, self.vehicle = observer, observer.vehicle
         self.car: Car = car_of(observer.vehicle)
         self.layout: Layout = layout(observer.sensors)
-        self.functions = [
-            steps.dynamics_function(self.car),
-            steps.linearize_function(self.car),
-            steps.advance_function(self.car),
-            steps.kinematics_function(self.car),
-            steps.force_function(self.car),
-        ]
-        if self.car.internal_state.numel():
-            self.functions.append(steps.internal_state_function(self.car))
+        self.functions = steps.functions_of(self.car.corners_alike)
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
@@ -301,8 +293,10 @@ class _Contents:
     def model(self) -> str:
         """Source of the functions made from expressions."""
         head = "/* The car and its sensors with exact Jacobians, column-major. Written by `vsense export c`. */\n"
-        functions = [*self.functions, *self.sensing.values(), *self.learning]
-        sources = [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in functions]
+        corners = steps.corners_of(self.car.corners_alike)
+        sources = [c_function(f, [f"r{i}" for i in range(f.n_out())], corners=corners) for f in self.functions]
+        others = [*self.sensing.values(), *self.learning]
+        sources += [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in others]
         return "\n".join([head, "#include <math.h>\n", *sources])
 
     def values(self) -> dict[str, object]:
@@ -440,7 +434,7 @@ class _Contents:
 
     def _call(self, function: ca.Function, results: tuple[str, ...], indent: str = "    ", **special: str) -> str:
         places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
-        arguments = [places[function.name_in(i)] for i in range(function.n_in())]
+        arguments = [places[name] for i in range(function.n_in()) if (name := function.name_in(i)) != "placement"]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", indent)
 
     def _sensor(self, name: str) -> dict[str, Any]:

@@ -284,16 +284,17 @@ def sensor_function(car: Car, sensor: SensorBase) -> ca.Function:
 @cache
 def model_functions(car: Car) -> dict[str, ca.Function]:
     """All functions of a car by name, compiled where possible."""
-    functions = None if codegen.compiler() is None else _compiled("car", car, _functions)
+    functions = None if codegen.compiler() is None else _compiled("car", car, functions_of)
     return {f.name(): f for f in functions or _for_virtual_machine(car)}
 
 
 def _for_virtual_machine(car: Car) -> list[ca.Function]:
     """The functions as CasADi runs them quickest: of a step in straight code, of the linearisation as matrices."""
-    return [codegen.expanded(f) if f.name() == "advance" else f for f in _functions(car)]
+    return [codegen.expanded(f) if f.name() == "advance" else f for f in functions_of(car)]
 
 
-def _functions(car: Car) -> list[ca.Function]:
+def functions_of(car: Car) -> list[ca.Function]:
+    """All functions of a car but those of its sensors."""
     functions = [
         dynamics_function(car),
         linearize_function(car),
@@ -307,8 +308,13 @@ def _functions(car: Car) -> list[ca.Function]:
 def _compiled(name: str, car: Car, make: Callable[[Car], list[ca.Function]]) -> list[ca.Function] | None:
     """The functions compiled, with what the corners have in common done for all four at once."""
     alike = car.corners_alike
-    functions, corners = make(alike), codegen.Corners(_alike(alike), {"placement": alike.placed})
-    return codegen.loaded(name, codegen.native_source(functions, corners), functions)
+    functions = make(alike)
+    return codegen.loaded(name, codegen.native_source(functions, corners_of(alike)), functions)
+
+
+def corners_of(car: Car) -> codegen.Corners:
+    """How arguments of the functions of a car with `corners_alike` belong to its corners."""
+    return codegen.Corners(_alike(car), {"placement": car.placed})
 
 
 def _alike(car: Car) -> codegen.Alike:
