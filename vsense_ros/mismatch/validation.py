@@ -75,6 +75,18 @@ class Validation:
             self.residuals.deviation |= residuals.deviation
             self.before = self.residuals(base.parameter_set)
 
+    def compare(self, hypotheses: Sequence[Hypothesis]) -> None:
+        """Compare explanations on held-out recordings, several side by side: what is then asked of them is known."""
+        if self.residuals is None:
+            return
+        known = {id(one.fit) for one in self._comparisons if one.residuals is self.residuals}
+        fits = [e.fit for e in hypotheses if id(e.fit) not in known and self._road(e.fit) is None]
+        for begin in range(0, len(fits), self.residuals.at_once):
+            together = fits[begin : begin + self.residuals.at_once]
+            self.residuals.prepare([fitted.parameter_set for fitted in together])
+            for fitted in together:
+                self.held_out(fitted)
+
     def held_out(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
         """Residuals of the base fit and of another one on held-out recordings, simulated once: in each window until the
         car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of the base
