@@ -369,10 +369,12 @@ def _judged_with_further(
     if judged.rivals and len(judged.rivals[0].candidates) > 1:
         exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
         if exchanged:
+            validation.compare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
             judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
+        validation.compare(joint)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 

@@ -289,28 +289,36 @@ class Search:
         set may never have been fitted that explains as much as one that was."""
         self._simulate_new(self.offered)
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
-        found: list[Hypothesis] = []
-        for candidate in hypothesis.candidates:
-            others = frozenset(hypothesis.effects) - {candidate.effect}
-            if not others or candidate.along_road:
-                continue
-            if (rest := fitted.get(others)) is None:
-                rest = self._without(hypothesis, candidate)
-                found.append(rest)
+        single = [c for c in hypothesis.candidates if len(hypothesis.candidates) > 1 and not c.along_road]
+        others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in single}
+        unknown = [candidate for candidate in single if others[candidate] not in fitted]
+        alone = self._without_each(hypothesis, unknown)
+        fitted |= {frozenset(e.effects): e for e in alone}
+        alike: list[Signature] = []
+        for candidate in single:
+            rest = fitted[others[candidate]]
             least = rest.gain + share * (hypothesis.gain - rest.gain)
-            alike = [
+            signatures = (
                 self._signature(rest.fit, rest.candidates, (other,))
-                for other in self.offered
+                for other in self._besides(hypothesis.candidates)
                 if _mistaken(candidate.effect, other.effect) and not other.along_road
-                and other.effect not in hypothesis.effects and others | {other.effect} not in fitted
-            ]  # fmt: skip
-            likeliest = max(alike, key=lambda s: s.gain, default=None)
-            if likeliest is not None and likeliest.gain > least:
-                found += self._refined_by_last(self._fitted([likeliest]))
-        return found
+                and others[candidate] | {other.effect} not in fitted
+            )  # fmt: skip
+            likely = sorted((s for s in signatures if s.gain > least), key=lambda s: s.gain)
+            at_best_place = {s.candidates[-1].effect: s for s in likely}
+            alike += list(at_best_place.values())[-BEAM:]
+        return [*alone, *self._refined_by_last(self._fitted(alike))]
 
-    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Hypothesis:
-        """A hypothesis without one of its effects, the rest fitted again."""
+    def _without_each(self, hypothesis: Hypothesis, chosen: Sequence[Candidate]) -> list[Hypothesis]:
+        """A hypothesis without each of some of its effects, the rest fitted again."""
+        fits = self._fit_each(self._without(hypothesis, candidate) for candidate in chosen)
+        return [
+            self._hypothesis(tuple(c for c in hypothesis.candidates if c is not out), f, hypothesis.independent_share)
+            for out, f in zip(chosen, fits, strict=True)
+        ]
+
+    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Fit:
+        """Where a fit of a hypothesis without one of its effects begins."""
         at = hypothesis.fit
         names = {parameter.name for parameter in candidate.free_parameters}
         names |= {parameter.name for parameter in shapes(candidate, self.start.values)}
@@ -318,12 +326,10 @@ class Search:
         # What every car has a little of is fitted with its own prior again.
         common = [base[name] for name in names if name in base]
         stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
-        rest = replace(
+        return replace(
             at, free_parameters=tuple(at.free_parameters[i] for i in stay), offsets=at.offsets[stay],
             slopes=[s[:, stay] for s in at.slopes],
         ).joined(common, self._base_columns(common))  # fmt: skip
-        candidates = tuple(c for c in hypothesis.candidates if c is not candidate)
-        return self._hypothesis(candidates, self._fit(rest), hypothesis.independent_share)
 
     def _base_columns(self, free_parameters: Sequence[FreeParameter]) -> list[Array]:
         """By window, (rows, n): slopes of the base fit by some of its free parameters, per deviation."""
