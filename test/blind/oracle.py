@@ -42,11 +42,14 @@ def best(report: Path, effects: list[str]) -> Best | None:
     answer = tool.earlier(report)
     if not answer or not reading.effects(answer.explain):
         return None
-    gain, *without = (_gain(folder, assumed) for folder, assumed in _reports(report, effects).items())
+    gains, *without = (_gains(folder, assumed) for folder, assumed in _reports(report, effects).items())
     errors = reading.errors(answer.explain)
     left = {signal: after / before for signal, (before, after) in errors.items() if before > 0}
-    adds = dict(zip(effects, (gain - one for one in without), strict=True)) if without else {effects[0]: gain}
-    return Best(gain - max([0.0, *without]), left, adds)
+    adds = {
+        effect: min(all_of_them - max(others, 0.0) for all_of_them, others in zip(gains, one, strict=True))
+        for effect, one in zip(effects, without or [(0.0, 0.0)], strict=True)
+    }
+    return Best(min(adds.values()), left, adds)
 
 
 def ask_without(twin: Path, report: Path) -> None:
@@ -71,7 +74,8 @@ def _reports(report: Path, effects: list[str]) -> dict[Path, list[str]]:
     return {report: effects} | (rest if len(effects) > 1 else {})
 
 
-def _gain(report: Path, effects: list[str]) -> float:
+def _gains(report: Path, effects: list[str]) -> tuple[float, float]:
+    """What they gain together on training and on held-out manoeuvres."""
     answer = tool.earlier(report)
     found = reading.effects(answer.explain)[: len(effects)] if answer else ()
-    return max((reading.gain(effect) for effect in found), default=0.0)
+    return max(map(reading.gains, found), key=min, default=(0.0, 0.0))

@@ -26,7 +26,7 @@ def ranked(explain: Answer | None) -> list[str]:
 
 def accepted(explain: Answer | None) -> list[str]:
     """Ids of the effects that the tool says are there."""
-    return [effect.id for effect in explain.accepted] if explain and explain.verdict == "named" else []
+    return [effect.id for effect in explain.accepted] if explain and explain.verdict in ("named", "ambiguous") else []
 
 
 def answer_set(explain: Answer | None) -> list[str]:
@@ -59,10 +59,10 @@ def misfit(explain: Answer | None) -> float | None:
     return explain.misfit if explain else None
 
 
-def gain(effect: EffectEntry) -> float:
-    """The smaller of the gains on training and on held-out manoeuvres."""
+def gains(effect: EffectEntry) -> tuple[float, float]:
+    """What it gains on training and on held-out manoeuvres."""
     assert effect.gain_held_out is not None, "every case of the examination has held-out manoeuvres"
-    return min(effect.gain_training, effect.gain_held_out)
+    return effect.gain_training, effect.gain_held_out
 
 
 def explained_seconds(explain: Answer) -> tuple[float, str]:

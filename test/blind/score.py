@@ -275,7 +275,7 @@ def leads(results: list[Result]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for r in results:
         if r.kind not in ("effect", "nothing", "outside"):
             continue
-        gains = {effect.id: reading.gain(effect) for effect in reading.effects(r.answer.explain)}
+        gains = {effect.id: min(reading.gains(effect)) for effect in reading.effects(r.answer.explain)}
         for name, gain in gains.items():
             others = [other for one, other in gains.items() if one != name]
             found.append(max(gain, 1e-3) / max([DETECTABLE, *others]))

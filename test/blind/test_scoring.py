@@ -103,15 +103,20 @@ def test_silence_on_what_even_the_true_effect_cannot_show_costs_nothing():
     assert found["detectable"]["value"] == 0.5
 
 
-def _told(report: Path, gain: float, *effects: str) -> None:
-    _keep(report, finding("named", effects=[effect(id, gain, gain_held_out=gain) for id in effects], fit={}))
+def _told(report: Path, gain: float, *effects: str, unseen: float | None = None) -> None:
+    unseen = gain if unseen is None else unseen
+    _keep(report, finding("named", effects=[effect(id, gain, gain_held_out=unseen) for id in effects], fit={}))
 
 
-@pytest.mark.parametrize(("alone", "detectable"), [(0.5, True), (0.59, False)])
-def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alone, detectable):
-    _told(tmp_path, 0.6, "aero_drag", "gyro_bias")
+@pytest.mark.parametrize(
+    ("alone", "alone_unseen", "detectable"),
+    [(0.5, 0.6, True), (0.59, 0.6, False), (0.5, 0.69, False)],
+    ids=["adds to both", "adds nothing in training", "adds nothing where it was not fitted"],
+)
+def test_two_effects_can_be_detected_where_each_adds_to_the_other(tmp_path, alone, alone_unseen, detectable):
+    _told(tmp_path, 0.6, "aero_drag", "gyro_bias", unseen=0.7)
     _told(tmp_path / "without_aero_drag", 0.1, "gyro_bias")
-    _told(tmp_path / "without_gyro_bias", alone, "aero_drag")
+    _told(tmp_path / "without_gyro_bias", alone, "aero_drag", unseen=alone_unseen)
     best = oracle.best(tmp_path, ["aero_drag", "gyro_bias"])
     assert best.detectable == detectable
     assert (best.detects("aero_drag"), best.detects("gyro_bias")) == (True, detectable)

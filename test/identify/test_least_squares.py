@@ -12,7 +12,17 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares, minimize
 
 from vsense_ros.identify.free_parameter import FreeParameter, added
-from vsense_ros.identify.least_squares import DivergedError, Fit, Settings, cost, fit, prior_weight, slopes_at, solve
+from vsense_ros.identify.least_squares import (
+    DivergedError,
+    Fit,
+    Settings,
+    cost,
+    fit,
+    fit_each,
+    prior_weight,
+    slopes_at,
+    solve,
+)
 from vsense_ros.identify.parameter_set import ParameterSet
 
 DEVIATIONS = {"mass": 0.1, "drag": 0.1, "rolling": 0.002}
@@ -148,3 +158,45 @@ def test_what_is_minimised_is_the_squared_residuals_and_what_departing_from_nomi
 def test_the_prior_counts_against_all_residuals_together():
     assert prior_weight([np.full(100, 2.0)]) == pytest.approx(4 * prior_weight([np.full(100, 1.0)]))
     assert prior_weight([np.full(100, 0.1)]) == prior_weight([np.full(100, 1.0)])
+
+
+class SideBySide(Speeds):
+    """Counts what is simulated, and how many at once."""
+
+    at_once = 3
+
+    def __init__(self, **true: float) -> None:
+        super().__init__(**true)
+        self.prepared: list[list[ParameterSet]] = []
+        self.asked: list[ParameterSet] = []
+
+    def prepare(self, parameter_sets: Sequence[ParameterSet]) -> None:
+        self.prepared.append(list(parameter_sets))
+
+    def __call__(self, parameter_set: ParameterSet, instead: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+        self.asked.append(parameter_set)
+        return super().__call__(parameter_set, instead)
+
+
+@given(st.lists(st.tuples(*[st.floats(-0.5, 0.5)] * 3), max_size=5))
+@settings(max_examples=20, deadline=None)
+def test_fits_side_by_side_end_where_each_ends_alone(begins: list[tuple[float, ...]]):
+    true = {"mass": 0.08, "drag": -0.05, "rolling": 0.001}
+    residuals, alone = SideBySide(**true), Speeds(**true)
+    first = [begun(alone, np.array(begin) * list(DEVIATIONS.values())) for begin in begins]
+    found = fit_each(residuals, NOMINAL, first)
+    assert len(found) == len(first)
+    for one, at in zip(found, first, strict=True):
+        np.testing.assert_array_equal(one.offsets, fit(alone, NOMINAL, at.free_parameters, first=at).offsets)
+    assert all(1 < len(together) <= residuals.at_once for together in residuals.prepared)
+    for together in residuals.prepared:  # and each of them is asked for
+        assert all(any(one is asked for asked in residuals.asked) for one in together)
+
+
+def test_a_fit_that_goes_on_from_another_does_not_simulate_where_that_one_is():
+    residuals = SideBySide(mass=0.08, drag=-0.05, rolling=0.001)
+    first = begun(residuals, np.zeros(3))
+    residuals.asked.clear()
+    fit(residuals, NOMINAL, first.free_parameters, first=first)
+    assert residuals.asked
+    assert all(one.values != first.parameter_set.values for one in residuals.asked)

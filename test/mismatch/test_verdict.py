@@ -70,6 +70,9 @@ class Made:
     def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> str:
         return self.unmended(hypothesis)
 
+    def nearer(self, one: Hypothesis, other: Hypothesis) -> list[tuple[float, float]]:
+        return []
+
     def disagreement(self, hypothesis: Hypothesis, known: Hypothesis | None = None) -> float:
         return 1.5 if hypothesis.name.strip() in ODD else 0.1
 
@@ -230,6 +233,74 @@ def test_recordings_agree_in_what_they_have_and_disagree_in_what_only_looks_like
 
     assert at_odds(0.5, 0.5) == 0.0
     assert at_odds(1.0, 0.0) == pytest.approx(1.0)
+
+
+def test_beside_a_known_explanation_what_others_leave_where_an_effect_changes_next_to_nothing_does_not_count():
+    """An offset that is right in the signal that it is of, and a fifth of that change in another signal, which is far
+    off for another reason."""
+    noise = np.random.default_rng(1).normal(size=(2, 200))
+
+    def at_odds(elsewhere: float, known: bool) -> float:
+        shift = np.concatenate([np.ones(200), np.full(200, elsewhere)])
+        left = np.concatenate([0.0 * noise[0], 2.0 + noise[1]])
+        before, after = replace(FITTED, residuals=[left - shift]), replace(FITTED, residuals=[left])
+        validation = validated(before, [["longitudinal_acceleration", "pitch_rate"]])
+        first = replace(explaining("grade", 0.5, 0.5), fit=before)
+        return validation.disagreement(replace(explaining("offset", 0.5, 0.5), fit=after), first if known else None)
+
+    assert at_odds(0.2, known=True) == 0.0
+    assert at_odds(0.2, known=False) > THRESHOLDS.disagreement  # where nothing else is known, it does
+    assert at_odds(0.4, known=True) > THRESHOLDS.disagreement  # and of a signal that changes by more
+
+
+def test_a_rival_that_leaves_a_signal_further_off_and_none_nearer_is_excluded_however_much_else_is_left_over():
+    """Speeds are far off for a reason that nobody knows; of the acceleration one leaves half as much as the other."""
+    fitted = Residuals.__new__(Residuals)
+    fitted.layout = [["speed", "longitudinal_acceleration", "yaw_rate"]]
+
+    class Compared(Validation):
+        def __init__(self) -> None:
+            self.fitted, self.residuals = fitted, None
+
+        def training(self, fitted: Fit) -> tuple[list[np.ndarray], list[np.ndarray]]:
+            return fitted.residuals, fitted.residuals
+
+    class Known(Made):
+        def nearer(self, one: Hypothesis, other: Hypothesis) -> list[tuple[float, float]]:
+            return Compared().nearer(one, other)
+
+    def found(speed: float, acceleration: float, yaw_rate: float) -> Fit:
+        return replace(FITTED, residuals=[np.repeat([speed, acceleration, yaw_rate], 100)])
+
+    def excluded(one: Fit, other: Fit) -> bool:
+        pair = [
+            replace(explaining(name, gain, gain), fit=fit)
+            for name, gain, fit in (("turned", 0.6, one), ("offset", 0.59, other))
+        ]
+        return judge(pair, (), Known()).rivals == (pair[0],)
+
+    assert excluded(found(7.0, 1.0, 1.0), found(7.0, 1.5, 1.0))
+    assert excluded(found(7.0, 1.0, 1.0), found(6.9, 1.5, 1.0))  # no nearer, but for next to nothing
+    assert not excluded(found(7.0, 1.0, 1.0), found(7.0, 1.05, 1.0))
+    assert not excluded(found(7.0, 1.0, 1.5), found(7.0, 1.5, 1.0))  # one signal for another
+
+
+def test_what_every_explanation_that_remains_has_is_sure_and_told_as_such():
+    shared = [explaining(f"offset + turned + {other}", 0.7, 0.7) for other in ("rolling", "grade")]
+    judged = judge(shared, (), Made())
+    assert (judged.verdict, judged.sure) == ("ambiguous", frozenset({"offset", "turned"}))
+    assert judge([explaining("offset", 0.7, 0.7)], (), Made()).sure == frozenset({"offset"})
+    assert judge([explaining("offset", 0.01, 0.01)], (), Made()).sure == frozenset()
+
+
+def test_a_part_of_an_explanation_in_doubt_is_no_rival_of_what_all_of_them_share():
+    """Two effects are sure, and of two others one is there as well, which beside the first of these explains more than
+    the second does."""
+    sure = explaining("coupled + ratio", 0.38, 0.38)
+    whole = [explaining(f"coupled + ratio + {other}", g, g) for other, g in (("drag", 0.48), ("grade", 0.49))]
+    parts = [explaining(f"coupled + {other}", g, g) for other, g in (("drag", 0.37), ("grade", 0.36))]
+    judged = judge([explaining("coupled", 0.2, 0.2), sure, *parts, *whole], (), Made())
+    assert (judged.verdict, judged.leader, judged.besides) == ("named", sure, ("drag", "grade"))
 
 
 def test_what_the_base_fit_need_no_longer_stand_in_for_counts_as_gained():

@@ -9,7 +9,7 @@ can be judged without some of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice
@@ -269,23 +269,84 @@ def fit(
     """Change the offsets of `free_parameters` until the value no longer falls.
 
     It begins at the offsets `begin` (k,) if they are given, otherwise at that of the parameters' `starts` which fits
-    best. `first` is a fit from which to go on, with the slopes and the weight to use; none are then simulated anew.
-    `instead` are the residuals of blocks in which the simulation diverges; without them `DivergedError` is raised where
-    the start cannot be simulated. `progress` is called after each slope and each iteration.
+    best. `first` is a fit from which to go on, with the slopes and the weight to use, and the residuals if it has the
+    same parameter set; none are then simulated anew. `instead` are the residuals of blocks in which the simulation
+    diverges; without them `DivergedError` is raised where the start cannot be simulated. `progress` is called after
+    each slope and each iteration.
     """
     if first is not None:
         known = first.offset_by_name
         begin = np.array([known.get(parameter.name, 0.0) for parameter in free_parameters])
     elif begin is None:
         begin = _best_start(residuals, start, free_parameters)
+    (found,) = _side_by_side(
+        residuals, [_fitting(residuals, start, free_parameters, first, begin, instead, settings, progress)]
+    )
+    return found
+
+
+def fit_each(
+    residuals: ResidualFunction,
+    start: ParameterSet,
+    first: Iterable[Fit],
+    instead: Sequence[Array] | None = None,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Fit]:
+    """What `fit` makes of each of these fits to go on from, simulated side by side. They are asked for as late as
+    possible, because their slopes may be large."""
+    return _side_by_side(
+        residuals,
+        (
+            _fitting(residuals, start, one.free_parameters, one, one.offsets, instead, DEFAULT, progress)
+            for one in first
+        ),
+    )
+
+
+_Fitting = Generator[ParameterSet, None, Fit]  # what is simulated next, and then the fit
+
+
+def _side_by_side(residuals: ResidualFunction, fittings: Iterable[_Fitting]) -> list[Fit]:
+    """The fits. As many as are best simulated side by side go on by one simulation at a time."""
+    found: dict[int, Fit] = {}
+    at_work: dict[int, tuple[_Fitting, ParameterSet]] = {}  # with what it simulates next, by place
+
+    def advance(place: int, fitting: _Fitting) -> None:
+        try:
+            at_work[place] = fitting, next(fitting)
+        except StopIteration as end:
+            found[place] = end.value
+
+    waiting = enumerate(fittings)
+    while True:
+        while len(at_work) < residuals.at_once and (one := next(waiting, None)) is not None:
+            advance(*one)
+        if not at_work:
+            return [found[place] for place in range(len(found))]
+        if len(at_work) > 1:
+            residuals.prepare([parameter_set for _, parameter_set in at_work.values()])
+        for place in list(at_work):
+            advance(place, at_work.pop(place)[0])
+
+
+def _fitting(
+    residuals: ResidualFunction, start: ParameterSet, free_parameters: Sequence[FreeParameter], first: Fit | None,
+    begin: Array, instead: Sequence[Array] | None, settings: Settings, progress: Callable[[], None],
+) -> _Fitting:  # fmt: skip
+    """`fit`, which yields each parameter set that it is about to simulate."""
     parameter_set = with_offsets(start, free_parameters, begin)
-    best = Fit(parameter_set, tuple(free_parameters), begin, residuals(parameter_set, instead), [], 0.0)
+    if first is not None and first.parameter_set.values == parameter_set.values:
+        rest = first.residuals
+    else:
+        yield parameter_set
+        rest = residuals(parameter_set, instead)
+    best = Fit(parameter_set, tuple(free_parameters), begin, rest, [], 0.0)
     slopes = first.slopes if first else slopes_at(residuals, start, best, progress, settings.step)
     best = replace(best, slopes=slopes)
     fall = 0.0
     for iteration in range(settings.iterations):
         at = replace(best, weight=_weight(settings, first, best))
-        best = _stepped(residuals, start, at, instead, settings.longest)
+        best = yield from _stepped(residuals, start, at, instead, settings.longest)
         fall = 1 - best.value / max(at.value, 1e-12)
         progress()
         if fall < SETTLED:
@@ -320,7 +381,7 @@ def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameter
 
 def _stepped(
     residuals: ResidualFunction, start: ParameterSet, at: Fit, instead: Sequence[Array] | None, longest: float
-) -> Fit:
+) -> _Fitting:
     """A fit one step further along the slopes, which learn from it; the same fit if no step is better.
 
     What a step that was too long missed tells how the way bends: a shorter one follows the arc (as the geodesic
@@ -338,6 +399,7 @@ def _stepped(
         for share in shares:
             offsets = np.clip(at.offsets + (share * step + share**2 / 2 * bend) * deviations, low, high)
             parameter_set = with_offsets(start, at.free_parameters, offsets)
+            yield parameter_set
             try:
                 found = residuals(parameter_set, instead)
             except DivergedError:

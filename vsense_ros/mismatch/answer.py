@@ -232,7 +232,7 @@ def _entry(
         keep=hypothesis.independent_share,
         confidence=judged.confidence(hypothesis, candidate.effect),
         objection=judged.objection_to(hypothesis),
-        accepted=hypothesis is judged.leader and judged.verdict == "named",
+        accepted=hypothesis is judged.leader and candidate.effect in judged.sure,
         answer_set=tuple(ids) if candidate.effect in ids else (),
         would_separate=None,
     )

@@ -211,7 +211,7 @@ class EffectEntry(_Part):
     )
     confidence: float = _field("How probable it is that the effect is there.", "-")
     objection: str = _field("Why it is refused, in words; empty where nothing speaks against it.")
-    accepted: bool = _field("Whether it is named.")
+    accepted: bool = _field("Whether it is named: every explanation that remains has it.")
     answer_set: tuple[str, ...] = _field("The answer set, if the effect is part of it; else empty.")
     would_separate: NextTest | None = _field("The next test, if the effect is part of the answer set; else null.")
 

@@ -359,17 +359,22 @@ def _judged_with_further(
     """The verdict on single effects, on what explains more with further ones, and on terms without known physics."""
     least, unseen = max(threshold, THRESHOLDS.least_gain), bool(validation.recordings)
     found_last = hypotheses
+    validation.compare(found_last)
     while found_last := search.further(found_last, least, validation.proven, unseen):
+        validation.compare(found_last)
         hypotheses = [*hypotheses, *found_last]
     described = search.described()
+    validation.compare(described)
     judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.rivals and len(judged.rivals[0].candidates) > 1:
         exchanged = search.exchanged(judged.rivals[0], hypotheses, THRESHOLDS.rival_share)
         if exchanged:
+            validation.compare(exchanged)
             hypotheses = [*hypotheses, *exchanged]
             judged = judge(hypotheses, described, validation, search.with_profile, threshold)
     if judged.in_doubt:
         joint = search.joint(judged.in_doubt)
+        validation.compare(joint)
         judged = judge([*hypotheses, *joint], described, validation, search.with_profile, threshold)
     return judged
 

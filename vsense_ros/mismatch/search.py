@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import FreeParameter, joined, with_offsets
-from vsense_ros.identify.least_squares import STEP, DivergedError, Fit, fit, slopes_by
+from vsense_ros.identify.least_squares import STEP, DivergedError, Fit, fit, fit_each, slopes_by
 from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate, shapes, terms
@@ -153,7 +154,7 @@ class Search:
         """The likeliest candidates alone, fitted in full, best first."""
         found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
         self._varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
-        return sorted(map(self.refined, found), key=lambda e: e.score, reverse=True)
+        return sorted(self._refined_each(found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The hypotheses, the best of them with the shapes of their effects fitted, too."""
@@ -197,15 +198,28 @@ class Search:
         what they leave: in cross-validation, unless there are `unseen` recordings to prove it on. What else speaks
         against them is not asked: parts of several defects explain little alone."""
         found: dict[frozenset[str], tuple[float, Signature]] = {}
+        pairs: list[tuple[float, Signature]] = []
         promise = itemgetter(0)
         ranked = sorted((e for e in hypotheses if proven(e) > least), key=proven, reverse=True)
+
+        def promised(signature: Signature, known: Hypothesis | None = None) -> tuple[float, Signature] | None:
+            """What a hypothesis, or the base fit, would prove with more effects, if that is enough for each of them."""
+            gain, score, before = (0.0, 0.0, 0.0) if known is None else (known.gain, known.score, proven(known))
+            adds = signature.gain - gain if unseen else signature.score - score
+            more = len(signature.candidates) - (0 if known is None else len(known.candidates))
+            return (before + adds, signature) if adds > more * least * max(1 - before, self.least_whole) else None
+
+        if all(len(e.candidates) == 1 for e in hypotheses):
+            pairs += filter(None, map(promised, self._hiding_each_other(self.base, ())))
         for place, hypothesis in enumerate(ranked[:PAIRED]):
-            known = proven(hypothesis)
             if len(hypothesis.candidates) >= MOST:
                 continue
             # The best take whatever promises most; of single effects each takes each other.
             if place < BEAM:
                 signatures = self._screened(hypothesis.fit, hypothesis.candidates, BEAM)
+                if len(hypothesis.candidates) + 1 < MOST:
+                    hiding = self._hiding_each_other(hypothesis.fit, hypothesis.candidates)
+                    pairs += filter(None, (promised(signature, hypothesis) for signature in hiding))
             elif len(hypothesis.candidates) == 1:
                 signatures = [
                     self._signature(hypothesis.fit, hypothesis.candidates, other.candidates)
@@ -214,17 +228,18 @@ class Search:
                 ]
             else:
                 continue
-            for signature in signatures:
-                adds = signature.gain - hypothesis.gain if unseen else signature.score - hypothesis.score
-                if adds > least * max(1 - known, self.least_whole):
-                    effects = frozenset(c.effect for c in signature.candidates)
-                    promised = known + adds, signature
-                    found[effects] = max(found.get(effects, promised), promised, key=promise)
+            for one in filter(None, (promised(signature, hypothesis) for signature in signatures)):
+                effects = frozenset(c.effect for c in one[1].candidates)
+                found[effects] = max(found.get(effects, one), one, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)
         chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
-        fitted = [self._refined_by_last(e) for e in self._fitted(chosen)]
+        fitted = self._refined_by_last(self._fitted(chosen))
         best = max(fitted, key=lambda e: e.score, default=None)
         fitted = [self.refined(e) if e is best else e for e in fitted]
+        # Two that hide each other promise more than one more effect, unless that explains what they seem to.
+        two = max(pairs, key=promise, default=None)
+        if two is not None and (not likeliest or two[0] > likeliest[0][0]):
+            fitted += self._refined_each(self._fitted([two[1]]))
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def secants(self) -> Iterator[tuple[Candidate, list[Array]]]:
@@ -266,7 +281,7 @@ class Search:
             besides.setdefault(frozenset(c.effect for c in new), new)
         likeliest = [new for new in besides.values() if new][:BEAM]
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
-        return [self.refined(e) for e in fitted]
+        return self._refined_each(fitted)
 
     def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
         """Of several effects each exchanged for those that it is mistaken for, where that promises a `share` of what it
@@ -274,28 +289,36 @@ class Search:
         set may never have been fitted that explains as much as one that was."""
         self._simulate_new(self.offered)
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
-        found: list[Hypothesis] = []
-        for candidate in hypothesis.candidates:
-            others = frozenset(hypothesis.effects) - {candidate.effect}
-            if not others or candidate.along_road:
-                continue
-            if (rest := fitted.get(others)) is None:
-                rest = self._without(hypothesis, candidate)
-                found.append(rest)
+        single = [c for c in hypothesis.candidates if len(hypothesis.candidates) > 1 and not c.along_road]
+        others = {candidate: frozenset(hypothesis.effects) - {candidate.effect} for candidate in single}
+        unknown = [candidate for candidate in single if others[candidate] not in fitted]
+        alone = self._without_each(hypothesis, unknown)
+        fitted |= {frozenset(e.effects): e for e in alone}
+        alike: list[Signature] = []
+        for candidate in single:
+            rest = fitted[others[candidate]]
             least = rest.gain + share * (hypothesis.gain - rest.gain)
-            alike = [
+            signatures = (
                 self._signature(rest.fit, rest.candidates, (other,))
-                for other in self.offered
+                for other in self._besides(hypothesis.candidates)
                 if _mistaken(candidate.effect, other.effect) and not other.along_road
-                and other.effect not in hypothesis.effects and others | {other.effect} not in fitted
-            ]  # fmt: skip
-            likeliest = max(alike, key=lambda s: s.gain, default=None)
-            if likeliest is not None and likeliest.gain > least:
-                found += [self._refined_by_last(e) for e in self._fitted([likeliest])]
-        return found
+                and others[candidate] | {other.effect} not in fitted
+            )  # fmt: skip
+            likely = sorted((s for s in signatures if s.gain > least), key=lambda s: s.gain)
+            at_best_place = {s.candidates[-1].effect: s for s in likely}
+            alike += list(at_best_place.values())[-BEAM:]
+        return [*alone, *self._refined_by_last(self._fitted(alike))]
 
-    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Hypothesis:
-        """A hypothesis without one of its effects, the rest fitted again."""
+    def _without_each(self, hypothesis: Hypothesis, chosen: Sequence[Candidate]) -> list[Hypothesis]:
+        """A hypothesis without each of some of its effects, the rest fitted again."""
+        fits = self._fit_each(self._without(hypothesis, candidate) for candidate in chosen)
+        return [
+            self._hypothesis(tuple(c for c in hypothesis.candidates if c is not out), f, hypothesis.independent_share)
+            for out, f in zip(chosen, fits, strict=True)
+        ]
+
+    def _without(self, hypothesis: Hypothesis, candidate: Candidate) -> Fit:
+        """Where a fit of a hypothesis without one of its effects begins."""
         at = hypothesis.fit
         names = {parameter.name for parameter in candidate.free_parameters}
         names |= {parameter.name for parameter in shapes(candidate, self.start.values)}
@@ -303,12 +326,10 @@ class Search:
         # What every car has a little of is fitted with its own prior again.
         common = [base[name] for name in names if name in base]
         stay = [i for i, parameter in enumerate(at.free_parameters) if parameter.name not in names]
-        rest = replace(
+        return replace(
             at, free_parameters=tuple(at.free_parameters[i] for i in stay), offsets=at.offsets[stay],
             slopes=[s[:, stay] for s in at.slopes],
         ).joined(common, self._base_columns(common))  # fmt: skip
-        candidates = tuple(c for c in hypothesis.candidates if c is not candidate)
-        return self._hypothesis(candidates, self._fit(rest), hypothesis.independent_share)
 
     def _base_columns(self, free_parameters: Sequence[FreeParameter]) -> list[Array]:
         """By window, (rows, n): slopes of the base fit by some of its free parameters, per deviation."""
@@ -350,8 +371,7 @@ class Search:
         """The likeliest candidates besides those present: `count` by their gain, as many by their score, and as many by
         their gain elsewhere than in the window where they promise most."""
         self._simulate_new(self.offered)
-        names = {candidate.effect for candidate in present}
-        found = [self._signature(at, present, (c,)) for c in self.offered if c.effect not in names]
+        found = [self._signature(at, present, (c,)) for c in self._besides(present)]
         found = [s for s in found if s.independent_share > 0]
         single = [s for s in found if not s.candidates[-1].along_road]
         by_gain = sorted(single, key=lambda s: s.gain, reverse=True)[:count]
@@ -365,6 +385,27 @@ class Search:
             if free.score > max(known + WORTH, PROMISING * best):
                 chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
         return list(chosen.values())
+
+    def _besides(self, present: Sequence[Candidate]) -> list[Candidate]:
+        """The candidates of effects that are not present."""
+        names = {candidate.effect for candidate in present}
+        return [candidate for candidate in self.offered if candidate.effect not in names]
+
+    def _hiding_each_other(self, at: Fit, present: tuple[Candidate, ...]) -> list[Signature]:
+        """Pairs of effects that are mistaken for each other and promise more than twice what either does alone. An
+        accelerometer that has an offset and is turned as well may read right on the whole: a search that adds one
+        effect at a time sees neither."""
+        self._simulate_new(self.offered)
+        known = (self.base.value - at.value) / self.whole
+        single = [c for c in self._besides(present) if len(c.free_parameters) == 1]
+        promised = {c.name: self._signature(at, present, (c,)).gain - known for c in single}
+        found = []
+        for one, other in combinations(single, 2):
+            if _mistaken(one.effect, other.effect):
+                both = self._signature(at, present, (one, other))
+                if both.gain - known > 2 * max(promised[one.name], promised[other.name], 0.0):
+                    found.append(both)
+        return found
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
         """Whether a profile may be fitted with the candidates present: it would mend whatever another effect leaves, as
@@ -507,33 +548,42 @@ class Search:
         return by_pieces(self.residuals, self.base)
 
     def _fitted(self, signatures: Sequence[Signature]) -> list[Hypothesis]:
-        found = [self._hypothesis(s.candidates, self._fit(s.joint()), s.independent_share) for s in signatures]
+        fits = self._fit_each(s.joint() for s in signatures)
+        found = [self._hypothesis(s.candidates, f, s.independent_share) for s, f in zip(signatures, fits, strict=True)]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
     def refined(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis fitted further with secants of its own. With those of the base fit, whose parameters may be
         far off because they stand in for the effect, it stops short."""
-        at = hypothesis.fit
-        if sum(parameter.place is not None for parameter in at.free_parameters) > FEW:
-            return hypothesis
-        if hypothesis.gain > WORTH_REFINING:
-            fitted = self._fit(replace(at, slopes=self._slopes_at(at)))
-            if fitted.value < at.value:
-                hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
-        return self._on_the_road(hypothesis)
+        return self._refined_each([hypothesis])[0]
 
-    def _refined_by_last(self, hypothesis: Hypothesis) -> Hypothesis:
-        """The hypothesis fitted further with secants of its last effect alone: those of the others and of the base
+    def _refined_each(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """`refined`, side by side."""
+
+        def few(hypothesis: Hypothesis) -> bool:
+            return sum(parameter.place is not None for parameter in hypothesis.fit.free_parameters) <= FEW
+
+        chosen = [e for e in hypotheses if few(e) and e.gain > WORTH_REFINING]
+        better = self._fitted_further(chosen, (replace(e.fit, slopes=self._slopes_at(e.fit)) for e in chosen))
+        return [self._on_the_road(better.get(e, e)) if few(e) else e for e in hypotheses]
+
+    def _refined_by_last(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The hypotheses fitted further with secants of their last effect alone: those of the others and of the base
         parameters are of the hypothesis that it was added to, which is near."""
-        at, new = hypothesis.fit, hypothesis.candidates[-1]
-        if hypothesis.gain <= WORTH_REFINING or new.along_road:
-            return hypothesis
-        columns = slopes_by(self.residuals, self.start, at, new.free_parameters)
-        slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
-        fitted = self._fit(at.joined(new.free_parameters, slopes))
-        if fitted.value < at.value:
-            hypothesis = self._hypothesis(hypothesis.candidates, fitted, hypothesis.independent_share)
-        return self._on_the_road(hypothesis)
+
+        def joined(hypothesis: Hypothesis) -> Fit:
+            at, new = hypothesis.fit, hypothesis.candidates[-1].free_parameters
+            columns = slopes_by(self.residuals, self.start, at, new)
+            return at.joined(new, [np.column_stack(parts) for parts in zip(*columns, strict=True)])
+
+        chosen = [e for e in hypotheses if e.gain > WORTH_REFINING and not e.candidates[-1].along_road]
+        better = self._fitted_further(chosen, map(joined, chosen))
+        return [self._on_the_road(better.get(e, e)) if e in chosen else e for e in hypotheses]
+
+    def _fitted_further(self, hypotheses: Sequence[Hypothesis], joints: Iterable[Fit]) -> dict[Hypothesis, Hypothesis]:
+        """Those that get better if they go on from these fits, as they are then."""
+        fits = zip(hypotheses, self._fit_each(joints), strict=True)
+        return {e: self._hypothesis(e.candidates, f, e.independent_share) for e, f in fits if f.value < e.fit.value}
 
     def _on_the_road(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis, fitted anew from the parameters of the vehicle file if its car gets lost. There the residuals
@@ -568,7 +618,12 @@ class Search:
         )
 
     def _fit(self, joint: Fit) -> Fit:
-        fitted = fit(self.residuals, self.start, joint.free_parameters, first=joint, instead=self.base.residuals)
+        (fitted,) = self._fit_each([joint])
+        return fitted
+
+    def _fit_each(self, joints: Iterable[Fit]) -> list[Fit]:
+        """Each fitted further, side by side."""
+        fitted = fit_each(self.residuals, self.start, joints, self.base.residuals)
         self._progress()
         return fitted
 

@@ -42,6 +42,7 @@ class Thresholds:
     mended: float
     disagreement: float
     untold_change: float
+    least_telling: float
     many_windows: int
     remarkable_gain: float
     least_compared: float

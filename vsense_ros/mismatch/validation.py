@@ -75,6 +75,18 @@ class Validation:
             self.residuals.deviation |= residuals.deviation
             self.before = self.residuals(base.parameter_set)
 
+    def compare(self, hypotheses: Sequence[Hypothesis]) -> None:
+        """Compare explanations on held-out recordings, several side by side: what is then asked of them is known."""
+        if self.residuals is None:
+            return
+        known = {id(one.fit) for one in self._comparisons if one.residuals is self.residuals}
+        fits = [e.fit for e in hypotheses if id(e.fit) not in known and self._road(e.fit) is None]
+        for begin in range(0, len(fits), self.residuals.at_once):
+            together = fits[begin : begin + self.residuals.at_once]
+            self.residuals.prepare([fitted.parameter_set for fitted in together])
+            for fitted in together:
+                self.held_out(fitted)
+
     def held_out(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
         """Residuals of the base fit and of another one on held-out recordings, simulated once: in each window until the
         car gets lost. If that leaves little, or nothing can be said of the fit, until the end, with those of the base
@@ -189,15 +201,16 @@ class Validation:
 
         Of many windows the one that agrees least does not count: at its limit a car goes another way for a small
         difference. That free parameters cost less, because they need no longer stand in for what is missing, counts as
-        gained.
+        gained. Beside a known explanation signals do not count that hardly change: what they leave over is of others.
         """
         at = self.base if known is None else known.fit
-        found = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout)
+        of_others = 0.0 if known is None else self.thresholds.least_telling
+        found = self._resized(at.residuals, hypothesis.fit.residuals, self.fitted.layout, of_others)
         compared = 1.0  # residuals that are compared, over those that were fitted
         if self.residuals is not None:
             before, after = self.held_out(hypothesis.fit)
             before = before if known is None else self.held_out(known.fit)[1]
-            found += self._resized(before, after, self.residuals.layout)
+            found += self._resized(before, after, self.residuals.layout, of_others)
             compared += sum(map(len, after)) / sum(map(len, hypothesis.fit.residuals))
         windows = np.array(found).reshape(-1, 2)
         whole = windows.sum(axis=0) + np.array([0.0, compared * (at.prior_cost - hypothesis.fit.prior_cost)])
@@ -206,10 +219,11 @@ class Validation:
         return float(np.min(besides / np.maximum(gained, 1e-12)))
 
     def _resized(
-        self, before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]]
+        self, before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]], of_others: float
     ) -> list[tuple[float, float]]:
         """Of each window what the best multiple of a change in each of its signals would gain besides, and what the
-        change gains; squared deviations. Windows that are not compared over the same time do not count."""
+        change gains; squared deviations. Windows that are not compared over the same time do not count, nor do signals
+        of less than a share `of_others` of the largest squared change of a signal."""
         found = []
         for old, new, names in zip(before, after, layout, strict=True):
             if len(old) != len(new) or not len(new):
@@ -217,7 +231,7 @@ class Validation:
             was, rest = (rows.reshape(len(names), -1) for rows in (old, new))
             change = rest - was
             size = np.sum(change**2, axis=1)
-            told = size > self.thresholds.untold_change**2 * change.shape[1]
+            told = size > max(self.thresholds.untold_change**2 * change.shape[1], of_others * float(size.max()))
             besides = float(np.sum(np.sum(rest[told] * change[told], axis=1) ** 2 / size[told]))
             found.append((besides, cost([old]) - cost([new])))
         return found
@@ -295,6 +309,25 @@ class Validation:
         worst, off = residuals.furthest(before)
         left = residuals.deviations(after)[worst] / residuals.deviations(before)[worst]
         return "" if left < max(min(1.0, off_from / off), self.thresholds.mended) else worst
+
+    def nearer(self, one: Hypothesis, other: Hypothesis) -> list[tuple[float, float]]:
+        """How much less of each signal's squared error one explanation leaves than another, as a share of what that
+        leaves or a good model would, summed over the signals in which it leaves less; and the same the other way round.
+        In training and held out; empty where the two cannot be compared over the same time."""
+        parts = [(self.fitted, self.training(one.fit)[1], self.training(other.fit)[1])]
+        if self.residuals is not None:
+            parts.append((self.residuals, self.held_out(one.fit)[1], self.held_out(other.fit)[1]))
+        found = []
+        for residuals, mine, its in parts:
+            if not all(map(_alike, mine, its)):
+                return []
+            left, there, good = residuals.deviations(mine), residuals.deviations(its), residuals.good(its)
+            less, more = (
+                sum(max(0.0, b[name] ** 2 - a[name] ** 2) / max(b[name], good[name]) ** 2 for name in good)
+                for a, b in ((left, there), (there, left))
+            )
+            found.append((less, more))
+        return found
 
     def own_unmended(self, hypothesis: Hypothesis, known: Hypothesis | None) -> str:
         """The signal that an explanation changes most against a `known` one, or the base fit, if it comes neither near

@@ -36,6 +36,13 @@ class Judged:
     in_doubt: tuple[Hypothesis, ...] = ()  # between which to choose, the best first; what they share may be sure
     thresholds: Thresholds = THRESHOLDS
 
+    @property
+    def sure(self) -> frozenset[str]:
+        """Ids of the effects that every explanation has which remains."""
+        if self.verdict not in ("named", "ambiguous") or not self.rivals:
+            return frozenset()
+        return frozenset.intersection(*(frozenset(e.effects) for e in self.rivals))
+
     def led_by(self, leader: Hypothesis, validation: Validation) -> Judged:
         """The same verdict with the leader fitted further."""
         return replace(
@@ -156,7 +163,9 @@ class _Judge:
         besides = leading.besides - shared if len(names) == 1 else frozenset()
         if len(names) > 1 and shared and (sure := self.sure_alone(shared, leader)) is not None:
             besides = frozenset.union(*names) - shared
-            leader, rivals = sure, self.within_reach(sure)
+            # What is a part of an explanation in doubt explains something besides, and nothing instead.
+            instead = [e for e in self.within_reach(sure)[1:] if not any(set(e.effects) <= one for one in names)]
+            leader, rivals = sure, (sure, *instead)
             names = {frozenset(e.effects) for e in rivals}
         return replace(
             self.said("named" if len(names) == 1 else "ambiguous", leader, *rivals),
@@ -287,13 +296,24 @@ class _Judge:
 
         return leader, *sorted(filter(is_rival, alike), key=self.proven.__getitem__, reverse=True)
 
+    def further_off(self, e: Hypothesis, by: Hypothesis) -> bool:
+        """Whether an explanation leaves signals further off than another one, and hardly any nearer. Where others leave
+        much over in some signals, what tells the two apart in others is little of the whole."""
+        limits, shares = self.thresholds, self.validation.nearer(by, e)
+        return bool(shares) and all(
+            less > limits.further_share and more < limits.surpassed_share * less for less, more in shares
+        )
+
     def excluded(self, e: Hypothesis, by: Hypothesis) -> bool:
-        """Whether an explanation is not within reach of another, adds next to nothing to it, or explains something
-        else: then both may be there, and it adds to the other most of what it explains beyond what the two share."""
+        """Whether an explanation is not within reach of another, adds next to nothing to it, leaves signals further
+        off, or explains something else: then both may be there, and it adds to the other most of what it explains
+        beyond what the two share."""
         shared = frozenset(e.effects) & frozenset(by.effects)
         known = self.proven[self.best[shared]] if shared in self.best else 0.0
         if not _as_good(self.proven[e], self.proven[by], self.thresholds, known) or self.surpassed(e, by):
             return True
         joint = self.best.get(frozenset((*by.effects, *e.effects)))
         own = self.thresholds.rival_share * (self.proven[e] - known)
-        return joint is not None and self.proven[joint] - self.proven[by] > max(own, self.least_gain)
+        if joint is not None and self.proven[joint] - self.proven[by] > max(own, self.least_gain):
+            return True
+        return self.proven[by] >= self.proven[e] and self.further_off(e, by)
