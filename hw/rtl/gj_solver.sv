@@ -175,17 +175,17 @@ module gj_solver #(
   end
 
   // Stage 1: rows as read. Stage 2: the element of column k. Stage 3: m_k, and -a_ik / 2^e_k.
-  logic [31:0] cm, m3, cf;
+  logic [31:0] cm, m3;
   wire [31:0] cmsel = rd[32*kln1 +: 32];
   always_ff @(posedge clk) if (start1) cm <= cmsel;
-  wire [9:0] es = {2'b00, cm[30:23]} - {2'b00, pe[odd2]} + 10'd127;
+  wire [7:0] p2e = pe[odd2];
+  wire [9:0] es = {2'b00, cm[30:23]} + {{3{p2e[7]}}, ~p2e[6:0]};  // + 127 - p2e
   wire       ctop = &cm[30:23];
   wire       czero = ~ctop & ((cm[30:23] == 8'd0) | es[9] | (es == 10'd0));
-  wire       chigh = ~ctop & ~es[9] & (es >= 10'd255);
-  always_ff @(posedge clk) begin
-    m3 <= own2 ? 32'h3F80_0000 : {9'h07F, pm[odd2]};
-    cf <= (own2 | czero) ? 32'd0 : {~cm[31], (ctop | chigh) ? 8'hFF : es[7:0], chigh ? 23'd0 : cm[22:0]};
-  end
+  wire       chigh = ~ctop & ~es[9] & (es[8] | (&es[7:0]));  // 255 or more
+  wire [31:0] factor = (own2 | czero) ? 32'd0 : {~cm[31], (ctop | chigh) ? 8'hFF : es[7:0], chigh ? 23'd0 : cm[22:0]};
+  wire [22:0] mantissa = own2 ? 23'd0 : pm[odd2];
+  always_ff @(posedge clk) m3 <= {9'h07F, mantissa};
 
   // Lanes.
   genvar l;
@@ -193,6 +193,11 @@ module gj_solver #(
     for (l = 0; l < P; l = l + 1) begin : lane
       logic [31:0] mem [0:(1<<AB)-1];
       logic [31:0] a1, a2, a3, pr3;
+      // Each lane has m_k and the factor in registers of its own, beside its multipliers: from one register for all the
+      // way to the farthest takes half a clock.
+      logic [22:0] own_mantissa;
+      logic [31:0] own_factor;
+      own_register #(.W(55)) u_own (.clk, .d({mantissa, factor}), .q({own_mantissa, own_factor}));
       logic [31:0] pr [0:(2<<((C > 1) ? CB : 0))-1];
       wire          ldw = loading & (ln == LB'(l));
       wire          wbw = vw;
@@ -220,8 +225,8 @@ module gj_solver #(
         end
       end
       wire [31:0] x, y;
-      fp32_mul #(.DEEP(DEEP)) u_x (.clk, .a(a3), .b(m3), .y(x));
-      fp32_mul #(.DEEP(DEEP)) u_y (.clk, .a(pr3), .b(cf), .y(y));
+      fp32_mul #(.DEEP(DEEP)) u_x (.clk, .a(a3), .b({9'h07F, own_mantissa}), .y(x));
+      fp32_mul #(.DEEP(DEEP)) u_y (.clk, .a(pr3), .b(own_factor), .y(y));
       fp32_add #(.DEEP(DEEP)) u_s (.clk, .a(x), .b(y), .y(res[32*l +: 32]));
     end
   endgenerate
