@@ -398,6 +398,50 @@ def test_a_consumer_that_had_no_processor_when_the_topics_were_announced_gets_ev
                 np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
 
 
+def test_a_recorder_that_finds_clock_messages_waiting_tells_of_progress_once_it_has_looked_for_topics(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A replay that heard of progress would send its first messages to a recorder that does not listen yet."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    from vsense_ros.node.recorder import Recorder, RecorderParameters
+
+    recorder = here(Recorder, RecorderParameters, bag=str(tmp_path / "bag"))
+    told: list[int] = []
+    monkeypatch.setattr(recorder, "report_progress", told.append)
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+    for stamp in (1, 2, 3):
+        recorder.on_clock(stamp)
+    assert not told
+    deadline = time.monotonic() + 10.0
+    while not told and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+    recorder.on_clock(4)
+    executor.remove_node(recorder)
+    assert told == [1, 4]
+
+
+def test_a_node_knows_the_time_as_soon_as_its_own_reader_has_heard_the_clock(
+    here: Callable[..., Any], tmp_path: Path
+) -> None:
+    """rclpy's own may still know of nobody who tells it: what came meanwhile was not recorded."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rosgraph_msgs.msg import Clock
+
+    from vsense_ros.node.recorder import Recorder, RecorderParameters
+
+    recorder = here(Recorder, RecorderParameters, bag=str(tmp_path / "bag"), use_sim_time=True)
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+    assert recorder.now() == 0
+    message = Clock()
+    message.clock.sec = 7
+    recorder._on_clock(message)
+    executor.remove_node(recorder)
+    assert recorder.now() == 7_000_000_000
+
+
 def _replay_while_one_is_held_up(start: Start, bag: Path, held_up: NodeProcess) -> None:
     held_up.signal(signal.SIGSTOP)
     try:

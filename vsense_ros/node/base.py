@@ -72,6 +72,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._diagnostics_publisher: Any = None
         self._progress_publisher: Any = None
         self._connected = False
+        self._clock_told = 0  # by the newest /clock message [ns]
         self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
 
     # What a node adds
@@ -141,8 +142,9 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return self._state_machine.current_state[1]
 
     def now(self) -> int:
-        """Time [ns] of the system or of `/clock`."""
-        return self.get_clock().now().nanoseconds
+        """Time [ns] of the system or of `/clock`; 0 before the first message. rclpy listens to that with best effort,
+        and may have heard nothing yet where this node has."""
+        return self.get_clock().now().nanoseconds or self._clock_told
 
     # Lifecycle
 
@@ -276,7 +278,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return SetParametersResult(successful=True)
 
     def _on_clock(self, message: Clock) -> None:
-        stamp = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+        stamp = self._clock_told = message.clock.sec * 1_000_000_000 + message.clock.nanosec
         if self.time_base.simulated:
             self.time_base.tick(stamp)
         self.on_clock(stamp)

@@ -73,6 +73,7 @@ class Recorder(SensingNode[RecorderParameters]):
         self._paused = False
         self._failure = ""
         self._clock_heard = -_ANOTHER_CLOCK  # wall time [s]
+        self._to_look = False  # for the topics of whoever tells the time now
         self._folder = self._free_folder()
         self._make(self._folder)
         if not self.parameters.overwrite:
@@ -291,13 +292,15 @@ class Recorder(SensingNode[RecorderParameters]):
                 receive(data)
         silent, self._clock_heard = time.monotonic() - self._clock_heard, time.monotonic()
         if silent >= _ANOTHER_CLOCK:
+            self._to_look = True
             self.executor.create_task(self._begin_with_clock, stamp)
-        else:
+        elif not self._to_look:  # of several messages that have waited only the task tells of progress
             self.report_progress(stamp)
 
     def _begin_with_clock(self, stamp: int) -> None:
         """A replay announces its topics before its clock: they are known here, and are to be recorded from the first
         message on. It sends none before this node tells of progress, which it does once it listens to them."""
+        self._to_look = False
         if self.state == "active" and not self._look_for_topics():
             self.report_progress(stamp)
 
