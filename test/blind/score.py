@@ -59,6 +59,11 @@ class Result:
         return reading.ranked(self.answer.explain)
 
     @property
+    def named(self) -> list[str]:
+        """Names that leave no choice beside them."""
+        return self.accepted if self.verdict == "named" else []
+
+    @property
     def accepted(self) -> list[str]:
         return reading.accepted(self.answer.explain)
 
@@ -70,7 +75,7 @@ class Result:
     def wrong(self) -> bool:
         """A name is said that is not right, or more names than are hidden, or a choice in which none is right."""
         if self.verdict == "ambiguous":
-            return not set(self.answer_set) & self.right
+            return not set(self.answer_set) & self.right or not set(self.accepted) <= self.right
         return not set(self.accepted) <= self.right or len(self.accepted) > len(self.truth)
 
     @property
@@ -155,7 +160,8 @@ def of_several(results: list[Result]) -> dict:
     watched = [r.observed for r in hidden if r.accepted and r.observed is not None]
     return {
         "precision_of_names": share(name in r.right for r in hidden for name in r.accepted),
-        "recall_of_detectable": share(name in r.accepted for r, name in possible),
+        "recall_of_detectable": share(name in r.named for r, name in possible),
+        "recall_with_sure_of_ambiguous": share(name in r.accepted for r, name in possible),
         "within_reach_of_detectable": share(name in {*r.accepted, *r.answer_set} for r, name in possible),
         "detectable": share(r.best is None or r.best.detects(name) for r in hidden for name in r.truth),
         "named": share(r.verdict == "named" for r in hidden),
@@ -238,7 +244,7 @@ def of_set(results: list[Result]) -> dict:
         "parameter_error_median": number(parameter_error(r) for r in single),
         "intervals_hold": share(held for r in single for held in intervals_hold(r)),
         "where_right": share(where),
-        "doubles_both": share(r.truth <= set(r.accepted) for r in doubles),
+        "doubles_both": share(r.truth <= set(r.named) for r in doubles),
         "detectable": share(r.detectable for r in results if r.kind == "effect"),
         "no_answer": share(not r.answer.explain for r in results),
         "cpu_seconds": number(r.answer.cpu for r in results),

@@ -44,7 +44,9 @@ def compiled(source: str, folder: Path) -> ctypes.CDLL:
     text = "#include <math.h>\n" + source.replace("static void f(", "void f(")
     (folder / "f.c").write_text(text)
     warnings = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
-    subprocess.run(["cc", "-O2", *warnings, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], cwd=folder, check=True)
+    cc = compiler()
+    assert cc is not None
+    subprocess.run([cc, "-O2", *warnings, "-shared", "-fPIC", "f.c", "-o", "f.so", "-lm"], cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "f.so"))
 
 

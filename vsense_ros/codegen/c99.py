@@ -15,42 +15,18 @@ import casadi as ca
 from vsense_ros import codegen
 from vsense_ros.codegen import native
 from vsense_ros.codegen.corner_loops import CornerLoops
-from vsense_ros.codegen.forms import number, zeros
-from vsense_ros.codegen.side_by_side import packed
+from vsense_ros.codegen.forms import SCALAR, zeros
+from vsense_ros.codegen.side_by_side import Packing, packed
 from vsense_ros.codegen.values import values_of
 
-_OPERATIONS = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_TWICE: "{0} + {0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_INV: "1 / {0}",
-    ca.OP_SIGN: "({0} > 0) - ({0} < 0)",
-    ca.OP_LT: "{0} < {1}",
-    ca.OP_LE: "{0} <= {1}",
-    ca.OP_EQ: "{0} == {1}",
-    ca.OP_NE: "{0} != {1}",
-    ca.OP_NOT: "!{0}",
-    ca.OP_AND: "{0} && {1}",
-    ca.OP_OR: "{0} || {1}",
-    ca.OP_IF_ELSE_ZERO: "{0} != 0 ? {1} : 0",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
+_OPERATIONS = SCALAR | {
     **{
         getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})"
-        for name in (
-            *("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
-            *("asinh", "acosh", "atanh", "floor", "ceil", "erf", "log1p", "expm1"),
-        )
+        for name in ("asinh", "acosh", "atanh", "floor", "ceil", "erf", "log1p", "expm1")
     },
     **{
         getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})"
-        for name in ("fmin", "fmax", "fmod", "copysign", "atan2", "hypot")
+        for name in ("fmin", "fmax", "fmod", "copysign", "hypot")
     },
 }
 
@@ -77,47 +53,27 @@ def c_function(
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
     if ca.OP_MTIMES in operations and native.multiplies(function):
         return _matrices(function, results, name or function.name(), corners)
-    if corners is not None:
-        return _looped(function, results, name or function.name(), corners)
-    return _straight(function, results, name or function.name())
+    return _scalars(function, results, name or function.name(), corners)
 
 
-def _looped(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners) -> str:
-    """A function of scalars, with loops over the corners."""
+def _scalars(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None) -> str:
+    """A function of scalars, with loops over the corners if it has some."""
     plain = codegen.expanded(function)
     arguments = [plain.name_in(i) for i in range(plain.n_in())]
-    known = corners.known_of(plain)
-    packing = packed(values_of(plain, known), arguments, corners.alike)
-    text = CornerLoops(packing, arguments, results, _OPERATIONS.__getitem__)
+    known = {} if corners is None else corners.known_of(plain)
+    values = values_of(plain, known)
+    packing = Packing(values) if corners is None else packed(values, arguments, corners.alike)
+    text = CornerLoops(packing, arguments, results, _form)
     body = text.statements()
     unused = [f"(void){word};" for i, word in enumerate(arguments) if i not in text.read and i not in known]
     return _written(function, results, name, [*unused, *body], known)
 
 
-def _straight(function: ca.Function, results: Sequence[str], name: str) -> str:
-    """A function of scalars."""
-    f = codegen.expanded(function)
-    arguments = [f.name_in(i) for i in range(f.n_in())]
-    body: list[str] = []
-    used: set[int] = set()
-    for k in range(f.n_instructions()):
-        operation, inputs, outputs = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            body.append(f"{results[outputs[0]]}[{outputs[1]}] = w{inputs[0]};")
-        elif operation == ca.OP_CONST:
-            body.append(f"w{outputs[0]} = {number(f.instruction_constant(k))};")
-        elif operation == ca.OP_INPUT:
-            used.add(inputs[0])
-            body.append(f"w{outputs[0]} = {arguments[inputs[0]]}[{inputs[1]}];")
-        elif operation in _OPERATIONS:
-            expression = _OPERATIONS[operation].format(*(f"w{i}" for i in inputs))
-            body.append(f"w{outputs[0]} = {expression};")
-        else:
-            raise NotImplementedError(f"{f.name()}: CasADi operation {operation} has no counterpart in C99 here")
-    work = [f"w{i}" for i in range(f.sz_w())]
-    declared = [f"double {', '.join(work[i : i + 16])};" for i in range(0, len(work), 16)]
-    unused = [f"(void){argument};" for i, argument in enumerate(arguments) if i not in used]
-    return _written(function, results, name, [*declared, *unused, *body])
+def _form(operation: int) -> str:
+    """What C says for an operation of CasADi."""
+    if operation not in _OPERATIONS:
+        raise NotImplementedError(f"CasADi operation {operation} has no counterpart in C99 here")
+    return _OPERATIONS[operation]
 
 
 def _written(

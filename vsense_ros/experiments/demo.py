@@ -135,6 +135,9 @@ def handling_formulas(source: Path, recording: Recording) -> Baselines:
     )
 
 
+# What the nodes publish and the reader of a bag has no numbers for: nothing to report.
+_WITHOUT_NUMBERS = ("diagnostics", "tf", "tf_static", "robot_description")
+
 JOBS = (
     Job(
         "rav4",
@@ -238,6 +241,5 @@ def _as_seen(recording: Recording, recorded: Recording) -> Recording:
     """What the drivers published, with the reference of the recording that they were fed from."""
     channels = {topic: channel for topic, channel in recorded.channels.items() if not topic.startswith("vsense/")}
     channels |= {topic: channel for topic, channel in recording.channels.items() if topic.startswith("reference/")}
-    # The reader skips diagnostics, which are no numbers and arrive here by another way: nothing to report.
-    notes = tuple(note for note in recorded.notes if not note.startswith("diagnostics:"))
+    notes = tuple(note for note in recorded.notes if note.partition(":")[0] not in _WITHOUT_NUMBERS)
     return replace(recording, channels=channels, notes=recording.notes + notes)

@@ -277,7 +277,8 @@ class _Contents:
         self.observer, self.vehicle = observer, observer.vehicle
         self.car: Car = car_of(observer.vehicle)
         self.layout: Layout = layout(observer.sensors)
-        self.functions = steps.functions_of(self.car.corners_alike)
+        alike = self.car.corners_alike
+        self.functions, self.corners = steps.functions_of(alike), steps.corners_of(alike)
         kinds = {sensor.kind: sensor for sensor in observer.correcting.values()}
         self.sensing = {kind: steps.sensor_function(self.car, sensor) for kind, sensor in kinds.items()}
         columns = [self.car.parameter_names.index(name) for name in observer.estimated]
@@ -293,8 +294,7 @@ class _Contents:
     def model(self) -> str:
         """Source of the functions made from expressions."""
         head = "/* The car and its sensors with exact Jacobians, column-major. Written by `vsense export c`. */\n"
-        corners = steps.corners_of(self.car.corners_alike)
-        sources = [c_function(f, [f"r{i}" for i in range(f.n_out())], corners=corners) for f in self.functions]
+        sources = [c_function(f, [f"r{i}" for i in range(f.n_out())], corners=self.corners) for f in self.functions]
         others = [*self.sensing.values(), *self.learning]
         sources += [c_function(f, [f"r{i}" for i in range(f.n_out())]) for f in others]
         return "\n".join([head, "#include <math.h>\n", *sources])
@@ -434,7 +434,8 @@ class _Contents:
 
     def _call(self, function: ca.Function, results: tuple[str, ...], indent: str = "    ", **special: str) -> str:
         places = _ARGUMENTS | ({} if self.car.internal_state.numel() else {"internal_state": "0"}) | special
-        arguments = [places[name] for i in range(function.n_in()) if (name := function.name_in(i)) != "placement"]
+        names = (function.name_in(i) for i in range(function.n_in()))
+        arguments = [places[name] for name in names if name not in self.corners.known]
         return wrapped(f"{function.name()}({', '.join([*arguments, *results])});", indent)
 
     def _sensor(self, name: str) -> dict[str, Any]:

@@ -290,14 +290,13 @@ def fit_each(
     start: ParameterSet,
     first: Iterable[Fit],
     instead: Sequence[Array] | None = None,
-    progress: Callable[[], None] = lambda: None,
 ) -> list[Fit]:
     """What `fit` makes of each of these fits to go on from, simulated side by side. They are asked for as late as
     possible, because their slopes may be large."""
     return _side_by_side(
         residuals,
         (
-            _fitting(residuals, start, one.free_parameters, one, one.offsets, instead, DEFAULT, progress)
+            _fitting(residuals, start, one.free_parameters, one, one.offsets, instead, DEFAULT, lambda: None)
             for one in first
         ),
     )

@@ -288,10 +288,11 @@ static void propagate(const struct model *model, double h, double speed, const d
         const double own = one[i];
         for (int j = i < SLOW ? SLOW : 0; j < n; j++) p[i * n + j] *= own * one[j];
     }
-#else
+#else /* half of it, and the other half copied */
     for (int i = SLOW; i < n; i++) {
         const double own = one[i];
-        for (int j = 0; j <= i; j++) p[j * n + i] = p[i * n + j] *= own * one[j];
+        for (int j = 0; j < i; j++) p[j * n + i] = p[i * n + j] *= own * one[j];
+        p[i * n + i] *= own * own;
     }
 #endif
     add_noise(model, noise);
