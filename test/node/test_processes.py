@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -398,28 +399,33 @@ def test_a_consumer_that_had_no_processor_when_the_topics_were_announced_gets_ev
                 np.testing.assert_array_equal(copy[topic].stamp, channel.stamp)
 
 
-def test_a_recorder_that_finds_clock_messages_waiting_tells_of_progress_once_it_has_looked_for_topics(
+def test_a_recorder_says_that_it_listens_only_to_who_knows_its_newest_subscription(
     here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A replay that heard of progress would send its first messages to a recorder that does not listen yet."""
-    from rclpy.executors import SingleThreadedExecutor
+    """A replay that knows older ones alone would send its first messages to nobody."""
+    from std_msgs.msg import Header
 
     from vsense_ros.node.recorder import Recorder, RecorderParameters
 
     recorder = here(Recorder, RecorderParameters, bag=str(tmp_path / "bag"))
-    told: list[int] = []
-    monkeypatch.setattr(recorder, "report_progress", told.append)
-    executor = SingleThreadedExecutor()
-    executor.add_node(recorder)
-    for stamp in (1, 2, 3):
-        recorder.on_clock(stamp)
-    assert not told
+    said: list[Header] = []
+    monkeypatch.setattr(recorder, "_listening_publisher", SimpleNamespace(publish=said.append))
+    asked = recorder._question.topic
+    publisher = recorder.create_publisher(Header, "vehicle/something", 1)
     deadline = time.monotonic() + 10.0
-    while not told and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.1)
-    recorder.on_clock(4)
-    executor.remove_node(recorder)
-    assert told == [1, 4]
+    while recorder.count_publishers("vehicle/something") == 0 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    recorder._answer(asked)  # finds the new topic
+    recorder._answer(asked)  # which whoever asks there may not know
+    assert not said
+    recorder._answer(recorder._question.topic)
+    assert [message.frame_id for message in said] == [recorder.get_fully_qualified_name()]
+    recorder.trigger_deactivate()
+    recorder.expect_question()
+    recorder._answer(recorder._question.topic)
+    assert len(said) == 1
+    monkeypatch.undo()
+    recorder.destroy_publisher(publisher)
 
 
 def test_a_node_knows_the_time_as_soon_as_its_own_reader_has_heard_the_clock(

@@ -13,6 +13,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
+from uuid import uuid4
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -42,6 +43,8 @@ from vsense_ros.node.time_base import TimeBase
 Params = TypeVar("Params", bound=NodeParameters)
 
 PROGRESS_TOPIC = "vsense/progress"
+LISTENING_TOPIC = "vsense/listening"
+QUESTIONS = "vsense/do_you_listen"  # the topics below it
 _LAST = 0.5  # [s] for readers to take what was published before the end
 
 
@@ -54,6 +57,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
 
     model: type[Params]
     tells_time = False  # whether this node publishes the time itself
+    consumes = False  # whether a replay waits for this node
 
     def __init__(self, name: str, model: type[Params], shared: Collection[str] = ()) -> None:
         """`shared` are names of parameters that were given to all nodes, whether they have them or not."""
@@ -71,6 +75,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
         self._timers_of_mine: list[Any] = []
         self._diagnostics_publisher: Any = None
         self._progress_publisher: Any = None
+        self._listening_publisher: Any = None
+        self._question: Reader | None = None
         self._connected = False
         self._clock_told = 0  # by the newest /clock message [ns]
         self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
@@ -103,11 +109,34 @@ class SensingNode(LifecycleNode, Generic[Params]):
     def on_clock(self, stamp: int) -> None:
         """A `/clock` message told this time [ns]."""
 
-    def renew_clock_reader(self) -> None:
-        """Listen to `/clock` by the newest of this node's subscriptions. They are announced in the order in which they
-        are made: whoever's clock is heard here knows all others, and what he publishes comes."""
-        self._clock_reader.close()
-        self._clock_reader = Reader(self, Clock, "/clock", self._on_clock)
+    def expect_question(self) -> None:
+        """Let a replay ask whether this node listens, on a topic with a name that is new.
+
+        Subscriptions are announced in the order in which they are made: whoever asks there knows all others too, and
+        what he publishes comes. A message on a topic with a known name tells less. It reaches each reader of it in
+        this process, also while its sender knows only one that is older than all the others, as rclpy's of `/clock`.
+        """
+        self._stop_expecting()
+        topic = f"{QUESTIONS}/{_unique_name()}"
+        self._question = Reader(self, Header, topic, lambda _: self._on_question(topic))
+
+    def _stop_expecting(self) -> None:
+        if self._question is not None:
+            self._question.close()
+        self._question = None
+
+    def _on_question(self, topic: str) -> None:
+        # In a task: the answer may be to make this subscription anew.
+        self.executor.create_task(self._answer, topic)
+
+    def _answer(self, topic: str) -> None:
+        asked = self._question is not None and self._question.topic == topic and self.state == "active"
+        if asked and self.hears_all():
+            self._listening_publisher.publish(Header(frame_id=self.get_fully_qualified_name()))
+
+    def hears_all(self) -> bool:
+        """Whether there is nothing that this node would listen to and does not yet."""
+        return True
 
     # Publishing
 
@@ -155,6 +184,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         return self._guarded(self._activate, super().on_activate, state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stop_expecting()
         result = self._guarded(self.stop, super().on_deactivate, state)
         self.get_logger().info("inactive")
         return result
@@ -209,9 +239,9 @@ class SensingNode(LifecycleNode, Generic[Params]):
         except BaseException:
             self._close()
             raise
-        self.renew_clock_reader()
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self._progress_publisher = self.create_publisher(Header, PROGRESS_TOPIC, LOSSLESS)
+        self._listening_publisher = self.create_publisher(Header, LISTENING_TOPIC, LOSSLESS)
         self._timers_of_mine = [
             self.create_steady_timer(1.0, self._publish_diagnostics),
             self.create_steady_timer(0.1, self._look_for_subscribers),
@@ -222,6 +252,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
         for publisher in self._outputs.values():
             publisher.on_activate(None)
         self.start()
+        if self.consumes:
+            self.expect_question()
         self._connected = False
         # What there is by now stays: no garbage collection need look through it again, which would hold up messages.
         gc.unfreeze()  # of an earlier activation
@@ -237,6 +269,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
                 publisher.wait_for_all_acked(Duration(seconds=max(deadline - time.monotonic(), 0.0)))
 
     def _close(self) -> None:
+        self._stop_expecting()
         self.release()
         self._wait_for_readers()
         for timer in self._timers_of_mine:
@@ -248,6 +281,7 @@ class SensingNode(LifecycleNode, Generic[Params]):
         if self._diagnostics_publisher is not None:
             self.destroy_publisher(self._diagnostics_publisher)
             self.destroy_publisher(self._progress_publisher)
+            self.destroy_publisher(self._listening_publisher)
             self._diagnostics_publisher = None
 
     def _finish(self) -> None:
@@ -318,6 +352,16 @@ class SensingNode(LifecycleNode, Generic[Params]):
         if not self._connected and self._outputs and not self.unheard:
             self._connected = True
             self.get_logger().info("connected: every topic has a subscriber")
+
+
+def _unique_name() -> str:
+    return f"of_{uuid4().hex}"  # a part of a topic's name begins with a letter
+
+
+def is_between_nodes(topic: str) -> bool:
+    """Whether nodes talk there of replays or of their lifecycle: nothing to record or to look at."""
+    last = (f"/{PROGRESS_TOPIC}", f"/{LISTENING_TOPIC}", "/transition_event")
+    return topic.endswith(last) or f"/{QUESTIONS}/" in topic
 
 
 def run_node(node_type: type[SensingNode], model: type[NodeParameters], arguments: list[str] | None = None) -> int:

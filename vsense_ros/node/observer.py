@@ -90,6 +90,7 @@ class ObserverParameters(NodeParameters):
 class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
+    consumes = True
     _observer: Observer | Navigator | None = None
     _inputs: tuple[Reader, ...] = ()
     _identification: OnlineIdentification | None = None
@@ -217,7 +218,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
 
-        return Reader(self, message_type(kind), topic, receive, raw=True)
+        return Reader(self, message_type(kind), topic, receive, raw=True, made_anew=self.expect_question)
 
     def release(self) -> None:
         if self._identification is not None:

@@ -37,17 +37,19 @@ class Reader:
         *,
         raw: bool = False,
         latched: bool = False,
+        made_anew: Callable[[], None] = lambda: None,
     ) -> None:
         """`receive` is called with each message, or with its bytes if it is wanted `raw`; of a `latched` topic also
-        with what was published before."""
-        self._node, self._message, self._topic, self._receive, self._raw = node, message, topic, receive, raw
+        with what was published before; `made_anew` once it is best effort."""
+        self._made_anew = made_anew
+        self._node, self._message, self.topic, self._receive, self._raw = node, message, topic, receive, raw
         self._subscription: Any = None
         self._subscribe(LATCHED if latched else LOSSLESS)
 
     def _subscribe(self, qos: QoSProfile) -> None:
         events = SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible)
         self._subscription = self._node.create_subscription(
-            self._message, self._topic, self._receive, qos, event_callbacks=events, raw=self._raw
+            self._message, self.topic, self._receive, qos, event_callbacks=events, raw=self._raw
         )
 
     def _on_incompatible(self, _: Any) -> None:
@@ -58,7 +60,8 @@ class Reader:
         if self._subscription is not None:
             self.close()
             self._subscribe(_BEST_EFFORT)
-            self._node.get_logger().info(f"{self._topic}: a publisher offers best effort; messages may be lost")
+            self._made_anew()
+            self._node.get_logger().info(f"{self.topic}: a publisher offers best effort; messages may be lost")
 
     def close(self) -> None:
         """End it."""

@@ -8,7 +8,6 @@ rosbag2's recorder has them.
 from __future__ import annotations
 
 import sys
-import time
 from collections import Counter, deque
 from collections.abc import Callable
 from itertools import chain, count
@@ -22,7 +21,7 @@ from vsense_ros.bag import BagWriter, TopicDescription
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node import rosbag2
-from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, is_between_nodes, run_node
 from vsense_ros.node.convert import describe, message_type
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.qos import offered_text
@@ -30,7 +29,6 @@ from vsense_ros.node.reader import Reader
 
 _STEP_BACK = 1_000_000_000  # [ns] by which a clock was set back; by less it only ticks coarsely or late
 _WRITE_EVERY = 0.5  # [s]
-_ANOTHER_CLOCK = 1.0  # [s] of wall time without /clock, after which it may be that of another replay
 _MOST_HELD = 1000
 _OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
 _NOT_BY_ITSELF = ("/clock", "/rosout", "/parameter_events")
@@ -52,6 +50,7 @@ class RecorderParameters(NodeParameters):
 class Recorder(SensingNode[RecorderParameters]):
     """See the module."""
 
+    consumes = True
     _writer: BagWriter | None = None
     _servers: tuple[Any, ...] = ()
 
@@ -72,8 +71,6 @@ class Recorder(SensingNode[RecorderParameters]):
         self._remembered = 0  # [byte]
         self._paused = False
         self._failure = ""
-        self._clock_heard = -_ANOTHER_CLOCK  # wall time [s]
-        self._to_look = False  # for the topics of whoever tells the time now
         self._folder = self._free_folder()
         self._make(self._folder)
         if not self.parameters.overwrite:
@@ -174,7 +171,7 @@ class Recorder(SensingNode[RecorderParameters]):
         if self.parameters.topics:
             return topic in {self.resolve_topic_name(name) for name in self.parameters.topics}
         namespace = self.get_namespace().rstrip("/")
-        if topic in _NOT_BY_ITSELF or topic.endswith((f"/{PROGRESS_TOPIC}", "/transition_event")):
+        if topic in _NOT_BY_ITSELF or is_between_nodes(topic):
             return False
         return topic.startswith(f"{namespace}/") or topic in _OF_ALL
 
@@ -204,7 +201,7 @@ class Recorder(SensingNode[RecorderParameters]):
             self._inputs[topic] = self._subscribe(topic, description, accepted, latched)
         if len(self._inputs) == known:
             return False
-        self.renew_clock_reader()
+        self.expect_question()
         return True
 
     def _subscribe(self, topic: str, description: TopicDescription, accepted: Any, latched: bool) -> Reader:
@@ -240,7 +237,7 @@ class Recorder(SensingNode[RecorderParameters]):
             self.recorded[name] += 1
 
         self._descriptions[name] = description
-        return Reader(self, accepted, topic, receive, raw=True, latched=latched)
+        return Reader(self, accepted, topic, receive, raw=True, latched=latched, made_anew=self.expect_question)
 
     # Snapshots, pauses, files
 
@@ -290,19 +287,11 @@ class Recorder(SensingNode[RecorderParameters]):
             held, self._held = self._held, []
             for receive, data in held:
                 receive(data)
-        silent, self._clock_heard = time.monotonic() - self._clock_heard, time.monotonic()
-        if silent >= _ANOTHER_CLOCK:
-            self._to_look = True
-            self.executor.create_task(self._begin_with_clock, stamp)
-        elif not self._to_look:  # of several messages that have waited only the task tells of progress
-            self.report_progress(stamp)
+        self.report_progress(stamp)
 
-    def _begin_with_clock(self, stamp: int) -> None:
-        """A replay announces its topics before its clock: they are known here, and are to be recorded from the first
-        message on. It sends none before this node tells of progress, which it does once it listens to them."""
-        self._to_look = False
-        if self.state == "active" and not self._look_for_topics():
-            self.report_progress(stamp)
+    def hears_all(self) -> bool:
+        """A replay announces its topics before it asks, so that they are known here."""
+        return not self._look_for_topics()
 
     def diagnostics(self) -> list[Diagnostic]:
         values = {"messages": str(sum(self.recorded.values())), "topics": str(len(self._kinds))}

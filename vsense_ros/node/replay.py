@@ -1,8 +1,11 @@
 """Replay: a bag to its topics and `/clock`, a CAN log to a bus, bytes of sensors to ports; all in one time base.
 
-With rate 0 it sends as fast as the consumers take it and nothing is dropped: each of them (observer, recorder) tells on
-`vsense/progress` up to which `/clock` message it has worked everything off, and the replay stays at most `window`
-ahead of the slowest. When fewer consumers than it was told of appear within `wait`, it ends with an error.
+It begins once all consumers (observer, recorder) listen: it asks each of them, on a topic of its own below
+`vsense/do_you_listen`, and hears of it on `vsense/listening`.
+
+With rate 0 it sends as fast as the consumers take it and nothing is dropped: each of them tells on `vsense/progress` up
+to which `/clock` message it has worked everything off, and the replay stays at most `window` ahead of the slowest. When
+fewer consumers than it was told of appear within `wait`, it ends with an error.
 
 Topics of any type are published, with the reliability and durability with which they were offered when recorded.
 
@@ -37,7 +40,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.node import rosbag2
-from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.base import LISTENING_TOPIC, PROGRESS_TOPIC, QUESTIONS, SensingNode, run_node
 from vsense_ros.node.byte_log import read_byte_log
 from vsense_ros.node.can_driver import bus_options
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
@@ -105,12 +108,14 @@ class Replay(SensingNode[ReplayParameters]):
     _closers: tuple[Callable[[], None], ...] = ()
     _clock_output: Any = None
     _progress_reader: Any = None
+    _listening_reader: Any = None
+    _asking: Any = None  # the timer
     _servers: tuple[Any, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
         self._condition = threading.Condition()
-        self._ended = False
+        self._ended = self._begun = False
         self._finished = False
         self._paused = p.paused
         self._position = 0  # of the next message
@@ -118,6 +123,8 @@ class Replay(SensingNode[ReplayParameters]):
         self._seek: int | None = None
         self._moved = True  # the relation of recorded and wall time is to be fixed anew
         self._progress: dict[str, int] = {}
+        self._listening: set[str] = set()  # consumers that get all that is published
+        self._questions: dict[str, Any] = {}  # publishers by topic
         self._not_taken: dict[str, int] = {}
         self._waiting_for: list[tuple[str, Callable[[], bool]]] = []
         self.lost_in_bag = 0
@@ -146,6 +153,7 @@ class Replay(SensingNode[ReplayParameters]):
         if p.clock:
             self._clock_output = self.create_publisher(Clock, "/clock", LOSSLESS)
         self._progress_reader = self.create_subscription(Header, PROGRESS_TOPIC, self._on_progress, LOSSLESS)
+        self._listening_reader = self.create_subscription(Header, LISTENING_TOPIC, self._on_listening, LOSSLESS)
         self._servers = (
             self.create_service(Trigger, "~/restart", self._on_restart),
             rosbag2.offer(self, "pause", "Pause", lambda: self._pause(True)),
@@ -268,8 +276,10 @@ class Replay(SensingNode[ReplayParameters]):
         return send
 
     def start(self) -> None:
-        self._ended = False
+        self._ended = self._begun = False
         self._moved = True
+        self._listening.clear()
+        self._asking = self.create_steady_timer(_LOOK_EVERY, self._ask)
         self._thread = threading.Thread(target=self._guarded_run, name="replay", daemon=True)
         self._thread.start()
 
@@ -280,6 +290,7 @@ class Replay(SensingNode[ReplayParameters]):
                 self._condition.notify_all()
             self._thread.join()
             self._thread = None
+        self._ask_no_more()
 
     def release(self) -> None:
         self.stop()
@@ -291,8 +302,9 @@ class Replay(SensingNode[ReplayParameters]):
             self.destroy_publisher(self._clock_output)
         if self._progress_reader is not None:
             self.destroy_subscription(self._progress_reader)
+            self.destroy_subscription(self._listening_reader)
         self._closers, self._servers = (), ()
-        self._clock_output = self._progress_reader = None
+        self._clock_output = self._progress_reader = self._listening_reader = None
 
     # The thread that sends
 
@@ -310,6 +322,7 @@ class Replay(SensingNode[ReplayParameters]):
         self._now = first - self._lead
         if not self._wait_for_the_others():
             return
+        self._begun = True
         self.get_logger().info("begins")
         tick = self._now
         self._position = told = 0
@@ -413,15 +426,17 @@ class Replay(SensingNode[ReplayParameters]):
                 self._publish_clock(self._now)
                 clock_due = time.monotonic() + _LOOK_EVERY
             with self._condition:
-                if len(self._progress) < consumers:
-                    missing.append(f"{consumers - len(self._progress)} of {consumers} consumers")
+                listening = len(self._progress.keys() & self._listening)
+                expected = max(consumers, len(self._progress))
+                if listening < expected:
+                    missing.append(f"{expected - listening} of {expected} consumers")
                 if self._ended:
                     return False
                 if not missing:
                     return True
                 if time.monotonic() > deadline:
                     text = f"waited {p.wait:g} s in vain for {', '.join(missing)}"
-                    if len(self._progress) < consumers:
+                    if listening < consumers:
                         raise InputError(f"{text}; a consumer is an observer or a recorder that is active")
                     self.get_logger().warning(text)
                     return True
@@ -443,6 +458,31 @@ class Replay(SensingNode[ReplayParameters]):
                         self._publish_clock(moment)
 
     # What comes from outside
+
+    def _ask(self) -> None:
+        """Ask all consumers that can be asked whether they listen, until all of them do or the wait is over."""
+        if self._begun:
+            self._ask_no_more()
+            return
+        questions = self.resolve_topic_name(QUESTIONS)
+        for topic, _ in self.get_topic_names_and_types():
+            if topic.startswith(f"{questions}/") and topic not in self._questions:
+                self._questions[topic] = self.create_publisher(Header, topic, LOSSLESS)
+        for publisher in self._questions.values():
+            publisher.publish(Header())
+
+    def _ask_no_more(self) -> None:
+        if self._asking is not None:
+            self.destroy_timer(self._asking)
+        self._asking = None
+        for publisher in self._questions.values():
+            self.destroy_publisher(publisher)
+        self._questions.clear()
+
+    def _on_listening(self, message: Header) -> None:
+        with self._condition:
+            self._listening.add(message.frame_id)
+            self._condition.notify_all()
 
     def _on_progress(self, message: Header) -> None:
         with self._condition:

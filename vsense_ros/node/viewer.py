@@ -18,7 +18,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS
-from vsense_ros.node.base import PROGRESS_TOPIC, SensingNode, run_node
+from vsense_ros.node.base import SensingNode, is_between_nodes, run_node
 from vsense_ros.node.convert import describe, message_type
 from vsense_ros.node.foxglove_scene import PATH, Scene
 from vsense_ros.node.foxglove_server import PORT, FoxgloveServer
@@ -80,7 +80,7 @@ class Viewer(SensingNode[ViewerParameters]):
 
     def _wants(self, topic: str) -> bool:
         namespace = self.get_namespace().rstrip("/")
-        if topic in _NOT_SHOWN or topic.endswith((f"/{PROGRESS_TOPIC}", "/transition_event")):
+        if topic in _NOT_SHOWN or is_between_nodes(topic):
             return False
         return topic.startswith(f"{namespace}/") or topic in _OF_ALL
 
