@@ -8,10 +8,12 @@ drives a shorter one: the same throttle and steering from 10 m/s.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -170,15 +172,29 @@ def implementations(
     drives = {car: drive_of_full(vehicle) for car in cars if short or car == "full"}
     if "simplified" in cars - set(drives):
         drives["simplified"] = driven(vehicle, MANOEUVRES[1])
+    groups = [list(group) for _, group in groupby(cases, lambda case: case._replace(kernels=""))]
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, len(groups))) as pool:
+        # The full car's take longest: they come first, so that no processor waits for the last of them.
+        order = sorted(range(len(groups)), key=lambda i: groups[i][0].car)
+        jobs = {pool.submit(_lines, vehicle, groups[i], drives[groups[i][0].car], board): i for i in order}
+        found: list[list[Implementation]] = [[] for _ in groups]
+        for job in as_completed(jobs):
+            found[jobs[job]] = job.result()
+            progress(sum(map(len, found)) / len(cases))
+    return list(chain.from_iterable(found))
+
+
+def _lines(
+    vehicle: Vehicle, cases: Sequence[Case], drive: tuple[Vehicle, Trajectory], board: Board
+) -> list[Implementation]:
+    """Lines that differ in their kernels alone, of which the first has none."""
     found: list[Implementation] = []
     alone: list[Array] = []
-    for i, case in enumerate(cases):
-        line, outputs = _line(vehicle, case, drives[case.car], board)
-        if case.kernels == "none":
-            alone = outputs
+    for case in cases:
+        line, outputs = _line(vehicle, case, drive, board)
+        alone = alone or outputs
         apart = max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(outputs, alone, strict=True))
         found.append(replace(line, difference=apart))
-        progress((i + 1) / len(cases))
     return found
 
 
