@@ -14,6 +14,7 @@ from vsense_ros.model.tyres.similarity import Similarity
 from vsense_ros.model.vehicle import Axle, Vehicle
 
 LAG = 0.03  # of the tyre forces [s]: no vehicle file tells it
+RELAXATION_LENGTH = 0.6  # of a car tyre [m] (Pacejka 2012, ch. 5: about the radius of the wheel to twice that)
 _SHAPE, _CURVATURE = 1.6, 0.5  # of a curve whose tyre does not tell them
 _AT = 20.0  # [m/s] at which a tyre is asked for its force
 _LARGEST = 0.5  # tangent of the slip angle up to which its largest force is looked for
@@ -34,12 +35,13 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
         "wheelbase": wheelbase, "friction": physics.road.friction, "lag": LAG,
         "wheel_radius": float(rolling_radii(vehicle).mean()), "front_roll_share": stiffness[0] / sum(stiffness),
         "cog_height": chassis.cog_height, "yaw_inertia": chassis.yaw_inertia, "roll_stiffness": sum(stiffness),
-        "roll_damping": damping,
+        "roll_damping": damping, "relaxation_length": RELAXATION_LENGTH,
     }  # fmt: skip
     for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
         for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
             found[f"{name}_{key}"] = value
     height = chassis.cog_height - float(roll_axis_height(found))
+    found["roll_gradient"] = chassis.mass * height / (found["roll_stiffness"] - weight * height)
     found["roll_inertia"] = chassis.roll_inertia + chassis.mass * height**2
     return found
 

@@ -18,6 +18,7 @@ from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.integrated import Rates
 from vsense_ros.identify import best, handling_values, recorded
 from vsense_ros.identify.information import Information, Refusal, information, refusals, weigh
+from vsense_ros.identify.likelihood import Likelihood
 from vsense_ros.identify.open_loop import OpenLoop
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.identify.recorded import Signals
@@ -30,6 +31,7 @@ from vsense_ros.model.handling.single_track import SingleTrack
 from vsense_ros.model.vehicle import Vehicle
 
 ModelName = Literal["best", "single_track"]
+Weigh = Callable[[Sequence[Drive]], Information]  # what some drives say alone
 AXLES = ("front", "rear")
 TWO_CARS = 3.0  # standard deviations between two drives, beyond which they are not of one car
 TWO_CARS_SHARE = 0.2  # and the share of the value, as no model is exact
@@ -45,6 +47,7 @@ class Handling:
     noise: Noise
     free: tuple[str, ...]
     offsets: Mapping[str, tuple[float, float]]  # of the outputs: deviation, and by how much it drifts in a second
+    by_likelihood: bool = False  # whether the likeliest values are looked for, in place of passes of a filter of them
 
 
 _LATERAL = tuple(f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "peak", "shape", "curvature"))
@@ -54,20 +57,22 @@ MODELS: Mapping[str, Handling] = {
         Noise((*best.OUTPUTS, 0.005), best.START, best.DISTURBANCES),
         tuple(best_4dof.SYMBOLS),
         {
-            "longitudinal_acceleration": (0.3, 0.05),
-            "lateral_acceleration": (0.3, 0.05),
+            "longitudinal_acceleration": (0.3, 1e-3),
+            "lateral_acceleration": (0.3, 1e-3),
             "roll_rate": (0.01, 1e-3),
             "yaw_rate": (0.005, 1e-4),
         },
     ),
     "single_track": Handling(
         SingleTrack,
-        Noise((0.15, 0.005), (0.3, 0.05), {"lateral_velocity": 0.3, "yaw_rate": 0.03}),
-        ("yaw_inertia", *_LATERAL),
-        {"lateral_acceleration": (0.5, 0.1), "yaw_rate": (0.005, 1e-4)},
+        Noise((0.003, 2e-4), (0.3, 0.05, 3000.0, 3000.0), {"lateral_velocity": 0.02, "yaw_rate": 0.001}),
+        ("yaw_inertia", "relaxation_length", "roll_gradient", *_LATERAL),
+        {"lateral_acceleration": (0.5, 1e-3), "yaw_rate": (0.005, 1e-4)},
+        by_likelihood=True,
     ),
 }
-STEERING_PRIOR = (0.1, 0.01)  # of the gain [-] and the offset [rad]
+STEERING_PRIOR = (0.1, 0.01, 0.05)  # of the gain [-], the offset [rad] and the delay [s]
+WANDERING = {"steering_wander": (1e-3, 1e-3), "bank": (0.2, 0.07), "grade": (0.2, 0.05)}  # as offsets
 
 ADVICE = {
     "yaw_inertia": "steer quickly, as in a lane change or a sine of 1 Hz",
@@ -76,6 +81,8 @@ ADVICE = {
     "shape": "drive bends beyond the largest lateral force",
     "curvature": "drive bends up to the largest lateral force and beyond",
     "longitudinal_ratio": "accelerate and brake hard, straight ahead",
+    "relaxation_length": "steer quickly, slow and fast",
+    "roll_gradient": "drive long bends, on a road without bank",
     "roll": "change from left to right quickly, as in a slalom",
     "cog_height": "change from left to right quickly, and brake hard",
 }
@@ -181,25 +188,42 @@ def identify(
     found = [recorded.signals(one, vehicle) for one in recordings]
     for one_recording in found:
         check_signs(one_recording)
-    one, prior = handling_identifier(vehicle, model, free)
+    recorded_drives = recorded.drives(found, model)
+    one, prior = handling_identifier(vehicle, model, free, recorded_drives)
     whole = one.model
     assert isinstance(whole, WithSensorErrors)
     start, wanted = one.values, tuple(name for name in one.free if name not in STEERING)
-    drives = [with_offsets(drive, len(whole.offsets)) for drive in recorded.drives(found, model)]
+    drives = [whole.drive(drive) for drive in recorded_drives]
     try:
-        # What is not told must not wander from pass to pass.
-        left = information(one, drives, one.begin(), prior).left
-        one.scales = prior / best.PRIOR * np.clip(1 - left**2, 1e-3, 1.0)
-        rinsed = rinse(one, drives, Schedule(passes=PASSES), progress=part(progress, 0, 2))
-        weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
+        if MODELS[model].by_likelihood:
+            exact = Likelihood(one)
+            weighed, rinsed = exact.weigh(drives, one.begin(), one.begin(), prior, progress=part(progress, 0, 2))
+
+            together = exact.factors
+
+            def own(some: Sequence[Drive]) -> Information:
+                # With noise of their own: what tells two cars apart would else pass for noise of both.
+                exact.factors = together
+                return exact.weigh(some, weighed.values, one.begin(), prior)[0]
+
+        else:
+            # What is not told must not wander from pass to pass.
+            left = information(one, drives, one.begin(), prior).left
+            one.scales = prior / best.PRIOR * np.clip(1 - left**2, 1e-3, 1.0)
+            rinsed = rinse(one, drives, Schedule(passes=PASSES), progress=part(progress, 0, 2))
+            weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
+
+            def own(some: Sequence[Drive]) -> Information:
+                return weigh(one, some, weighed.values, one.begin(), prior)
+
     except FloatingPointError as error:
         raise InputError(
             f"the model {model} cannot follow {', '.join(d.name for d in drives)}: {error}. Are units and signs of the "
             "signals, wheel radii and mass of the vehicle file right?"
         ) from None
     refused = tuple(r for r in refusals(weighed, best_4dof.JUDGED_BY_CURVE) if r.name in wanted)
-    check_one_car(one, drives, weighed, prior)
-    products = tuple(_products(one, drives, weighed, prior))
+    check_one_car(one, drives, own)
+    products = tuple(_products(one, drives, weighed, own))
     if len(refused) == len(wanted) and not any(product.told for product in products):
         raise InputError(
             "the drives tell none of the free parameters: "
@@ -214,7 +238,7 @@ def identify(
     except ValueError as error:
         raise InputError(f"the parameters that were found make no car: {error}") from None
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
-    every = [*drives, *(with_offsets(drive, len(whole.offsets)) for drive in others)]
+    every = [*drives, *map(whole.drive, others)]
     made = replace(made, vehicle=changed, fits=fits(made, whole, every), side_slip=_side_slip(
         made, whole, [*recordings, *held_out], every))  # fmt: skip
     if progress is not None:
@@ -222,39 +246,41 @@ def identify(
     return made
 
 
-def with_offsets(drive: Drive, count: int) -> Drive:
-    """The drive for a model whose outputs have offsets, zero at the start."""
-    return replace(drive, start=np.concatenate([drive.start, np.zeros(count)]))
-
-
-def _noise(vehicle: Vehicle, model: Rates, usual: Sequence[float]) -> list[float]:
-    """Deviations of the outputs (m,): those of the vehicle's inertial sensor, if they are larger than usual."""
+def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float]:
+    """Deviations of the outputs (m,): those of the vehicle's inertial sensor, if they are larger than the least."""
     imu = next((s for s in vehicle.sensors.values() if "rates and forces" in s.tells), None)
     if imu is None:
-        return list(usual)
+        return list(least)
     rates, forces = imu.deviations()[:3], imu.deviations()[3:6]
     own = {
         "longitudinal_acceleration": forces[0], "lateral_acceleration": forces[1], "roll_rate": rates[0],
         "yaw_rate": rates[2],
     }  # fmt: skip
-    return [max(float(own[name]), least) for name, least in zip(model.outputs, usual, strict=True)]
+    return [max(float(own[name]), one) for name, one in zip(model.outputs, least, strict=True)]
 
 
-def handling_identifier(vehicle: Vehicle, model: ModelName, free: Sequence[str] = ()) -> tuple[Identifier, Array]:
+def handling_identifier(
+    vehicle: Vehicle, model: ModelName, free: Sequence[str] = (), drives: Sequence[Drive] = ()
+) -> tuple[Identifier, Array]:
     """Of a handling model with the parameters of a vehicle file, of which some are free, then the errors of its
-    sensors; and the prior deviations of all these. Raises `InputError` for a free one that the model does not have."""
+    sensors; and the prior deviations of all these. The noise of the outputs is what `drives` say of it, or the vehicle
+    file. Raises `InputError` for a free one that the model does not have."""
     how = MODELS[model]
     base = how.make()
     wanted = tuple(free) or how.free
     check_free(wanted, base.parameters, model)
     whole = WithSensorErrors(base)
     start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
-    start |= {"steering_gain": 1.0, "steering_offset": 0.0}
+    start |= {"steering_gain": 1.0, "steering_offset": 0.0, "steering_delay": 0.0}
     prior = np.array([*best.prior(start, wanted), *STEERING_PRIOR])
-    usual = _noise(vehicle, base, how.noise.outputs)
-    off, drift = zip(*how.offsets.values(), strict=True)
-    disturbances = {**how.noise.disturbances, **dict(zip(whole.offsets, drift, strict=True))}
-    noise = Noise(usual, (*how.noise.start, *off), disturbances)
+    if how.by_likelihood and drives:
+        outputs = np.maximum(np.sqrt(np.mean([np.square(drive.noise) for drive in drives], axis=0)), how.noise.outputs)
+    else:
+        outputs = np.array(_noise(vehicle, base, how.noise.outputs))
+    errors = [*how.offsets.values(), *(WANDERING[name] for name in whole.wandering)]
+    off, drift = zip(*errors, strict=True)
+    disturbances = {**how.noise.disturbances, **dict(zip(whole.errors, drift, strict=True))}
+    noise = Noise(outputs.tolist(), (*how.noise.start, *off), disturbances)
     one = Identifier(
         whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model), scales=prior / best.PRIOR,
         bounds=best_4dof.BOUNDS,
@@ -294,16 +320,11 @@ def check_signs(one: Signals) -> None:
             )
 
 
-def _own(one: Identifier, drive: Drive, weighed: Information, prior: Array) -> Information:
-    """What one drive says alone."""
-    return weigh(one, [drive], weighed.values, one.begin(), prior)
-
-
-def check_one_car(one: Identifier, drives: Sequence[Drive], weighed: Information, prior: Array) -> None:
+def check_one_car(one: Identifier, drives: Sequence[Drive], own: Weigh) -> None:
     """Raises `InputError` for drives whose cornering stiffnesses are those of two cars."""
     if len(drives) < 2:
         return
-    alone = [_own(one, drive, weighed, prior) for drive in drives]
+    alone = [own([drive]) for drive in drives]
     for axle in AXLES:
         told = [cornering_stiffness(found, axle, one.values) for found in alone]
         for i, (a, s) in enumerate(told):
@@ -327,7 +348,7 @@ def cornering_stiffness(found: Information, axle: str, start: Mapping[str, float
     return known[names[0]] * known[names[1]], found.deviation_of(gradient)
 
 
-def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, prior: Array) -> list[Product]:
+def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, own: Weigh) -> list[Product]:
     axles = [axle for axle in AXLES if {f"{axle}_stiffness", f"{axle}_peak"} & set(one.free)]
     if not axles:
         return []
@@ -339,7 +360,7 @@ def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, pr
         if isinstance(getattr(one.model, "model", None), Best4Dof):
             begun[0] = float(np.mean(drive.inputs[middle, 1:5])) * one.values["wheel_radius"]
         halves[1].append(drive.part(middle, len(drive.inputs), begun))
-    said = [weigh(one, half, weighed.values, one.begin(), prior) for half in halves]
+    said = [own(half) for half in halves]
     made = []
     for axle in axles:
         value, deviation = cornering_stiffness(weighed, axle, one.values)

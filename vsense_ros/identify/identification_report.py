@@ -27,7 +27,8 @@ from vsense_ros.model.handling.best_4dof import PAPER, REACH, Best4Dof
 
 UNITS = {
     "height": "m", "inertia": "kg m²", "roll_stiffness": "N m/rad", "roll_damping": "N m s/rad", "stiffness": "N/rad",
-    "offset": "rad", "weight": "N", "wheelbase": "m", "half_track": "m", "radius": "m", "lag": "s",
+    "offset": "rad", "delay": "s", "length": "m", "gradient": "rad s²/m",
+    "weight": "N", "wheelbase": "m", "half_track": "m", "radius": "m", "lag": "s",
 }  # fmt: skip
 _STEP = 1e-4  # of a prior deviation, for slopes of curves
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense_ros.estimation.filter import Array, Gaussian
+from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.observability import Direction
 from vsense_ros.identify.rinsing import Drive, Identifier
 
@@ -27,13 +27,18 @@ CORRELATED = 0.9  # correlation from which on two parameters are named together
 
 @dataclass(frozen=True)
 class Information:
-    """Of the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D (p, p)."""
+    """Of the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D (p, p).
+
+    Where the slopes of the log-likelihood of the pieces of the drives are known, `pieces` (c, p), scaled likewise,
+    deviations are those of an estimate by a model that is not right, if they are larger (White 1982).
+    """
 
     names: tuple[str, ...]
     values: Array
     prior: Array
     scaled: Array
     disagreement: float = 1.0  # of the pieces of the drive, by which the information was divided
+    pieces: Array | None = None
 
     @property
     def covariance(self) -> Array:
@@ -44,7 +49,7 @@ class Information:
     @property
     def deviations(self) -> Array:
         """Standard deviations (p,), prior and drive together."""
-        return np.sqrt(self.covariance.diagonal())
+        return np.array([self.deviation_of(direction) for direction in np.eye(len(self.names))])
 
     @property
     def left(self) -> Array:
@@ -54,7 +59,7 @@ class Information:
     @property
     def correlation(self) -> Array:
         """(p, p)"""
-        deviations = self.deviations
+        deviations = np.sqrt(self.covariance.diagonal())
         return np.asarray(self.covariance / np.outer(deviations, deviations))
 
     @property
@@ -65,7 +70,14 @@ class Information:
 
     def deviation_of(self, gradient: Array) -> float:
         """Standard deviation of a function of the parameters with this gradient (p,)."""
-        return float(np.sqrt(gradient @ self.covariance @ gradient))
+        right = float(np.sqrt(gradient @ self.covariance @ gradient))
+        if self.pieces is None:
+            return right
+        # Not of all parameters at once: there are hardly more pieces than these.
+        inverse = np.linalg.inv(self.scaled * self.disagreement + np.eye(len(self.names)))
+        by_prior = inverse @ (self.prior * gradient)
+        influence = self.pieces @ by_prior
+        return max(right, float(np.sqrt(len(influence) * influence.var(ddof=1) + by_prior @ by_prior)))
 
     @property
     def amplification(self) -> Array:
@@ -90,7 +102,10 @@ class Information:
         """The same if one parameter were known, and is as it is."""
         stay = [i for i, one in enumerate(self.names) if one != name]
         square = np.ix_(stay, stay)
-        return Information(tuple(self.names[i] for i in stay), self.values[stay], self.prior[stay], self.scaled[square])
+        return Information(
+            tuple(self.names[i] for i in stay), self.values[stay], self.prior[stay], self.scaled[square],
+            self.disagreement, None if self.pieces is None else self.pieces[:, stay],
+        )  # fmt: skip
 
     def pairs(self) -> list[tuple[str, str, float]]:
         """Parameters that the drive can hardly tell apart, with their correlation, the closest first."""
@@ -143,19 +158,21 @@ def _told(identifier: Identifier, drives: Sequence[Drive], values: Array, prior:
     scaled = precision - np.eye(len(prior))
     scaled = 0.5 * (scaled + scaled.T) / _SHARE**2
     score = precision @ ((belief.mean - values) / deviations) / _SHARE
-    disagreement = _disagreement(made.beliefs, values, prior, scaled)
-    return Information(identifier.free, values, prior, scaled / disagreement, disagreement), score / disagreement
+    vectors = [
+        np.linalg.solve(one.covariance / np.outer(prior, prior), (one.mean - values) / prior) for one in made.beliefs
+    ]
+    apart = disagreement(np.diff(vectors, axis=0), scaled)
+    return Information(identifier.free, values, prior, scaled / apart, apart), score / apart
 
 
-def _disagreement(beliefs: Sequence[Gaussian], values: Array, prior: Array, scaled: Array) -> float:
+def disagreement(added: Array, scaled: Array) -> float:
     """Variance of what the pieces of a drive say of the parameters, over what the filter takes it for: 1 if all of its
     noise is right, more if the model errs otherwise in one piece than in another.
 
-    The information form of a belief, P⁻¹ (m - θ), is a sum of what each piece adds, whose covariance is the information
-    of the piece (White 1982, of estimates by a model that is not right).
+    `added` (c, p) are the slopes of the log-likelihood of each piece, whose covariance is the information of the piece;
+    of a filter with a belief N(m, P), what the piece adds to P⁻¹ (m - θ) (White 1982, of estimates by a model that is
+    not right).
     """
-    vectors = [np.linalg.solve(one.covariance / np.outer(prior, prior), (one.mean - values) / prior) for one in beliefs]
-    added = np.diff(vectors, axis=0)
     eigenvalues, directions = np.linalg.eigh(scaled)
     told = eigenvalues > 1.0
     if not told.any():

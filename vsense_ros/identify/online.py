@@ -134,7 +134,7 @@ class OnlineIdentification:
         mean = np.zeros(n)
         yaw_rate = self._values["rates and forces"][2]
         mean[0], mean[2] = self._speed, yaw_rate if np.isfinite(yaw_rate) else 0.0
-        self._filter.inputs[:] = inputs
+        self._filter.inputs[:5], self._filter.inputs[5] = inputs, 0.0
         now = np.nan_to_num(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
         self._delays[0], self._delays[1] = now * (1 - self._b[0]), now * (self._b[2] - self._a[2])
         self._filter.start(Gaussian(np.concatenate([mean, self._belief.mean]), spread))
@@ -143,7 +143,8 @@ class OnlineIdentification:
     def _step(self, inputs: Array) -> None:
         """One step; where it leads to nowhere, the parameters are again what they were when the drive began."""
         smooth = self._low_passed(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
-        self._filter.inputs[:] = smooth[:5]
+        self._filter.inputs[5] = (smooth[0] - self._filter.inputs[0]) / STEP  # rate of the steering
+        self._filter.inputs[:5] = smooth[:5]
         try:
             self._since += 1
             if self._new and self._since >= _EVERY:

@@ -159,14 +159,16 @@ def drives(found: Sequence[Signals], model: str) -> list[Drive]:
             )
         _refuse_spin(one, stretch)
         cut_off = cut_off_of(one, stretch)
-        inputs, outputs = (low_passed(values[stretch], STEP, cut_off) for values in (inputs, outputs))
-        start = np.zeros(13 if model == "best" else 2)
+        inputs, raw = inputs[stretch], outputs[stretch]
+        inputs, outputs = (low_passed(values, STEP, cut_off) for values in (inputs, raw))
+        start = np.zeros(13 if model == "best" else 4)
         if model == "best":
             start[0], start[2] = one.speed[stretch.start], _mean(one.rates[stretch.start : stretch.start + 20, 2])
         else:
             start[1] = outputs[0, 1]
         begin, every = float(one.t[stretch.start]), independent(STEP, cut_off)
-        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), begin, every))
+        noise = left_by(cut_off, raw - outputs)
+        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise)))
     return made
 
 
@@ -178,6 +180,13 @@ def _need(value: Array | None, name: str, what: str) -> Array:
     if value is None:
         raise InputError(f"{name}: this model needs {what}; use --model single_track, which needs a speed alone")
     return value
+
+
+def left_by(cut_off: float, taken_away: Array) -> Array:
+    """Standard deviations (m,) of the noise that a low-pass with a cut-off [Hz] leaves in columns of which it took
+    (N, m) away: of white noise the share of the band that it lets through."""
+    nyquist = 0.5 / STEP
+    return np.asarray(taken_away.std(axis=0) * np.sqrt(cut_off / (nyquist - cut_off)))
 
 
 def cut_off_of(one: Signals, stretch: slice) -> float:

@@ -51,6 +51,7 @@ class Drive:
     start: Array
     begin: float = 0.0  # of the first sample, since the recording began [s]
     every: int = 1
+    noise: tuple[float, ...] = ()  # standard deviations of the outputs (m,), where the recording tells them
 
     @property
     def seconds(self) -> Array:

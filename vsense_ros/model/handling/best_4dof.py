@@ -50,7 +50,8 @@ SYMBOLS = {
 # Between which the parameters of a car can be.
 BOUNDS = {
     "cog_height": (0.2, 2.0), "yaw_inertia": (300.0, 2e4), "roll_stiffness": (2e4, 1e6), "roll_damping": (500.0, 1e5),
-    "roll_inertia": (100.0, 5e3), "front_roll_centre_height": (-0.6, 0.6), "rear_roll_centre_height": (-0.6, 0.6),
+    "roll_inertia": (100.0, 5e3), "relaxation_length": (0.15, 3.0), "roll_gradient": (0.0, 0.03),
+    "front_roll_centre_height": (-0.6, 0.6), "rear_roll_centre_height": (-0.6, 0.6),
     **{f"{axle}_{name}": ends for axle in ("front", "rear") for name, ends in {
         "stiffness": (1e4, 5e5), "longitudinal_ratio": (0.1, 20.0), "shape": (0.8, 3.0), "peak": (0.2, 3.0),
         "curvature": (-20.0, 1.0),
