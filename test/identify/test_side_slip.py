@@ -12,6 +12,7 @@ from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import side_slip
 from vsense_ros.identify.free_parameter import FreeParameter, added, multiplied, with_offsets
+from vsense_ros.identify.identification import identify
 from vsense_ros.identify.least_squares import DivergedError, cost
 from vsense_ros.identify.parameter_set import of_vehicle, with_values
 from vsense_ros.identify.side_slip import SideSlipResiduals, fit_side_slip, side_slip_error
@@ -51,6 +52,15 @@ def test_the_mounting_of_the_reference_is_found(car: Vehicle, drive: Recording):
     assert there.yaw - here.yaw == pytest.approx(0.02, abs=2e-4)
     assert mounted.after == pytest.approx(at_cog.after, rel=0.02)
     assert mounted.after[0] < 0.5 * mounted.before[0]
+
+
+@pytest.mark.slow
+def test_a_car_that_is_identified_without_side_slip_says_where_the_reference_sits(car: Vehicle, drive: Recording):
+    at_cog, mounted = (identify([_mounted(drive, *m)], car, "single_track") for m in ((0.0, 0.0), (0.7, 0.02)))
+    here, there = (found.vehicle.reference for found in (at_cog, mounted))
+    assert there.position[0] - here.position[0] == pytest.approx(0.7, abs=0.05)
+    assert there.yaw - here.yaw == pytest.approx(0.02, abs=1e-3)  # in small angles
+    assert mounted.side_slip == pytest.approx(at_cog.side_slip, abs=5e-4)
 
 
 @pytest.mark.slow

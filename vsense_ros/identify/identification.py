@@ -28,7 +28,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import Best4Dof
 from vsense_ros.model.handling.single_track import SingleTrack
-from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.vehicle import Reference, Vehicle
 
 ModelName = Literal["best", "single_track"]
 Weigh = Callable[[Sequence[Drive]], Information]  # what some drives say alone
@@ -239,8 +239,8 @@ def identify(
         raise InputError(f"the parameters that were found make no car: {error}") from None
     others = recorded.drives([recorded.signals(r, vehicle) for r in held_out], model)
     every = [*drives, *map(whole.drive, others)]
-    made = replace(made, vehicle=changed, fits=fits(made, whole, every), side_slip=_side_slip(
-        made, whole, [*recordings, *held_out], every))  # fmt: skip
+    made = replace(made, vehicle=changed, fits=fits(made, whole, every))
+    made = _with_side_slip(made, whole, [*recordings, *held_out], every)
     if progress is not None:
         progress(1.0)
     return made
@@ -405,13 +405,13 @@ def fits(
     return found
 
 
-def _side_slip(
+def _with_side_slip(
     made: Identification, model: WithSensorErrors, recordings: Sequence[Recording], drives: Sequence[Drive]
-) -> dict[str, float]:
-    """RMSE of the side slip of the model alone [rad], of recordings with a reference.
+) -> Identification:
+    """With the RMSE of the side slip of the model alone [rad], of recordings with a reference, and where that sits.
 
-    Where the reference sits along the car and how it is turned is found by least squares on those that were fitted to:
-    its side slip is that of the centre of gravity, plus the place times yaw rate over speed, plus the turn.
+    Its place along the car and how it is turned are found by least squares on those that were fitted to: its side slip
+    is that of the centre of gravity, plus the place times yaw rate over speed, less the turn.
     """
     parts = {}
     for recording, drive in zip(recordings, drives, strict=True):
@@ -419,13 +419,15 @@ def _side_slip(
             parts[drive.name] = _slip_error(made, model, recording, drive)
     fitted = [parts[drive.name] for drive in made.drives if drive.name in parts]
     if not fitted:
-        return {}
+        return made
     columns = np.concatenate([np.column_stack([turning, np.ones(len(turning))]) for _, turning in fitted])
     mounting = np.linalg.lstsq(columns, np.concatenate([error for error, _ in fitted]), rcond=None)[0]
-    return {
+    found = {
         name: float(np.sqrt(np.mean((error - turning * mounting[0] - mounting[1]) ** 2)))
         for name, (error, turning) in parts.items()
-    }  # fmt: skip
+    }
+    reference = Reference(position=(float(mounting[0]), 0.0, 0.0), yaw=-float(mounting[1]))
+    return replace(made, side_slip=found, vehicle=made.vehicle.model_copy(update={"reference": reference}))
 
 
 def _slip_error(
