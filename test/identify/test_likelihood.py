@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from vsense_ros.estimation.state_space import Named
@@ -209,7 +208,6 @@ def test_a_linear_car_in_a_steady_bend_has_the_yaw_gain_of_the_textbook() -> Non
     jacobian = np.column_stack([(rates(1e-6 * scale * e) - rates(-1e-6 * scale * e)) / 2e-6 for e in np.eye(4)])
     states = scale * np.linalg.solve(jacobian, -rates(states))
     assert np.all(np.linalg.eigvals(jacobian / scale[:, None]).real < 0)
-    assert np.abs(expm(jacobian / scale[:, None])).max() < 10
     gradient = (CAR["front_weight"] / stiffness["front"] - CAR["rear_weight"] / stiffness["rear"]) / GRAVITY
     assert states[1] / steering == pytest.approx(v / (CAR["wheelbase"] + gradient * v**2), rel=0.01)
 
@@ -245,7 +243,7 @@ def test_a_car_whose_steering_comes_late_is_identified_with_its_delay(delay: flo
     vehicle = load_vehicle(vehicle_path("jaguar_saloon"))
     drive = driven(60.0, 1, delay)
     one, prior = handling_identifier(vehicle, "single_track", (), [drive])
-    one.values.update({name: value for name, value in CAR.items() if "_weight" in name or name in ("wheelbase",)})
+    one.values.update({name: CAR[name] for name in ("front_weight", "rear_weight", "wheelbase")})
     whole = one.model
     assert isinstance(whole, WithSensorErrors)
     found, _ = Likelihood(one).weigh([whole.drive(drive)], one.begin(), one.begin(), prior)

@@ -28,7 +28,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import Best4Dof
 from vsense_ros.model.handling.single_track import SingleTrack
-from vsense_ros.model.vehicle import Reference, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 ModelName = Literal["best", "single_track"]
 Weigh = Callable[[Sequence[Drive]], Information]  # what some drives say alone
@@ -198,7 +198,6 @@ def identify(
         if MODELS[model].by_likelihood:
             exact = Likelihood(one)
             weighed, rinsed = exact.weigh(drives, one.begin(), one.begin(), prior, progress=part(progress, 0, 2))
-
             together = exact.factors
 
             def own(some: Sequence[Drive]) -> Information:
@@ -426,7 +425,9 @@ def _with_side_slip(
         name: float(np.sqrt(np.mean((error - turning * mounting[0] - mounting[1]) ** 2)))
         for name, (error, turning) in parts.items()
     }
-    reference = Reference(position=(float(mounting[0]), 0.0, 0.0), yaw=-float(mounting[1]))
+    known = made.vehicle.reference
+    place = (float(mounting[0]), *known.position[1:])
+    reference = known.model_copy(update={"position": place, "yaw": -float(mounting[1])})
     return replace(made, side_slip=found, vehicle=made.vehicle.model_copy(update={"reference": reference}))
 
 
