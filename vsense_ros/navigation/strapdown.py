@@ -5,7 +5,7 @@
 GNSS velocity and position are those of the antenna, whose lever arm is estimated too, and of a time that is off by
 `delay`: v(t - d) = v - d v̇, where v̇ is what turning does to v, which a gyro tells better than the accelerometers. A
 wheel neither leaves the road nor slides: in the axes of the car v_z = 0 and, at the rear axle, v_y = 0, each with a
-standard deviation (non-holonomic). A car that stands has no velocity and no rate.
+standard deviation (non-holonomic). Rear wheels tell the speed, by a radius that is learnt. A car that stands has no velocity and no rate.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Strapdown(NavigationSpace):
 
     names = (
         "q_w", "q_x", "q_y", "q_z", "velocity_east", "velocity_north", "velocity_up", "east", "north", "up",
-        *_named("gyro_bias"), *_named("acceleration_bias"), *_named("lever"), "delay",
+        *_named("gyro_bias"), *_named("acceleration_bias"), *_named("lever"), "delay", "rolling_radius",
     )  # fmt: skip
     errors = (*_named("turn"), *names[4:])
     inputs = (
@@ -48,7 +48,7 @@ class Strapdown(NavigationSpace):
         "turn_x": 0.05, "turn_y": 0.05, "turn_z": 0.05, **dict.fromkeys(names[4:7], 0.3),
         **dict.fromkeys(names[7:10], 10.0),
         **dict.fromkeys(_named("gyro_bias"), 0.02), **dict.fromkeys(_named("acceleration_bias"), 0.3),
-        **dict.fromkeys(_named("lever"), 0.3), "delay": 0.05,
+        **dict.fromkeys(_named("lever"), 0.3), "delay": 0.05, "rolling_radius": 0.01,
     }  # fmt: skip
 
     def rates(self, x: Named, u: Named) -> ca.SX:
@@ -69,7 +69,7 @@ class Strapdown(NavigationSpace):
         rate, force = theta.gyro_noise, theta.acceleration_noise
         rates = dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), rate)
         forces = dict.fromkeys(("acceleration_x", "acceleration_y", "acceleration_z"), force)
-        walk = (*[1e-5] * 3, *[1e-3] * 3, *[1e-5] * 3, 1e-6)
+        walk = (*[1e-5] * 3, *[1e-3] * 3, *[1e-5] * 3, 1e-6, 1e-5)
         return self.sampled(x, u, theta, h, **rates, **forces) + drifting(h, *[1e-6] * 9, *walk)
 
     def auxiliary(self, x: Named, u: Named, theta: Named) -> Any:
@@ -91,7 +91,7 @@ class Strapdown(NavigationSpace):
     def begin(self, seen: Seen) -> Mapping[str, float]:
         """Level, in the direction of travel."""
         half = seen.get("yaw", 0.0) / 2
-        known = {name: seen[name] for name in ("velocity_east", "velocity_north", "east", "north") if name in seen}
+        known = {name: seen[name] for name in ("velocity_east", "velocity_north", "east", "north", "rolling_radius") if name in seen}
         return {"q_w": cos(half), "q_z": sin(half), **known}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
@@ -129,9 +129,11 @@ VELOCITY = Measurement("gnss_velocity", lambda x, z, u, p: [z.antenna_x, z.anten
 POSITION = Measurement("gnss_position", lambda x, z, u, p: [z.on_map_x, z.on_map_y], (1.0, 1.0))
 HEADING = Measurement("heading", _heading, (0.01,), angles=(0,))
 NON_HOLONOMIC = Measurement("non_holonomic", _sliding, SLIDING)
+# The mean of both wheels, whose slip is of the size of some thousandths.
+SPIN = Measurement("rear_spin", lambda x, z, u, p: z.in_car_x / x.rolling_radius, (0.3,))
 STANDSTILL = Measurement("standstill", lambda x, z, u, p: x.vector[_V], STANDING_NOISE, when=_stands)
 NO_TURNING = Measurement(
     "no_turning", lambda x, z, u, p: u.vector[0:3] - x.vector[_G], (0.005, 0.005, 0.005), when=_stands
 )
 
-STRAPDOWN = Definition.of(Strapdown(), VELOCITY, POSITION, HEADING, NON_HOLONOMIC, STANDSTILL, NO_TURNING)
+STRAPDOWN = Definition.of(Strapdown(), VELOCITY, POSITION, HEADING, NON_HOLONOMIC, SPIN, STANDSTILL, NO_TURNING)
