@@ -19,7 +19,9 @@ from vsense_ros.experiments import leung_observers
 from vsense_ros.experiments.leung_drives import (
     KEPT,
     LEVEL,
+    SCALE_KNOWN,
     SETTLED,
+    SLIP_KNOWN,
     STEP,
     TYRES_KNOWN,
     Case,
@@ -62,7 +64,10 @@ def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
 def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
     """What a filter makes of the readings of a case, at each tenth of them, whose places (n,) come with it."""
     sensors = sensors_of(case.errors)
-    known = {"road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN}
+    known = {
+        "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
+        "slip_error": SLIP_KNOWN,
+    }  # fmt: skip
     numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
     filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)
     readout = Readout(filter)

@@ -2,12 +2,16 @@
 that the car measures; no gates for straight lines (beyond Leung 2010; Best et al. 2000 for the stiffness states).
 
     v̇_x = a_x - b_x + r v_y
-    v̇_y = (F_f cos δ + F_r) / m - r v_x - g sin φ_road,  ṙ = (a F_f cos δ - b F_r) / J,  ψ̇ = r
+    v̇_y = (F_f cos δ + F_r) / m - r v_x - g sin φ_road,  ṙ = (a F_f cos δ - b F_r) / J,  ψ̇ = r,  r_m = (1 + k_r) r + b_r
+    F = μ F_z f(k C (α + e) / (μ F_z))   a brush tyre with a parabolic pressure (Pacejka 2012, section 3.2.1)
     φ̇ = p,  ṗ = ω² (κ (F_f cos δ + F_r) / (m g) - φ) - 2 ζ ω p
-    F = μ F_z f(k C α / (μ F_z))   a brush tyre with a parabolic pressure (Pacejka 2012, section 3.2.1)
 
 Where the body rolls, its centre of gravity moves aside of the wheels: they slip by v_y + h p, not by v_y. At the speed
 at which a car's side slip changes its sign that is a fifth of all of it.
+
+No tyre is a brush: e is what the slip angle of an axle would have to be off by, for about a second, for the force to be
+right. It is larger towards their limit, and without it what is stated of side slip on a
+real car is a quarter of its error. A gyro has a scale, k_r, and leans with the road.
 
 ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
@@ -19,15 +23,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
+from vsense_ros.navigation.inertial import LINEAR
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
 STIFFNESS_DRIFT = 0.2  # of ln k after one second at a slip angle of `FULL_SLIP`, over its deviation at start
 FULL_SLIP = 0.05  # [rad]
 FORCE_NOISE, MOMENT_NOISE = 0.006, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
 ROLL_NOISE = 0.002  # [rad/s²/√Hz] likewise, about the roll axis
+LEANING = 0.01  # [1/√s] of heading over the road's bank, by a gyro whose axis leans with it
+SLIP_ERROR_TIME = 1.0  # [s]
 _KNOWN = "stiffness_deviation"
 _SLIDES = 3.0  # normalized slip from which a brush tyre slides
 
@@ -38,19 +46,20 @@ class Integrated(NavigationSpace):
     names = (
         "forward_velocity", "lateral_velocity", "yaw_rate", "yaw", "gyro_bias", "steering_bias",
         "acceleration_bias_x", "acceleration_bias_y", "front_ln_stiffness", "rear_ln_stiffness", "rolling_radius",
-        "bank", "roll", "roll_rate",
+        "bank", "roll", "roll_rate", "gyro_scale", "front_slip_error", "rear_slip_error",
     )  # fmt: skip
     inputs = ("acceleration_x", "steer_angle")
     parameters = (
         *single_track.PARAMETERS, "friction", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", _KNOWN,
-        "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y", "road_bank", "road_bank_time",
+        "slip_error", "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y",
+        "road_bank", "road_bank_time",
     )  # fmt: skip
     auxiliaries = ("lateral_force",)
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
         "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
         "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05, "roll": 0.01,
-        "roll_rate": 0.05,
+        "roll_rate": 0.05, "gyro_scale": 0.01, "front_slip_error": 0.0015, "rear_slip_error": 0.0015,
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
@@ -58,7 +67,8 @@ class Integrated(NavigationSpace):
         speed = single_track.speed_of_model(x.forward_velocity)
         across = x.lateral_velocity + theta.roll_arm * x.roll_rate
         front = u.steer_angle - x.steering_bias - (across + theta.to_front * x.yaw_rate) / speed
-        return front, (theta.to_rear * x.yaw_rate - across) / speed
+        rear = (theta.to_rear * x.yaw_rate - across) / speed
+        return front + x.front_slip_error, rear + x.rear_slip_error
 
     def axle_forces(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
         """Across the car [N]."""
@@ -87,23 +97,30 @@ class Integrated(NavigationSpace):
         levelling = theta.roll_gain * felt / theta.gravity - x.roll
         rolling = theta.roll_frequency**2 * levelling - 2 * theta.roll_damping * theta.roll_frequency * x.roll_rate
         bank = -x.bank / theta.road_bank_time
-        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling)
+        fading = -x.vector[-2:] / SLIP_ERROR_TIME
+        rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling, 0.0, fading)
         return single_track.second_order(x.vector, rate, h)
 
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
         drift = STIFFNESS_DRIFT * theta.stiffness_deviation
         seen = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
-        drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, 0.0, 1e-5, 1e-5, 1e-4, 1e-4]
+        drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
+        sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
+        strays = [theta.slip_error * sliding * np.sqrt(2 / SLIP_ERROR_TIME)] * 2
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
-        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE) ** 2) * h
-        return felt + walk + drifting(h, *[1e-6] * 14)
+        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, *strays) ** 2) * h
+        return felt + walk + drifting(h, *[1e-6] * 17)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
         return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
 
     def uncertain(self, name: str, seen: Seen) -> float:
-        known = {"bank": "road_bank", "front_ln_stiffness": _KNOWN, "rear_ln_stiffness": _KNOWN}
+        known = {
+            "bank": "road_bank", "gyro_scale": "gyro_scale_deviation",
+            "front_ln_stiffness": _KNOWN, "rear_ln_stiffness": _KNOWN,
+            "front_slip_error": "slip_error", "rear_slip_error": "slip_error",
+        }  # fmt: skip
         return seen[known[name]] if name in known else super().uncertain(name, seen)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
@@ -129,7 +146,7 @@ def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
     return x.forward_velocity / x.rolling_radius
 
 
-GYRO = Measurement("gyro", lambda x, z, u, p: x.yaw_rate + x.gyro_bias, (0.003,))
+GYRO = Measurement("gyro", lambda x, z, u, p: (1 + x.gyro_scale) * x.yaw_rate + x.gyro_bias, (0.003,))
 LATERAL_FORCE = Measurement(
     "lateral_force",
     lambda x, z, u, p: z.lateral_force + p.gravity * ca.sin(x.roll) + x.acceleration_bias_y,

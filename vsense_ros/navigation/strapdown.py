@@ -5,7 +5,8 @@
 GNSS velocity and position are those of the antenna, whose lever arm is estimated too, and of a time that is off by
 `delay`: v(t - d) = v - d v̇, where v̇ is what turning does to v, which a gyro tells better than the accelerometers. A
 wheel neither leaves the road nor slides: in the axes of the car v_z = 0 and, at the rear axle, v_y = 0, each with a
-standard deviation (non-holonomic). Rear wheels tell the speed, by a radius that is learnt. A car that stands has no velocity and no rate.
+standard deviation (non-holonomic). The rear wheels tell v_x, by a radius that is learnt; without GNSS that keeps the
+position. A car that stands has no velocity and no rate.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class Strapdown(NavigationSpace):
     def begin(self, seen: Seen) -> Mapping[str, float]:
         """Level, in the direction of travel."""
         half = seen.get("yaw", 0.0) / 2
-        known = {name: seen[name] for name in ("velocity_east", "velocity_north", "east", "north", "rolling_radius") if name in seen}
+        names = ("velocity_east", "velocity_north", "east", "north", "rolling_radius")
+        known = {name: seen[name] for name in names if name in seen}
         return {"q_w": cos(half), "q_z": sin(half), **known}
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
