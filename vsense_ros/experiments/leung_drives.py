@@ -41,7 +41,8 @@ LEVEL = (
 # `car_numbers` says of a car from its file, and costs `integrated` most where side slip is small.
 TYRES_KNOWN = 0.02
 SCALE_KNOWN = 1e-5  # the gyro of appendix B has noise and a bias, no error of scale, which filters are told
-SLIP_KNOWN = 5e-5  # [rad] likewise: the plant's links do not yield
+# Likewise: the plant's links do not yield [rad], and its road does not shake it [m/s²/√Hz].
+SLIP_KNOWN, SHAKING_KNOWN = 5e-5, 1e-4
 SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not tell its window
 _DEGREE = np.pi / 180
 

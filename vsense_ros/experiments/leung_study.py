@@ -21,6 +21,7 @@ from vsense_ros.experiments.leung_drives import (
     LEVEL,
     SCALE_KNOWN,
     SETTLED,
+    SHAKING_KNOWN,
     SLIP_KNOWN,
     STEP,
     TYRES_KNOWN,
@@ -66,7 +67,7 @@ def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions
     sensors = sensors_of(case.errors)
     known = {
         "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
-        "slip_error": SLIP_KNOWN,
+        "slip_error": SLIP_KNOWN, "shaking_noise": SHAKING_KNOWN,
     }  # fmt: skip
     numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
     filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)

@@ -14,6 +14,7 @@ from vsense_ros.model.vehicle import Vehicle
 STRAIGHT = float(np.radians(1.0))  # [rad/s] of yaw rate below which Leung 2010 (4.2.1) calls a drive straight
 TYPICAL_SPEED = 15.0  # [m/s] at which a road that changes along the way changes in time
 SLIP_ERROR = 0.0015  # [rad] by which a brush errs as an axle: tyres have another curve, links yield
+SHAKING_NOISE = 0.1  # [m/s²/√Hz] of a body that shakes on its springs, in an accelerometer across
 GYRO_SCALE_DEVIATION = 0.01  # share by which a gyro of silicon may tell too much or too little
 STIFFNESS_DEVIATION = 0.15  # share by which a car's tyres may be softer or stiffer than its file says
 SAMPLE_TIME = 0.01  # [s] for which filters hold an inertial reading (Leung 2010, table B.1)
@@ -36,6 +37,7 @@ def car_numbers(vehicle: Vehicle, sensors: Iterable[SensorBase]) -> dict[str, fl
         "friction": vehicle.physics.road.friction,
         "stiffness_deviation": STIFFNESS_DEVIATION,
         "slip_error": SLIP_ERROR,
+        "shaking_noise": SHAKING_NOISE,
         "gyro_scale_deviation": GYRO_SCALE_DEVIATION,
         **roll_numbers(vehicle),
         "rolling_radius": rear.unloaded_radius * LOADED,

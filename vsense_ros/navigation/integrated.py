@@ -11,7 +11,8 @@ at which a car's side slip changes its sign that is a fifth of all of it.
 
 No tyre is a brush: e is what the slip angle of an axle would have to be off by, for about a second, for the force to be
 right. It is larger towards their limit, and without it what is stated of side slip on a
-real car is a quarter of its error. A gyro has a scale, k_r, and leans with the road.
+real car is a quarter of its error. A gyro has a scale, k_r, and leans with the road. An accelerometer feels a body that
+shakes on its springs: taken at its word a hundred times a second, it tells side slip wrong and for certain.
 
 ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
@@ -35,7 +36,7 @@ FULL_SLIP = 0.05  # [rad]
 FORCE_NOISE, MOMENT_NOISE = 0.006, 0.03  # [m/s²/√Hz], [rad/s²/√Hz] that the model lacks
 ROLL_NOISE = 0.002  # [rad/s²/√Hz] likewise, about the roll axis
 LEANING = 0.01  # [1/√s] of heading over the road's bank, by a gyro whose axis leans with it
-SLIP_ERROR_TIME = 1.0  # [s]
+SLIP_ERROR_TIME, SHAKING_TIME = 1.0, 0.03  # [s]
 _KNOWN = "stiffness_deviation"
 _SLIDES = 3.0  # normalized slip from which a brush tyre slides
 
@@ -46,12 +47,12 @@ class Integrated(NavigationSpace):
     names = (
         "forward_velocity", "lateral_velocity", "yaw_rate", "yaw", "gyro_bias", "steering_bias",
         "acceleration_bias_x", "acceleration_bias_y", "front_ln_stiffness", "rear_ln_stiffness", "rolling_radius",
-        "bank", "roll", "roll_rate", "gyro_scale", "front_slip_error", "rear_slip_error",
+        "bank", "roll", "roll_rate", "gyro_scale", "front_slip_error", "rear_slip_error", "shaking",
     )  # fmt: skip
     inputs = ("acceleration_x", "steer_angle")
     parameters = (
         *single_track.PARAMETERS, "friction", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", _KNOWN,
-        "slip_error", "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y",
+        "slip_error", "shaking_noise", "gravity", "acceleration_noise", "sample_time", "antenna_x", "antenna_y",
         "road_bank", "road_bank_time",
     )  # fmt: skip
     auxiliaries = ("lateral_force",)
@@ -59,7 +60,7 @@ class Integrated(NavigationSpace):
         "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
         "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
         "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05, "roll": 0.01,
-        "roll_rate": 0.05, "gyro_scale": 0.01, "front_slip_error": 0.0015, "rear_slip_error": 0.0015,
+        "roll_rate": 0.05, "gyro_scale": 0.01, "front_slip_error": 0.0015, "rear_slip_error": 0.0015, "shaking": 0.1,
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
@@ -97,7 +98,7 @@ class Integrated(NavigationSpace):
         levelling = theta.roll_gain * felt / theta.gravity - x.roll
         rolling = theta.roll_frequency**2 * levelling - 2 * theta.roll_damping * theta.roll_frequency * x.roll_rate
         bank = -x.bank / theta.road_bank_time
-        fading = -x.vector[-2:] / SLIP_ERROR_TIME
+        fading = -x.vector[-3:] / ca.DM([SLIP_ERROR_TIME, SLIP_ERROR_TIME, SHAKING_TIME])
         rate = ca.vertcat(along, across, turning, x.yaw_rate, still, bank, x.roll_rate, rolling, 0.0, fading)
         return single_track.second_order(x.vector, rate, h)
 
@@ -109,8 +110,9 @@ class Integrated(NavigationSpace):
         sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
         strays = [theta.slip_error * sliding * np.sqrt(2 / SLIP_ERROR_TIME)] * 2
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
-        walk = ca.diag(ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, *strays) ** 2) * h
-        return felt + walk + drifting(h, *[1e-6] * 17)
+        shaking = theta.shaking_noise / SHAKING_TIME
+        walk = ca.vertcat(*drifts, *seen, 1e-5, bank, 0.0, ROLL_NOISE, 0.0, *strays, shaking)
+        return felt + ca.diag(walk**2) * h + drifting(h, *[1e-6] * 18)
 
     def begin(self, seen: Seen) -> Mapping[str, float]:
         return {n: seen[n] for n in ("forward_velocity", "yaw", "yaw_rate", "rolling_radius") if n in seen}
@@ -149,7 +151,7 @@ def _spin(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
 GYRO = Measurement("gyro", lambda x, z, u, p: (1 + x.gyro_scale) * x.yaw_rate + x.gyro_bias, (0.003,))
 LATERAL_FORCE = Measurement(
     "lateral_force",
-    lambda x, z, u, p: z.lateral_force + p.gravity * ca.sin(x.roll) + x.acceleration_bias_y,
+    lambda x, z, u, p: z.lateral_force + p.gravity * ca.sin(x.roll) + x.acceleration_bias_y + x.shaking,
     (0.5,),
 )
 VELOCITY = Measurement("gnss_velocity", _velocity, (0.1, 0.1))
