@@ -105,8 +105,8 @@ class Integrated(NavigationSpace):
     def noise(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
         felt = self.sampled(x, u, theta, h, acceleration_x=theta.acceleration_noise)
         drift = STIFFNESS_DRIFT * theta.stiffness_deviation
-        seen = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
-        drifts = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
+        seen: list[Any] = [drift * ca.fmin(ca.fabs(slip) / FULL_SLIP, 1.0) for slip in self.slip_angles(x, u, theta)]
+        drifts: list[Any] = [0.0, FORCE_NOISE, MOMENT_NOISE, LEANING * theta.road_bank, 1e-5, 1e-5, 1e-4, 1e-4]
         sliding = 1 + (self.auxiliary(x, u, theta)[0] / LINEAR) ** 2
         strays = [theta.slip_error * sliding * np.sqrt(2 / SLIP_ERROR_TIME)] * 2
         bank = theta.road_bank * ca.sqrt(2 / theta.road_bank_time)
