@@ -9,10 +9,10 @@ that the car measures; no gates for straight lines (beyond Leung 2010; Best et a
 Where the body rolls, its centre of gravity moves aside of the wheels: they slip by v_y + h p, not by v_y. At the speed
 at which a car's side slip changes its sign that is a fifth of all of it.
 
-No tyre is a brush: e is what the slip angle of an axle would have to be off by, for about a second, for the force to be
-right. It is larger towards their limit, and without it what is stated of side slip on a
-real car is a quarter of its error. A gyro has a scale, k_r, and leans with the road. An accelerometer feels a body that
-shakes on its springs: taken at its word a hundred times a second, it tells side slip wrong and for certain.
+No axle is a brush: e is what its slip angle would have to be off by, for about a second, for the force to be right.
+Near the limit it is larger. Without it, what is stated of side slip on a real car is a quarter of its error. A gyro
+has a scale, k_r, and leans with the road. An accelerometer feels a body that shakes on its springs: believed a
+hundred times a second, it tells a wrong side slip and is sure of it.
 
 ln k of each axle drifts as far as its slip angle lets it be seen: where a car goes straight, nothing is told of its
 tyres, and nothing is forgotten. What GNSS, gyro, accelerometer and wheels say is weighted by covariances alone.
