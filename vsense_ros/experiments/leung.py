@@ -234,7 +234,7 @@ def repeat(
         for row in _rows(table, quick):
             for seed in seeds:
                 case = Case(table.manoeuvres[row], seed, table.errors)
-                wanted.setdefault(case, []).extend(column.filter for column in table.columns)
+                wanted.setdefault(case, []).extend(c.filter for c in table.columns if seed in _seeds_of(c, seeds))
     results = study(wanted.items(), store, lambda share: progress(0.9 * share), processes=processes)
     found: Found = {name: _figures(table, results, seeds, quick) for name, table in chosen.items()}
     for name in names:
@@ -258,7 +258,7 @@ def _figures(
     for row in _rows(table, quick):
         found[row] = {}
         for column, printed in zip(table.columns, table.printed[row], strict=True):
-            cases = [Case(table.manoeuvres[row], seed, table.errors) for seed in seeds]
+            cases = [Case(table.manoeuvres[row], seed, table.errors) for seed in _seeds_of(column, seeds)]
             values = [_figure(results[case, column.filter], column) for case in cases]
             found[row][column.title] = {
                 "printed": printed,
@@ -266,6 +266,11 @@ def _figures(
                 "spread": float(np.std(values, ddof=1)) if len(values) > 1 else None,
             }
     return found
+
+
+def _seeds_of(column: Column, seeds: range) -> range:
+    """Those that change a column: what can be expected along the true drive is the same for all."""
+    return seeds[:1] if column.kind == "S" else seeds
 
 
 def _figure(result: Mapping[str, Any], column: Column) -> float:
