@@ -19,7 +19,7 @@ from vsense_ros.navigation.run import run
 from vsense_ros.observer import run as run_observer
 
 OUTAGE = 30.0  # [s]
-BEGINNINGS = (("error_ekf", 10.0), ("strapdown", 10.0), ("strapdown", 20.0), ("strapdown", 29.0))  # [s] of a minute
+CASES = (("error_ekf", 10.0), ("strapdown", 10.0), ("strapdown", 20.0), ("strapdown", 29.0))  # filter, begin [s]
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def drive() -> Recording:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "begin"), BEGINNINGS)
+@pytest.mark.parametrize(("name", "begin"), CASES)
 def test_half_a_minute_without_gnss_costs_a_hundredth_of_the_way_and_the_heading_is_known_in_ten_seconds(
     drive: Recording, name: str, begin: float
 ) -> None:

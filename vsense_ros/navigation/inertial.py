@@ -23,11 +23,12 @@ from typing import Any
 import casadi as ca
 
 from vsense_ros.estimation.state_space import Measurement, Named
+from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SHAKING_NOISE
 from vsense_ros.navigation.joint_kkf import HEADING, JointKkf, velocity_on_map
 from vsense_ros.navigation.space import Definition, Seen, drifting
 
 TYPICAL = {"rear_distance": (1.4, 0.3), "rear_slip": (0.003, 0.002), "roll_gain": (0.1, 0.1)}  # value, deviation
-TILT_NOISE = (0.05, 0.1)  # [m/s²/√Hz] of the body's pitch and roll on its springs, in the accelerometers
+TILT_NOISE = (0.05, SHAKING_NOISE)  # [m/s²/√Hz] of the body's pitch and roll on its springs, in the accelerometers
 LEANING = 5e-4  # [rad/√s] of heading, by a gyro whose axis leans with body and road
 ROAD = (0.02, 0.3)  # [m/s²/√s] by which the biases of the accelerometers drift: road along and across
 ASIDE, ASIDE_TIME = 0.002, 3.0  # [rad], [s] of s where the car hardly slides
@@ -46,7 +47,7 @@ class Inertial(JointKkf):
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.1, "yaw": 0.05, "gyro_bias": 0.02,
         "acceleration_bias_x": 1.0, "acceleration_bias_y": 1.0, **{name: own[1] for name, own in TYPICAL.items()},
-        "gyro_scale": 0.01, "aside": ASIDE,
+        "gyro_scale": GYRO_SCALE_DEVIATION, "aside": ASIDE,
     }  # fmt: skip
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:

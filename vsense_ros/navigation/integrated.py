@@ -28,6 +28,7 @@ import numpy as np
 
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation import single_track
+from vsense_ros.navigation.car_numbers import GYRO_SCALE_DEVIATION, SLIP_ERROR, STIFFNESS_DEVIATION
 from vsense_ros.navigation.inertial import LINEAR
 from vsense_ros.navigation.space import Definition, NavigationSpace, Seen, drifting
 
@@ -58,9 +59,10 @@ class Integrated(NavigationSpace):
     auxiliaries = ("lateral_force",)
     prior: Mapping[str, float] = {
         "forward_velocity": 0.3, "lateral_velocity": 0.2, "yaw_rate": 0.05, "yaw": 0.05, "gyro_bias": 0.02,
-        "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5, "front_ln_stiffness": 0.15,
-        "rear_ln_stiffness": 0.15, "rolling_radius": 0.01, "bank": 0.05, "roll": 0.01,
-        "roll_rate": 0.05, "gyro_scale": 0.01, "front_slip_error": 0.0015, "rear_slip_error": 0.0015, "shaking": 0.1,
+        "steering_bias": 0.01, "acceleration_bias_x": 1.5, "acceleration_bias_y": 1.5,
+        "front_ln_stiffness": STIFFNESS_DEVIATION, "rear_ln_stiffness": STIFFNESS_DEVIATION, "rolling_radius": 0.01,
+        "bank": 0.05, "roll": 0.01, "roll_rate": 0.05, "gyro_scale": GYRO_SCALE_DEVIATION,
+        "front_slip_error": SLIP_ERROR, "rear_slip_error": SLIP_ERROR, "shaking": 0.1,
     }  # fmt: skip
 
     def slip_angles(self, x: Named, u: Named, theta: Named) -> tuple[ca.SX, ca.SX]:
