@@ -256,6 +256,7 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
     from vsense_ros.experiments.demo import dataset
 
     names = tables or job.NAMES
+    job.check(names)
     laps = None
     if job.GENESIS in names or figures:
         try:
@@ -275,7 +276,7 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
         with progress("drawing filters") as done:
             pictures = leung_pictures.draw_all(folder / "figures", folder, laps, done)
         with progress("drawing models") as done:
-            pictures += leung_models_picture.draw_all(folder / "figures", done)
+            pictures += leung_models_picture.draw_all(folder / "figures", folder, done)
         say(f"{len(pictures)} pictures in {folder / 'figures'}.")
 
 

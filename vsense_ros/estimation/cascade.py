@@ -176,6 +176,8 @@ class Cascade(Filter):
         if corrected is None:
             raise InputError(f"the cascade has no sensor {sensor!r}; it has: {', '.join(self.sensors)}")
         keys, links = corrected
+        if len(keys) == 1 and not links:
+            return self.filters[keys[0]].correct(sensor, value, variance, limit, scale)  # type: ignore[no-any-return]
         found = [_copied(self.filters[key].correct(sensor, value, variance, limit, scale)) for key in keys]
         for one in links:
             target, measurement = self.filters[one.link.target], one.link.measurement
@@ -270,7 +272,13 @@ def _copied(found: Innovation) -> Innovation:
 
 def _together(found: list[Innovation]) -> Innovation:
     """Several innovations as one."""
-    whitened = np.concatenate([one.whitened for one in found])
-    present = [one.nis for one in found if not one.nis < 0]
-    nis = float(np.sum(present)) if present else -1.0
-    return Innovation(whitened, block_diag(*(one.factor for one in found)), nis, all(one.accepted for one in found))
+    if len(found) == 1:
+        return found[0]
+    m = sum(len(one.whitened) for one in found)
+    whitened, factor, nis, at = np.empty(m), np.zeros((m, m)), -1.0, 0
+    for one in found:
+        part = slice(at, at + len(one.whitened))
+        whitened[part], factor[part, part], at = one.whitened, one.factor, part.stop
+        if not one.nis < 0:
+            nis = max(nis, 0.0) + one.nis
+    return Innovation(whitened, factor, nis, all(one.accepted for one in found))

@@ -28,7 +28,7 @@ from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.experiments import leung_models
 from vsense_ros.experiments.leung_drives import Case, Error, Errors
 from vsense_ros.experiments.leung_observers import BOUND
-from vsense_ros.experiments.leung_study import Results, study
+from vsense_ros.experiments.leung_study import Results, Task, pool, study
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -201,10 +201,11 @@ TABLES = {
         ),
     ),
 }  # fmt: skip
-OF_MODELS = {"3.4": leung_models.table_3_4, "5.2": leung_models.table_5_2, "5.3": leung_models.table_5_3}
+OF_MODELS = ("3.4", "5.2", "5.3")
 GENESIS = "4.11"  # whose recordings are not public: laps of another car in their place
 GENESIS_LAP = "med_lap_center_8_21.mat"  # the third
 GENESIS_FILTERS = ("dual_kkf", "side_slip_kkf_1", "side_slip_kkf_2", "mekf_2b", "inertial", "integrated")
+SMOOTHED = "inertial, smoothed"
 NAMES = tuple(sorted({*TABLES, *OF_MODELS, GENESIS}, key=lambda name: [int(part) for part in name.split(".")]))
 Array = NDArray[np.float64]
 Found = dict[str, dict[str, dict[str, dict[str, float | None]]]]
@@ -224,9 +225,7 @@ def repeat(
     `quick` takes one seed, and of ten manoeuvres four. `laps` is the folder of the Genesis laps, None where they are
     not there. Raises `InputError` for an unknown table.
     """
-    for name in names:
-        if name not in NAMES:
-            raise InputError(f"no table {name!r}; there are: {', '.join(NAMES)}")
+    check(names)
     chosen = {name: TABLES[name] for name in names if name in TABLES}
     seeds = range(QUICK_SEEDS if quick else SEEDS)
     wanted: dict[Case, list[str]] = {}
@@ -235,15 +234,38 @@ def repeat(
             for seed in seeds:
                 case = Case(table.manoeuvres[row], seed, table.errors)
                 wanted.setdefault(case, []).extend(c.filter for c in table.columns if seed in _seeds_of(c, seeds))
-    results = study(wanted.items(), store, lambda share: progress(0.9 * share), processes=processes)
+    others = [(name, task) for name in names for task in _tasks(name, store, laps, quick)]
+    share_of_study = len(wanted) / (len(wanted) + len(others)) if wanted else 0.0
+    with pool(processes) as run:
+        results = study(wanted.items(), store, lambda share: progress(share_of_study * share), run=run)
+        tasks = [task for _, task in others]
+        parts = run(tasks, lambda share: progress(share_of_study + (1 - share_of_study) * share))
     found: Found = {name: _figures(table, results, seeds, quick) for name, table in chosen.items()}
-    for name in names:
-        if name in OF_MODELS:
-            found[name] = OF_MODELS[name]()
-        elif name == GENESIS and laps is not None:
-            found[name] = table_genesis(laps)
-    progress(1.0)
+    for (name, _), part in zip(others, parts, strict=True):
+        for row, columns in part.items():
+            found.setdefault(name, {}).setdefault(row, {}).update(columns)
     return {name: found[name] for name in names if name in found}, results
+
+
+def check(names: Sequence[str]) -> None:
+    """Raises `InputError` for an unknown table."""
+    for name in names:
+        if name not in NAMES:
+            raise InputError(f"no table {name!r}; there are: {', '.join(NAMES)}")
+
+
+def _tasks(name: str, store: Path, laps: Path | None, quick: bool) -> list[Task]:
+    """What makes the parts of a table that does not come from the study of filters."""
+    if name == "3.4":
+        return [Task(20.0, leung_models.table_3_4, (store, row)) for row in ("DO25", "LC25")]
+    if name == "5.2":
+        return [Task(0.1, leung_models.table_5_2, ())]
+    if name == "5.3":
+        return [Task(10.0, leung_models.table_5_3, (store, row)) for row in (QUICK_ROWS if quick else ROWS)]
+    if name == GENESIS and laps is not None:
+        runs = (*GENESIS_FILTERS, SMOOTHED)
+        return [Task(5.0, genesis_run, (laps, rate, one)) for rate in (10.0, 1.0) for one in runs]
+    return []
 
 
 def _rows(table: Table, quick: bool) -> tuple[str, ...]:
@@ -310,31 +332,23 @@ def _of_row(results: Results, name: str, manoeuvre: str) -> list[Mapping[str, An
     ]
 
 
-def table_genesis(laps: Path) -> dict[str, dict[str, dict[str, float | None]]]:
-    """On the third Genesis lap, GNSS at 10 Hz and at 1 Hz: side slip [°], how far its error is from its mean over a
+def genesis_run(laps: Path, rate: float, name: str) -> dict[str, dict[str, dict[str, float | None]]]:
+    """A filter on the third Genesis lap, GNSS at a rate [Hz]: side slip [°], how far its error is from its mean over a
     second, its normalized error squared (1 where what a filter states is true), and NRMSD of the lateral velocity. In
     place of table 4.11, whose recordings are not public."""
-    car = load_vehicle(vehicle_path("genesis"))
-    path = laps / GENESIS_LAP
-    found: dict[str, dict[str, dict[str, float | None]]] = {}
-    for rate in (10.0, 1.0):
-        lap = genesis.read(path, gnss_rate_hz=rate)
-        outputs = {name: run(lap, car, name).output for name in GENESIS_FILTERS}
-        outputs["inertial, smoothed"] = run_smoothed(lap, car, "inertial").output
-        for name, output in outputs.items():
-            seen = at_reference(output, car)
-            scores = compare(seen, lap)
-            at, error, deviation = angle_errors(seen, lap, "side_slip")
-            known = np.isfinite(deviation)
-            found.setdefault(name, {})
-            for title, value in (
-                (f"beta RMSE [°], {rate:g} Hz", float(np.degrees(scores["side_slip"].rmse))),
-                (f"within 1 s [°], {rate:g} Hz", float(np.degrees(np.std(fast_part(at, error, 1.0))))),
-                (f"v_y N, {rate:g} Hz", scores["lateral_velocity"].nrmsd_percent),
-                (f"NEES of beta, {rate:g} Hz", float(np.mean((error[known] / deviation[known]) ** 2))),
-            ):
-                found[name][title] = {"printed": None, "ours": value, "spread": None}
-    return found
+    car, lap = load_vehicle(vehicle_path("genesis")), genesis.read(laps / GENESIS_LAP, gnss_rate_hz=rate)
+    output = run_smoothed(lap, car, "inertial").output if name == SMOOTHED else run(lap, car, name).output
+    seen = at_reference(output, car)
+    scores = compare(seen, lap)
+    at, error, deviation = angle_errors(seen, lap, "side_slip")
+    known = np.isfinite(deviation)
+    values = {
+        f"beta RMSE [°], {rate:g} Hz": float(np.degrees(scores["side_slip"].rmse)),
+        f"within 1 s [°], {rate:g} Hz": float(np.degrees(np.std(fast_part(at, error, 1.0)))),
+        f"v_y N, {rate:g} Hz": scores["lateral_velocity"].nrmsd_percent,
+        f"NEES of beta, {rate:g} Hz": float(np.mean((error[known] / deviation[known]) ** 2)),
+    }
+    return {name: {title: {"printed": None, "ours": value, "spread": None} for title, value in values.items()}}
 
 
 def angle_errors(output: Recording, lap: Recording, key: str) -> tuple[Array, Array, Array]:

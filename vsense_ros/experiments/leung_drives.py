@@ -7,7 +7,7 @@ all at cog, at 100 Hz, with white noise and a constant bias; a fix each second.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -25,7 +25,7 @@ from vsense_ros.manoeuvre.receivers import RECEIVERS
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import PITCH, ROLL, SPEED_X, SPEED_Y, SPIN, STEERING, YAW, YAW_RATE
 from vsense_ros.model.sensors import GnssAttitude, GnssVelocity, Imu, SensorBase, Steering, WheelSpeeds
-from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
+from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -112,26 +112,31 @@ def receiver(name: str, errors: Errors | None = None) -> Errors:
 
 
 def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
-    """What the plant does in a manoeuvre; kept in `store`, since it takes a tenth of the time that is driven."""
+    """What the plant does in a manoeuvre, as `trajectory`."""
+    s = trajectory(manoeuvre, plant, store)
+    roll, pitch = s.q[:, ROLL], s.q[:, PITCH]
+    gravity = GRAVITY * np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch)])
+    level = s.acceleration[:, :2]
+    return Truth(
+        t=s.t, yaw=s.q[:, YAW], forward_velocity=s.u[:, SPEED_X], lateral_velocity=s.u[:, SPEED_Y],
+        yaw_rate=s.u[:, YAW_RATE], forces=level + gravity, level_forces=level, steer=s.inputs[:, STEERING],
+        spins=s.u[:, SPIN],
+    )  # fmt: skip
+
+
+def trajectory(manoeuvre: str, plant: str, store: Path) -> Trajectory:
+    """What the plant does in a manoeuvre, all its coordinates; kept in `store`, since it takes long to drive."""
     own = digest(plant, manoeuvre, *sources("model", "manoeuvre", "experiments/leung_drives*"))
     file = store / f"plant_{manoeuvre}_{own}.npz"
     if not file.exists():
         car, found = load_vehicle(vehicle_path(plant)), MANOEUVRES[manoeuvre]
         q, u = rolling_straight(car, found.speed)
-        s = simulate(car, found.driver(car), found.duration, step=1e-3, keep_every=round(STEP / 1e-3), q=q, u=u)
-        roll, pitch = s.q[:, ROLL], s.q[:, PITCH]
-        gravity = GRAVITY * np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch)])
-        level = s.acceleration[:, :2]
-        kept = {
-            "t": s.t, "yaw": s.q[:, YAW], "forward_velocity": s.u[:, SPEED_X], "lateral_velocity": s.u[:, SPEED_Y],
-            "yaw_rate": s.u[:, YAW_RATE], "forces": level + gravity, "level_forces": level,
-            "steer": s.inputs[:, STEERING], "spins": s.u[:, SPIN],
-        }  # fmt: skip
+        driven = simulate(car, found.driver(car), found.duration, step=1e-3, keep_every=round(STEP / 1e-3), q=q, u=u)
         file.parent.mkdir(parents=True, exist_ok=True)
         with in_place_of(file) as temporary, temporary.open("wb") as out:
-            np.savez(out, **kept)  # type: ignore[arg-type]  # names of arrays, not options
+            np.savez(out, **{one.name: getattr(driven, one.name) for one in fields(driven)})
     with np.load(file) as found_again:
-        return Truth(**{key: found_again[key] for key in found_again.files})
+        return Trajectory(**{key: found_again[key] for key in found_again.files})
 
 
 @cache

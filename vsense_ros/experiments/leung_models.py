@@ -9,16 +9,17 @@ whole run and with the centre of gravity as the point of reference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.experiments.leung_drives import trajectory
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, STEERING, TORQUES, YAW, YAW_RATE
 from vsense_ros.model.handling.base import HandlingModel, car_numbers, static_loads, steered_wheels
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
@@ -27,16 +28,14 @@ from vsense_ros.model.handling.bicycle_5dof import Bicycle5Dof
 from vsense_ros.model.handling.response import Response, Values
 from vsense_ros.model.handling.twin_track_3dof import TwinTrack3Dof
 from vsense_ros.model.handling.twin_track_7dof import TwinTrack7Dof
-from vsense_ros.model.simulation.closed_loop import Trajectory, axle_of, rolling_radii, rolling_straight, simulate
+from vsense_ros.model.simulation.closed_loop import Trajectory, axle_of, rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-Progress = Callable[[float], None]
 Table = dict[str, dict[str, dict[str, float | None]]]
 
 VEHICLE = "jaguar_saloon"
 STEP = 0.01  # [s] of his models and sensors
-KEPT = 10  # [ms] between the instants of a drive that are kept
 SEEDS = 10
 # Appendix B, at the steering wheel and of the wheels.
 STEERING_BIAS, STEERING_NOISE, SPIN_NOISE = np.radians(5.0), np.radians(1.0), 0.04
@@ -81,11 +80,9 @@ def plant() -> Vehicle:
 
 
 @lru_cache(maxsize=16)
-def driven(name: str) -> Trajectory:
-    """The plant in a manoeuvre, every 10 ms."""
-    manoeuvre, car = MANOEUVRES[name], plant()
-    q, u = rolling_straight(car, manoeuvre.speed)
-    return simulate(car, manoeuvre.driver(car), manoeuvre.duration, keep_every=KEPT, q=q, u=u)
+def driven(name: str, store: Path) -> Trajectory:
+    """The plant in a manoeuvre, every 10 ms, as it is kept in `store`."""
+    return trajectory(name, VEHICLE, store)
 
 
 def nrmsd(estimate: Array, truth: Array) -> float:
@@ -142,18 +139,16 @@ def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     return {"forward": speed, "lateral": found["lateral_velocity"], "yaw_rate": found["yaw_rate"]}
 
 
-def table_3_4(progress: Progress = lambda share: None) -> Table:
-    """Open-loop errors of the five models, with the plant's inputs."""
-    found: Table = {row: {} for row in PRINTED_3_4}
-    for i, row in enumerate(("DO25", "LC25")):
-        drive = driven(MANOEUVRE_ROWS[row])
-        for k, name in enumerate(MODELS):
-            ours = open_loop(name, drive)
-            for words, key, truth in (("yaw rate", "yaw_rate", YAW_RATE), ("lateral velocity", "lateral", SPEED_Y)):
-                line = f"{words} {row}"
-                error = nrmsd(ours[key], drive.u[:, truth])
-                found[line][name] = {"printed": PRINTED_3_4[line][k], "ours": error}
-            progress((i * len(MODELS) + k + 1) / (2 * len(MODELS)))
+def table_3_4(store: Path, manoeuvre: str) -> Table:
+    """Open-loop errors of the five models in the manoeuvre of a row (DO25, LC25), with the plant's inputs."""
+    drive = driven(MANOEUVRE_ROWS[manoeuvre], store)
+    found: Table = {row: {} for row in PRINTED_3_4 if row.endswith(manoeuvre)}
+    for k, name in enumerate(MODELS):
+        ours = open_loop(name, drive)
+        for words, key, truth in (("yaw rate", "yaw_rate", YAW_RATE), ("lateral velocity", "lateral", SPEED_Y)):
+            line = f"{words} {manoeuvre}"
+            error = nrmsd(ours[key], drive.u[:, truth])
+            found[line][name] = {"printed": PRINTED_3_4[line][k], "ours": error}
     return found
 
 
@@ -181,11 +176,11 @@ def sensitivities(speed: float, numbers: Mapping[str, float] = CAR_5_1) -> dict[
     }
 
 
-def table_5_2(progress: Progress = lambda share: None) -> Table:
+def table_5_2() -> Table:
     """Frobenius norms of A, B and their derivatives; besides, what the thesis does not print: relative sensitivities
     p |dA/dp|, which can be compared, and the largest eigenvalue, which tells whether it is stable (|A| does not)."""
     found: Table = {}
-    for i, (speed, (norm_a, norm_b, by_a, by_b)) in enumerate(PRINTED_5_2.items()):
+    for speed, (norm_a, norm_b, by_a, by_b) in PRINTED_5_2.items():
         ours = sensitivities(speed)
         row: dict[str, dict[str, float | None]] = {
             "|A|": {"printed": norm_a, "ours": float(np.linalg.norm(ours["A"]))},
@@ -200,7 +195,6 @@ def table_5_2(progress: Progress = lambda share: None) -> Table:
                 row[f"1000 |{what}/d{label}|"] = {"printed": float(printed), "ours": 1000 * size}
                 row[f"p |{what}/d{label}|"] = {"printed": None, "ours": scale[k] * size}
         found[f"{speed:g} m/s"] = row
-        progress((i + 1) / len(PRINTED_5_2))
     return found
 
 
@@ -311,28 +305,25 @@ def noisy_inputs(car: Vehicle, drive: Trajectory, seeds: int, *, biased: bool = 
     return steering, radius * (spin + SPIN_NOISE / np.sqrt(2) * rng.standard_normal((rows, seeds)))
 
 
-def table_5_3(progress: Progress = lambda share: None, rows: Sequence[str] = tuple(PRINTED_5_3)) -> Table:
-    """Errors of the 2DoF model with clean inputs and with those of sensors; the mean of ten noise runs. Besides, what a
-    linear car makes of the steering bias: bias over range of the steering."""
+def table_5_3(store: Path, row: str) -> Table:
+    """A row: errors of the 2DoF model with clean inputs and with those of sensors; the mean of ten noise runs. Besides,
+    what a linear car makes of the steering bias: bias over range of the steering."""
     car = plant()
-    numbers, found = numbers_of(car), {}
-    for i, row in enumerate(rows):
-        drive = driven(MANOEUVRE_ROWS[row])
-        truth = truth_of(drive)
-        steering = drive.inputs[:, STEERING]
-        speed = np.hypot(drive.u[:, SPEED_X], drive.u[:, SPEED_Y])
-        clean = bicycle_errors(numbers, steering, speed, truth)
-        noisy = bicycle_errors(numbers, *noisy_inputs(car, drive, SEEDS), truth)
-        ours = [float(one[key].mean()) for key in ("side_slip", "yaw_rate") for one in (clean, noisy)]
-        line = {
-            column: {"printed": printed, "ours": value}
-            for column, printed, value in zip(COLUMNS_5_3, PRINTED_5_3[row], ours, strict=True)
-        }
-        bias = STEERING_BIAS / car.physics.steering.ratio
-        line["bias over range"] = {"printed": None, "ours": float(100 * bias / np.ptp(steering))}  # type: ignore[dict-item]
-        found[row] = line
-        progress((i + 1) / len(rows))
-    return found  # type: ignore[return-value]
+    numbers = numbers_of(car)
+    drive = driven(MANOEUVRE_ROWS[row], store)
+    truth = truth_of(drive)
+    steering = drive.inputs[:, STEERING]
+    speed = np.hypot(drive.u[:, SPEED_X], drive.u[:, SPEED_Y])
+    clean = bicycle_errors(numbers, steering, speed, truth)
+    noisy = bicycle_errors(numbers, *noisy_inputs(car, drive, SEEDS), truth)
+    ours = [float(one[key].mean()) for key in ("side_slip", "yaw_rate") for one in (clean, noisy)]
+    line: dict[str, dict[str, float | None]] = {
+        column: {"printed": printed, "ours": value}
+        for column, printed, value in zip(COLUMNS_5_3, PRINTED_5_3[row], ours, strict=True)
+    }
+    bias = STEERING_BIAS / car.physics.steering.ratio
+    line["bias over range"] = {"printed": None, "ours": float(100 * bias / np.ptp(steering))}
+    return {row: line}
 
 
 def sweep(drive: Trajectory, changes: Mapping[str, Array], *, consistent: bool = False) -> dict[str, Array]:
@@ -373,6 +364,3 @@ def bias_map(drive: Trajectory, biases: Array, noises: Array) -> dict[str, Array
     speed = np.hypot(drive.u[:, [SPEED_X]], drive.u[:, [SPEED_Y]])
     found = bicycle_errors(numbers_of(car), steering, np.broadcast_to(speed, steering.shape), truth_of(drive))
     return {key: value.reshape(len(biases), -1) for key, value in found.items()}
-
-
-TABLES: Mapping[str, Callable[..., Table]] = {"3.4": table_3_4, "5.2": table_5_2, "5.3": table_5_3}

@@ -33,12 +33,12 @@ NOISES = np.radians(np.array([0.0, 0.5, 1.0, 2.0, 4.0]))
 SWEEP_SPEEDS = (20, 50)  # [km/h]
 
 
-def draw_all(folder: Path, progress: Progress = lambda share: None) -> list[Path]:
-    """Every picture of this file; drives are shared between them."""
+def draw_all(folder: Path, store: Path, progress: Progress = lambda share: None) -> list[Path]:
+    """Every picture of this file; what the plant did is kept in `store`."""
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = (
+    jobs: tuple[Callable[[Path, Path], list[Path]], ...] = (
         parameter_tests,
-        frequency_responses,
+        lambda folder, store: frequency_responses(folder),
         transients,
         parameter_errors,
         stiffness_maps,
@@ -47,15 +47,15 @@ def draw_all(folder: Path, progress: Progress = lambda share: None) -> list[Path
     )
     found = []
     for i, job in enumerate(jobs):
-        found += job(folder)
+        found += job(folder, store)
         progress((i + 1) / len(jobs))
     return found
 
 
-def parameter_tests(folder: Path) -> list[Path]:
+def parameter_tests(folder: Path, store: Path) -> list[Path]:
     """Figures 3.7 to 3.10: the single-track model beside the plant, rolling radii, lateral velocity, tyre forces."""
     car, (front, rear) = leung.plant(), static_loads(leung.plant())
-    slow, oval = leung.driven("double_oval_15"), leung.driven("double_oval_25")
+    slow, oval = leung.driven("double_oval_15", store), leung.driven("double_oval_25", store)
     with page("Parameter tests", (12, 6.6)) as (figure, save):
         panels = figure.subplots(2, 3)
         ours = leung.open_loop(leung.MODELS[0], oval)
@@ -69,7 +69,7 @@ def parameter_tests(folder: Path) -> list[Path]:
         panels[0][1].plot(slow.t, slow.u[:, SPEED_Y], color=TRUTH, lw=1.0)
         labelled(panels[0][1], "Lateral velocity, double oval at 15 km/h", "time [s]", "[m/s]")
         for kph, line in ((15, "-"), (50, "--")):
-            drive = leung.driven(f"double_oval_{kph}")
+            drive = leung.driven(f"double_oval_{kph}", store)
             straight = drive.t < 20.0 * 15 / kph
             for wheel, (name, colour) in enumerate(zip(("FL", "FR", "RL", "RR"), COLOURS, strict=False)):
                 if wheel % 2 == 0:
@@ -118,11 +118,11 @@ def frequency_responses(folder: Path) -> list[Path]:
         return [every, save(folder / "figures_3_11_3_12_bode.png")]
 
 
-def transients(folder: Path) -> list[Path]:
+def transients(folder: Path, store: Path) -> list[Path]:
     """Figures 3.13 to 3.16: the models driven with the inputs of the plant, without noise."""
     found = []
     for row in ("DO25", "LC25"):
-        drive = leung.driven(leung.MANOEUVRE_ROWS[row])
+        drive = leung.driven(leung.MANOEUVRE_ROWS[row], store)
         with page(f"Models driven as the plant, {row}", (11, 6.4)) as (figure, save):
             panels = figure.subplots(2, 2, sharex=True)
             panels[0][0].plot(drive.t, drive.u[:, SPEED_X], color=TRUTH, lw=1.6, label="plant")
@@ -142,12 +142,12 @@ def transients(folder: Path) -> list[Path]:
     return found
 
 
-def parameter_errors(folder: Path) -> list[Path]:
+def parameter_errors(folder: Path, store: Path) -> list[Path]:
     """Figures 5.1, 5.2, 5.6 and 5.7: a wrong mass, a wrong inertia; dashed against the model itself as the plant."""
     with page("Errors of the single-track model over those of its parameters", (11, 6.6)) as (figure, save):
         panels = figure.subplots(2, 2, sharex=True)
         for i, kph in enumerate(SWEEP_SPEEDS):
-            drive = leung.driven(f"double_oval_{kph}")
+            drive = leung.driven(f"double_oval_{kph}", store)
             for k, (name, words) in enumerate((("mass", "mass"), ("yaw_inertia", "yaw inertia"))):
                 for consistent, line in ((False, "-"), (True, "--")):
                     ours = leung.sweep(drive, {name: CHANGES}, consistent=consistent)
@@ -161,12 +161,12 @@ def parameter_errors(folder: Path) -> list[Path]:
         return [save(folder / "figures_5_1_5_2_5_6_5_7_parameters.png")]
 
 
-def stiffness_maps(folder: Path) -> list[Path]:
+def stiffness_maps(folder: Path, store: Path) -> list[Path]:
     """Figures 5.3 to 5.5, 5.8 and 5.9: wrong stiffnesses of both axles."""
     with page("Errors of the single-track model over its axle stiffnesses", (12, 7.2)) as (figure, save):
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
         for i, kph in enumerate(SWEEP_SPEEDS):
-            maps = leung.stiffness_map(leung.driven(f"double_oval_{kph}"), STIFFNESSES)
+            maps = leung.stiffness_map(leung.driven(f"double_oval_{kph}", store), STIFFNESSES)
             for k, (key, words) in enumerate(KEYS.items()):
                 percent = 100 * (STIFFNESSES - 1)
                 drawn = _map(panels[i][k], percent, percent, maps[key])
@@ -178,11 +178,11 @@ def stiffness_maps(folder: Path) -> list[Path]:
         return [save(folder / "figures_5_3_to_5_5_5_8_5_9_stiffness.png")]
 
 
-def steering_errors(folder: Path) -> list[Path]:
+def steering_errors(folder: Path, store: Path) -> list[Path]:
     """Bias and noise of the steering sensor, which table 5.3 has at one point each."""
     with page("Errors of the single-track model over those of the steering sensor", (11, 4.2)) as (figure, save):
         panels = figure.subplots(1, 3)
-        drive = leung.driven("double_oval_25")
+        drive = leung.driven("double_oval_25", store)
         maps = leung.bias_map(drive, BIASES, NOISES)
         for panel, (key, words) in zip(panels, KEYS.items(), strict=True):
             for k, noise in enumerate(NOISES):
@@ -198,14 +198,14 @@ def steering_errors(folder: Path) -> list[Path]:
         return [save(folder / "steering_bias_and_noise.png")]
 
 
-def side_slip_and_roll(folder: Path) -> list[Path]:
+def side_slip_and_roll(folder: Path, store: Path) -> list[Path]:
     """Figure 5.10: side slip with clean and noisy inputs at 45 km/h; figure 5.11: roll in the lane changes."""
     with page("Side slip of the single-track model, and the roll that it does not know", (11, 4.2)) as (
         figure,
         save,
     ):
         left, right = figure.subplots(1, 2)
-        drive, car = leung.driven("double_oval_45"), leung.plant()
+        drive, car = leung.driven("double_oval_45", store), leung.plant()
         steering, speed = leung.noisy_inputs(car, drive, 1)
         true_speed = np.hypot(drive.u[:, SPEED_X], drive.u[:, SPEED_Y])
         clean = leung.model_truth(leung.numbers_of(car), drive.inputs[:, STEERING], true_speed)
@@ -218,7 +218,7 @@ def side_slip_and_roll(folder: Path) -> list[Path]:
         labelled(left, "Side slip, double oval at 45 km/h", "time [s]", "[°]")
         left.legend()
         for row, colour in zip(("LC15", "LC25", "LC35", "LC45", "LC55"), COLOURS, strict=True):
-            drive = leung.driven(leung.MANOEUVRE_ROWS[row])
+            drive = leung.driven(leung.MANOEUVRE_ROWS[row], store)
             away = np.concatenate([[0.0], np.cumsum(drive.u[1:, SPEED_X] * leung.STEP)])
             right.plot(away, np.degrees(drive.q[:, ROLL]), color=colour, lw=1.0, label=row)
         labelled(right, "Roll in the lane changes", "way [m]", "[°]")

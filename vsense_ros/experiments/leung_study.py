@@ -5,10 +5,11 @@ its content. Filters get the readings directly, in order, so that a study measur
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ from vsense_ros.experiments.leung_drives import (
     sensors_of,
     sources,
     study_car,
+    trajectory,
 )
 from vsense_ros.files.atomic import in_place_of
 from vsense_ros.manoeuvre import MANOEUVRES
@@ -47,7 +49,13 @@ from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.motion import Motions, Readout
 from vsense_ros.navigation.space import MOTION
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 Array = NDArray[np.float64]
+
+# Per second that is driven, roughly: of the plant, and of a filter.
+PLANT_SECONDS, FILTER_SECONDS = 0.05, 0.01
 
 
 def estimate(name: str, truth: Truth, case: Case) -> dict[str, Any]:
@@ -141,15 +149,62 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
 Results = Mapping[tuple[Case, str], Mapping[str, Any]]
 
 
+class Task(NamedTuple):
+    """A function with its arguments, and about how long it takes [s]."""
+
+    seconds: float
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+# Tasks, and what is told of the share that is done → their results, in the same order.
+Run = Callable[[Sequence[Task], Callable[[float], None]], list[Any]]
+
+
+@contextmanager
+def pool(processes: int | None = None) -> Iterator[Run]:
+    """What does tasks, the longest first, in so many processes: by default one for each core, with 1 in this one."""
+    if processes == 1:
+        yield lambda tasks, progress: _in_turn(tasks, progress)
+        return
+    with workers(None, processes) as client:
+        yield lambda tasks, progress: _side_by_side(tasks, progress, client)
+
+
+def _in_turn(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Any]:
+    found, whole, done = [], sum(task.seconds for task in tasks), 0.0
+    for task in tasks:
+        found.append(task.function(*task.arguments))
+        done += task.seconds
+        progress(done / whole)
+    return found
+
+
+def _side_by_side(tasks: Sequence[Task], progress: Callable[[float], None], client: Client) -> list[Any]:
+    from distributed import as_completed
+
+    whole, done = sum(task.seconds for task in tasks), 0.0
+    longest_first = sorted(range(len(tasks)), key=lambda i: -tasks[i].seconds)
+    places = {client.submit(tasks[i].function, *tasks[i].arguments, pure=False): i for i in longest_first}
+    found: dict[int, Any] = {}
+    for future in as_completed(list(places)):
+        place = places[future]
+        found[place] = future.result()
+        done += tasks[place].seconds
+        progress(done / whole)
+    return [found[i] for i in range(len(tasks))]
+
+
 def study(
     cases: Iterable[tuple[Case, Sequence[str]]],
     store: Path,
     progress: Callable[[float], None] = lambda share: None,
     *,
-    processes: int | None = None,
+    run: Run = _in_turn,
 ) -> Results:
-    """Scores of each case and filter. What is in `store` from a run that was stopped is not done again; a change of
-    the filters, the plant or the sensors makes anew what depends on it. Raises `InputError` for unknown names."""
+    """Scores of each case and filter, which `run` makes. What is in `store` from a run that was stopped is not done
+    again; a change of the filters, the plant or the sensors makes anew what depends on it. Raises `InputError` for
+    unknown names."""
     wanted = [(case, tuple(dict.fromkeys(names))) for case, names in cases]
     for case, names in wanted:
         if case.manoeuvre not in MANOEUVRES:
@@ -173,37 +228,23 @@ def study(
     if not missing:
         progress(1.0)
         return found
-    # Longest drives first, so that no process is left alone with one at the end.
-    missing.sort(key=lambda one: -MANOEUVRES[one[0].manoeuvre].duration * len(one[1]))
-    weights = [MANOEUVRES[case.manoeuvre].duration * len(names) for case, names in missing]
-    done = 0.0
-    if processes == 1:
-        for (case, names), weight in zip(missing, weights, strict=True):
-            found |= {(case, name): one for name, one in _work(case, names, store).items()}
-            done += weight
-            progress(done / sum(weights))
-        return found
-    from distributed import as_completed
-
-    with workers(None, processes) as client:
-        # Plants first: many cases share one.
-        drives = list({(case.manoeuvre, case.plant) for case, _ in missing})
-        for future in as_completed([client.submit(_plant, *drive, store, pure=False) for drive in drives]):
-            future.result()
-        tasks = {
-            client.submit(_work, case, names, store, pure=False): (case, weight)
-            for (case, names), weight in zip(missing, weights, strict=True)
-        }
-        for future in as_completed(list(tasks)):
-            case, weight = tasks[future]
-            found |= {(case, name): one for name, one in future.result().items()}
-            done += weight
-            progress(done / sum(weights))
+    # Plants first: many cases share one.
+    drives = dict.fromkeys((case.manoeuvre, case.plant) for case, _ in missing)
+    plants = [Task(PLANT_SECONDS * MANOEUVRES[name].duration, _drive, (name, plant, store)) for name, plant in drives]
+    tasks = [
+        Task(FILTER_SECONDS * MANOEUVRES[case.manoeuvre].duration * len(names), _work, (case, names, store))
+        for case, names in missing
+    ]
+    driving = sum(one.seconds for one in plants) / sum(one.seconds for one in (*plants, *tasks))
+    run(plants, lambda share: progress(driving * share))
+    every = run(tasks, lambda share: progress(driving + (1 - driving) * share))
+    for (case, _), scores in zip(missing, every, strict=True):
+        found |= {(case, name): one for name, one in scores.items()}
     return found
 
 
-def _plant(manoeuvre: str, plant: str, store: Path) -> None:
-    drive_plant(manoeuvre, plant, store)
+def _drive(manoeuvre: str, plant: str, store: Path) -> None:
+    trajectory(manoeuvre, plant, store)
 
 
 def _work(case: Case, names: Sequence[str], store: Path) -> dict[str, Mapping[str, Any]]:

@@ -45,7 +45,7 @@ class LaneChanges:
     def offset(self, x: float, y: float) -> float:
         middle = self.knots[0][2]
         for (_, begin, near), (end, _, far) in pairwise(self.knots):
-            s = float(np.clip((x - begin) / (end - begin), 0, 1))
+            s = min(max((x - begin) / (end - begin), 0.0), 1.0)
             middle += (far - near) * s**3 * (10 - 15 * s + 6 * s**2)
         return middle - y
 

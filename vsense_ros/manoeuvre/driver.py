@@ -31,6 +31,11 @@ def ramp(t: float, start: float, duration: float) -> float:
     return min(max((t - start) / duration, 0.0), 1.0)
 
 
+def within(value: float, limit: float) -> float:
+    """The value, or what of ± `limit` is nearest."""
+    return min(max(value, -limit), limit)
+
+
 def wheelbase(vehicle: Vehicle) -> float:
     """[m]"""
     return vehicle.physics.chassis.cog_to_front_axle + vehicle.physics.chassis.cog_to_rear_axle
@@ -94,9 +99,9 @@ class SpeedKeeper:
     def __call__(self, t: float, u: Array) -> Array:
         """Wheel torques (4,) [N m]."""
         error = (self.speed(t) - float(u[SPEED_X])) / self.time_constant
-        self.integral = float(np.clip(self.integral + 0.5 * error * (t - self._last), -1, 1))
+        self.integral = within(self.integral + 0.5 * error * (t - self._last), 1.0)
         self._last = t
-        return self._pedals.torques(float(np.clip(error + self.integral, -self.limit, self.limit)), u)
+        return self._pedals.torques(within(error + self.integral, self.limit), u)
 
 
 class Path(Protocol):
@@ -132,6 +137,10 @@ class PathFollower:
     lag: float = 0.05  # [s]
     angle: float = 0.0  # of the road wheels [rad]
     _last: float = 0.0
+    _feel: tuple[float, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._feel = wheelbase(self.vehicle), understeer_gradient(self.vehicle)
 
     def __call__(self, t: float, q: Array, u: Array) -> float:
         """Road-wheel angle [rad]."""
@@ -140,10 +149,11 @@ class PathFollower:
         heading = float(q[YAW])
         error = self.path.offset(float(q[X]) + ahead * np.cos(heading), float(q[Y]) + ahead * np.sin(heading))
         curvature = 2 * error / ahead**2
-        wanted = curvature * (wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2)
+        length, understeer = self._feel
+        wanted = curvature * (length + understeer * speed**2)
         h, self._last = t - self._last, t
         largest = STEERING_RATE * h
-        self.angle += float(np.clip((wanted - self.angle) * min(h / self.lag, 1.0), -largest, largest))
+        self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle
 
 
@@ -165,9 +175,11 @@ class TrackFollower:
     angle: float = 0.0  # of the road wheels [rad]
     _last: float = 0.0
     _along: Along = field(init=False)
+    _feel: tuple[float, float] = field(init=False)
 
     def __post_init__(self) -> None:
         self._along = Along(self.track)
+        self._feel = wheelbase(self.vehicle), understeer_gradient(self.vehicle)
 
     def __call__(self, t: float, q: Array, u: Array) -> float:
         """Road-wheel angle [rad]."""
@@ -177,9 +189,10 @@ class TrackFollower:
         ahead = max(self.preview * speed, self.nearest)
         wanted = self._along.curvature(distance + self.early * speed)
         wanted -= 2 * (offset + ahead * np.sin(course - heading)) / ahead**2
-        wanted *= wheelbase(self.vehicle) + understeer_gradient(self.vehicle) * speed**2
-        wanted = float(np.clip(wanted, -LARGEST_ANGLE, LARGEST_ANGLE))
+        length, understeer = self._feel
+        wanted *= length + understeer * speed**2
+        wanted = within(wanted, LARGEST_ANGLE)
         h, self._last = t - self._last, t
         largest = STEERING_RATE * h
-        self.angle += float(np.clip((wanted - self.angle) * min(h / self.lag, 1.0), -largest, largest))
+        self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle

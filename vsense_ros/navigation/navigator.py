@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from math import hypot
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense_ros.estimation.filter import Innovation, largest_nis
 from vsense_ros.estimation.intake import Intake, Timing, by_topic
@@ -68,6 +69,7 @@ class Navigator:
         self._last: dict[int, int] = {}  # stamps of the newest inertial readings [ns]
         self._refused_since: dict[int, int] = {}
         self._holds = [_only_drives(one, self.filter) for one in self.sensors.values()]
+        self._arms = [_arm(sensor) for sensor in self.sensors.values()]
         self._timeline = Timeline(
             self.filter,
             [Channel(key, largest_nis(sensor.gate, len(sensor.deviations()))) for key, sensor in self.sensors.items()],
@@ -136,8 +138,9 @@ class Navigator:
         sensor, value, stamp = self.intake.sensors[event.sensor], event.value, event.stamp
         if "rates and forces" in sensor.tells:
             value = sensor.in_axes_of_car(value[None])[0]
-            rates, arm = np.nan_to_num(value[:3]), sensor.mounting()[:3]
-            value[3:6] -= np.cross(rates, np.cross(rates, arm))
+            if (arm := self._arms[event.sensor]) is not None:
+                rates = np.where(value[:3] == value[:3], value[:3], 0.0)
+                value[3:6] -= rates * rates.dot(arm) - arm * rates.dot(rates)  # ω × (ω × r)
         elif "heading" in sensor.tells and (told := sensor.heading(value, event.variance)) is not None:
             value = np.array([np.cos(told[0]), np.sin(told[0])])
         if self._holds[event.sensor]:
@@ -310,6 +313,14 @@ def used_sensors(vehicle: Vehicle) -> dict[str, SensorBase]:
     """The sensors of a vehicle, complete, that any filter of this room could use."""
     used = {one.tells for one in INPUTS.values()} | {one.tells for one in MEASUREMENTS.values()}
     return {key: one for key, one in vehicle.sensing().items() if not used.isdisjoint(one.tells)}
+
+
+def _arm(sensor: SensorBase) -> NDArray[np.float64] | None:
+    """From cog to an inertial sensor [m], None where it is there."""
+    if "rates and forces" not in sensor.tells:
+        return None
+    arm = sensor.mounting()[:3]
+    return arm if arm.any() else None
 
 
 def _only_drives(sensor: SensorBase, filter: Aided) -> bool:
