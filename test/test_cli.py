@@ -218,6 +218,20 @@ def test_a_folder_that_cannot_be_written_is_named(bag, tmp_path):
     refused(vsense("run", bag, "--vehicle", "rav4", "--out", tmp_path / "file" / "out"), str(tmp_path / "file"))
 
 
+@pytest.mark.parametrize("command", ["accelerator", "best", "faults", "genesis", "leung", "road", "thesis"])
+def test_a_folder_where_a_file_is_to_be_written_is_refused_before_any_work(command, tmp_path):
+    result = vsense(command, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "is a directory" in result.output
+
+
+def test_a_table_that_leung_does_not_have_is_refused_before_any_work(tmp_path):
+    result = vsense("leung", "--table", "5.6", "--out", tmp_path / "leung.json")
+    assert result.exit_code == 2
+    assert "no table '5.6'; there are: 3.4, 4.2" in result.output
+    assert not list(tmp_path.iterdir())
+
+
 def test_info_names_what_looks_wrong(tmp_path):
     drive = straight_drive()
     drive["vehicle/wheel_speeds"].columns["velocity"][:] *= 3.6

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsense_ros.cli.common import load_car
+from vsense_ros.cli.common import NEW_FILE, load_car
 
 if TYPE_CHECKING:
     from vsense_ros.experiments.implementation import Implementation
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 @click.option("--requests", default=100_000, show_default=True, type=click.IntRange(1), help="Under each fault.")
 @click.option("--short", is_flag=True, help="Of the implementation table the lines of 4 ms and 1e-5, drives of 1.2 s.")
 @click.option("--table", "only_table", is_flag=True, help="The implementation table alone.")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/accelerator.json"), show_default=True, help="File."
-)
+@click.option("--out", type=NEW_FILE, default=Path("out/accelerator.json"), show_default=True, help="File.")
 @click.option("--vehicle", default="prototype_model", show_default=True, help="Vehicle file with suspension tables.")
 def accelerator(systems: int, requests: int, short: bool, only_table: bool, out: Path, vehicle: str) -> None:
     """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.

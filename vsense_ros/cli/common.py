@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # at run time it would load the whole model before the first 
 
 FAULT = 2  # exit code for input that cannot be used, as for a wrong option
 EXISTING = click.Path(exists=True, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
 VEHICLE_HELP = "Vehicle file, or the name of one in config/vehicles (genesis, rav4, …)."
 vehicle_option = click.option("--vehicle", required=True, metavar="FILE", help=VEHICLE_HELP)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsense_ros.cli.common import EXISTING, every_filter, load_car, vehicle_option, warn
+from vsense_ros.cli.common import EXISTING, NEW_FOLDER, every_filter, load_car, vehicle_option, warn
 from vsense_ros.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("bag", type=EXISTING)
 @vehicle_option
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results; default: out/run/<name>.")
+@click.option("--out", type=NEW_FOLDER, help="Folder for the results; default: out/run/<name>.")
 @click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
 @click.option("--smooth", is_flag=True, help="Each estimate in the light of the whole recording (GNSS/INS filters).")
 @click.option("--lag", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="… or of so much after it.")

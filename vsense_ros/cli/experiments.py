@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import load_car, warn
+from vsense_ros.cli.common import NEW_FILE, NEW_FOLDER, load_car, warn
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, help="Folder.")
+@click.option("--out", type=NEW_FOLDER, default=Path("out/demo"), show_default=True, help="Folder.")
 @click.option("--without-ros", is_flag=True, help="Run everything in this process.")
 def demo(out: Path, without_ros: bool) -> None:
     """Three drives through the ROS processes: tables, pictures, a report.
@@ -30,13 +30,9 @@ def demo(out: Path, without_ros: bool) -> None:
 
 
 @click.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/genesis.json"), show_default=True, help="File."
-)
+@click.option("--out", type=NEW_FILE, default=Path("out/genesis.json"), show_default=True, help="File.")
 @click.option("--vehicle", metavar="FILE", default="genesis", show_default=True, help="Vehicle file, or its name.")
-@click.option(
-    "--identify", metavar="FILE", type=click.Path(path_type=Path), help="Identify the car instead, and write FILE."
-)
+@click.option("--identify", metavar="FILE", type=NEW_FILE, help="Identify the car instead, and write FILE.")
 @click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
 @click.option(
     "--reference", metavar="FILE", help="Vehicle file that tells place and mounting of the reference instead."
@@ -86,9 +82,7 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
 
 
 @click.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/thesis.json"), show_default=True, help="File."
-)
+@click.option("--out", type=NEW_FILE, default=Path("out/thesis.json"), show_default=True, help="File.")
 def thesis(out: Path) -> None:
     """Repeat the tables of Rodríguez 2020: a full car of 600 kg, observers that believe in 700 kg and more grip.
 
@@ -110,7 +104,7 @@ def thesis(out: Path) -> None:
 @click.option(
     "--vehicle", default="prototype_real", show_default=True, metavar="FILE", help="With linkages and tables."
 )
-@click.option("--out", type=click.Path(path_type=Path), default=Path("docs"), show_default=True, help="Folder.")
+@click.option("--out", type=NEW_FOLDER, default=Path("docs"), show_default=True, help="Folder.")
 def simplification(vehicle: str, out: Path) -> None:
     """Compare the simplified car with the one that has all its bodies, on each generated manoeuvre.
 
@@ -136,7 +130,7 @@ def simplification(vehicle: str, out: Path) -> None:
 @click.option(
     "--vehicle", metavar="FILE", default="prototype_model", show_default=True, help="Vehicle file, or its name."
 )
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/sampling"), show_default=True, help="Folder.")
+@click.option("--out", type=NEW_FOLDER, default=Path("out/sampling"), show_default=True, help="Folder.")
 def sampling(vehicle: str, out: Path) -> None:
     """Compare a continuous filter with discrete ones where sensors are slow.
 
@@ -161,7 +155,7 @@ def sampling(vehicle: str, out: Path) -> None:
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/road.json"), show_default=True, help="File.")
+@click.option("--out", type=NEW_FILE, default=Path("out/road.json"), show_default=True, help="File.")
 @click.option(
     "--extended", type=click.Path(path_type=Path), default=Path("docs/examples/genesis/vehicle.extended.yaml"),
     show_default=True, help="What `vsense explain` wrote of the Genesis.",
@@ -201,7 +195,7 @@ def road(out: Path, extended: Path) -> None:
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/best.json"), show_default=True, help="File.")
+@click.option("--out", type=NEW_FILE, default=Path("out/best.json"), show_default=True, help="File.")
 @click.option("--study", is_flag=True, help="Instead: twenty random starts, and a hundred everyday drives.")
 def best(out: Path, study: bool) -> None:
     """Repeat Best & Bogdanski 2016 on a twin: a car identified from its CAN bus by Kalman filters.
@@ -238,7 +232,7 @@ def best(out: Path, study: bool) -> None:
 @click.option("--quick", is_flag=True, help="One seed, and four of the ten manoeuvres.")
 @click.option("--figures", is_flag=True, help="Draw his figures as well, some 35 pages (ten minutes).")
 @click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/leung.json"), show_default=True, help="File.")
+@click.option("--out", type=NEW_FILE, default=Path("out/leung.json"), show_default=True, help="File.")
 def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | None, out: Path) -> None:
     """Repeat the tables of Leung 2010: GNSS/INS filters and vehicle models on a simulated saloon, beside his figures.
 

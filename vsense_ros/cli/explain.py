@@ -8,6 +8,7 @@ import click
 
 from vsense_ros.cli.common import (
     EXISTING,
+    NEW_FOLDER,
     STRETCH,
     VEHICLE_HELP,
     HoldsOut,
@@ -45,7 +46,7 @@ from vsense_ros.cli.common import (
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
 @click.option("--next", "design", is_flag=True, help="Say which test would tell the answer in --report apart.")
-@click.option("--report", type=click.Path(path_type=Path), default=Path("out/explain"), show_default=True)
+@click.option("--report", type=NEW_FOLDER, default=Path("out/explain"), show_default=True)
 def explain(
     recordings: tuple[Stretch, ...],
     vehicle: str | None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsense_ros.cli.common import EXISTING, Commands, load_car, warn
+from vsense_ros.cli.common import EXISTING, NEW_FILE, NEW_FOLDER, Commands, load_car, warn
 
 if TYPE_CHECKING:
     from vsense_ros.model.vehicle import Vehicle
@@ -26,9 +26,7 @@ def export() -> None:
 
 @export.command("c")
 @click.argument("vehicle")
-@click.option(
-    "--output", required=True, type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Folder."
-)
+@click.option("--output", required=True, type=NEW_FOLDER, metavar="DIR", help="Folder.")
 @click.option(
     "--sensor", "sensors", multiple=True, metavar="NAME", help="Only these of the vehicle file; default: all."
 )
@@ -123,9 +121,7 @@ def _export_filter(car: Vehicle, name: str, output: Path, check: Path | None) ->
 @click.argument("vehicle")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Version of FMI.")
 @click.option("--plant", is_flag=True, help="The car itself instead of its observer.")
-@click.option(
-    "--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="The unit, .fmu."
-)
+@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="The unit, .fmu.")
 @click.option("--no-binary", is_flag=True, help="Sources alone, to be compiled where the unit shall run.")
 @click.option("--filter", "chosen", metavar="NAME", help="error_ekf or spi; default: as VEHICLE says.")
 @click.option(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, HoldsOut, distinct_names, import_named, load_car, vehicle_option
+from vsense_ros.cli.common import EXISTING, NEW_FOLDER, HoldsOut, distinct_names, import_named, load_car, vehicle_option
 
 
 def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
@@ -23,7 +23,7 @@ def _names(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tu
 )  # fmt: skip
 @click.option("--free", multiple=True, callback=_names, metavar="NAMES", help="Parameters to identify; default: all.")
 @click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To prove it on.")
-@click.option("--report", type=click.Path(path_type=Path), default=Path("out/identify"), show_default=True)
+@click.option("--report", type=NEW_FOLDER, default=Path("out/identify"), show_default=True)
 def identify(
     recordings: tuple[Path, ...],
     vehicle: str,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import load_car, vehicle_option, warn
+from vsense_ros.cli.common import NEW_FOLDER, load_car, vehicle_option, warn
 
 
 @click.command()
@@ -51,7 +51,7 @@ def simulate(
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("bags"), show_default=True, help="Folder.")
+@click.option("--out", type=NEW_FOLDER, default=Path("bags"), show_default=True, help="Folder.")
 def bags(out: Path) -> None:
     """Generate the manoeuvre bags of the repository again, bit by bit.
 

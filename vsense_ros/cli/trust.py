@@ -7,13 +7,22 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, HoldsOut, distinct_names, import_named, load_car, vehicle_option, warn
+from vsense_ros.cli.common import (
+    EXISTING,
+    NEW_FILE,
+    HoldsOut,
+    distinct_names,
+    import_named,
+    load_car,
+    vehicle_option,
+    warn,
+)
 
 
 @click.command(cls=HoldsOut)
 @click.argument("recordings", nargs=-1, required=True, type=EXISTING)
 @vehicle_option
-@click.option("--output", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="YAML.")
+@click.option("--output", required=True, type=NEW_FILE, metavar="FILE", help="YAML.")
 @click.option("--hold-out", "held_out", metavar="RECORDING…", multiple=True, type=EXISTING, help="To judge by.")
 @click.option("--own-noise", is_flag=True, help="Tune what messages state about their noise, too, and ignore that.")
 def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tuple[Path, ...], own_noise: bool) -> None:
@@ -51,7 +60,7 @@ def tune(recordings: tuple[Path, ...], vehicle: str, output: Path, held_out: tup
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, type=EXISTING)
 @vehicle_option
-@click.option("--calibrate", type=click.Path(path_type=Path), metavar="LIMITS", help="File to write the limits to.")
+@click.option("--calibrate", type=NEW_FILE, metavar="LIMITS", help="File to write the limits to.")
 @click.option("--limits", "limits_file", type=EXISTING, metavar="LIMITS", help="Limits to judge RECORDINGS by.")
 def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, limits_file: Path | None) -> None:
     """Watch whether the observer's model still fits: find out what is normal, or judge RECORDINGS.
@@ -97,9 +106,7 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 
 
 @click.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/faults.json"), show_default=True, help="File."
-)
+@click.option("--out", type=NEW_FILE, default=Path("out/faults.json"), show_default=True, help="File.")
 @click.option("--only", metavar="WORDS", default="", help="Only faults whose name has these words in it.")
 def faults(out: Path, only: str) -> None:
     """Let sensors fail, one way after the other, and look at what the observer makes of it.

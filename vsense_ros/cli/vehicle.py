@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING
+from vsense_ros.cli.common import EXISTING, NEW_FILE, NEW_FOLDER
 
 
 @click.command()
 @click.argument("files", nargs=-1, metavar="[FILE]...", type=EXISTING)
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/tyres"), show_default=True, help="Folder.")
+@click.option("--out", type=NEW_FOLDER, default=Path("out/tyres"), show_default=True, help="Folder.")
 @click.option("--rig", is_flag=True, help="Draw besides what a rig measures: a plank pulled away below the tyre.")
 def tyres(files: tuple[Path, ...], out: Path, rig: bool) -> None:
     """Draw tyres: force curves, friction ellipse, influence of load and inclination, lag.
@@ -40,7 +40,7 @@ def tyres(files: tuple[Path, ...], out: Path, rig: bool) -> None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
-@click.option("--output", type=click.Path(path_type=Path), metavar="FILE", help="Default: the vehicle file itself.")
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="Default: the vehicle file itself.")
 @click.option("--bump", default=0.06, show_default=True, help="Highest wheel centre [m] over its design position.")
 @click.option("--rebound", default=0.06, show_default=True, help="Lowest one below [m].")
 @click.option("--rack", default=0.04, show_default=True, help="Travel of the rack to either side [m].")
@@ -89,7 +89,7 @@ def schema(as_json: bool) -> None:
 
 @click.command()
 @click.argument("vehicle", metavar="VEHICLE")
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Default: print it.")
+@click.option("--output", type=NEW_FILE, metavar="FILE", help="Default: print it.")
 @click.option("--prefix", default="", metavar="TEXT", help="Before the name of every link, such as car1/.")
 def urdf(vehicle: str, output: Path | None, prefix: str) -> None:
     """Write VEHICLE as a URDF: its links and joints, for RViz, Foxglove, robot_state_publisher and tf2.

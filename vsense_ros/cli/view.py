@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, load_car
+from vsense_ros.cli.common import EXISTING, NEW_FILE, VEHICLE_HELP, load_car
 
 
 @click.command()
@@ -18,7 +18,7 @@ from vsense_ros.cli.common import EXISTING, VEHICLE_HELP, load_car
 @click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="0: any that is free.")
 @click.option("--loop", is_flag=True, help="Begin again at the end, for viewers without a time line.")
 @click.option("--namespace", default="", metavar="NAME", help="Of the live topics.")
-@click.option("--layout", type=click.Path(path_type=Path), metavar="FILE", help="Write the layout to FILE, and end.")
+@click.option("--layout", type=NEW_FILE, metavar="FILE", help="Write the layout to FILE, and end.")
 def view(
     bags: tuple[Path, ...],
     vehicle: str | None,
