@@ -64,6 +64,9 @@ class Made:
     def proven(self, hypothesis: Hypothesis) -> float:
         return min(hypothesis.gain, hypothesis.cv_gain)
 
+    def proven_beyond(self, hypothesis: Hypothesis, known: Hypothesis) -> float:
+        return self.proven(hypothesis) - self.proven(known)
+
     def unmended(self, hypothesis: Hypothesis) -> str:
         return "roll_rate" if hypothesis.name.strip() in UNMENDED else ""
 
@@ -372,6 +375,26 @@ def test_of_many_windows_the_one_that_speaks_most_against_an_effect_does_not_cou
     assert validation.gain(found) == pytest.approx(whole)
     assert validation.gains(found).of_most == pytest.approx(gain)
     assert validation.against(found).startswith("drive 3: from 0 to 9 s") == told
+
+
+@pytest.mark.parametrize(
+    ("first", "joint", "adds"),
+    [
+        ([1.0, 1.0, 1.0, 1.0], [0.5, 0.5, 0.5, 0.5], 0.75 * 0.25),
+        ([1.0, 1.0, 1.0, 6.0], [0.5, 0.5, 0.5, 7.0], 0.75 * 0.25),  # a drive at the limit, which goes wrong for both
+        ([1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 1.0, 1.9], (4.0 - 5.61) / 16.0),  # one that only what joins makes worse
+    ],
+)
+def test_what_joins_is_compared_on_the_windows_that_the_first_effect_is_judged_by(first, joint, adds):
+    validation, left = validated(FITTED, []), {"drag": first, "drag + road": joint}
+    found = {name: replace(explaining(name, 1.0, 1.0), fit=replace(FITTED)) for name in left}
+    names = {id(one.fit): name for name, one in found.items()}
+    validation.residuals = SimpleNamespace()
+    validation.held_out = lambda fit: (
+        [np.full(100, 2.0) for _ in first], [np.full(100, off) for off in left[names[id(fit)]]]
+    )  # fmt: skip
+    assert validation.proven(found["drag + road"]) > validation.proven(found["drag"])
+    assert validation.proven_beyond(found["drag + road"], found["drag"]) == pytest.approx(adds)
 
 
 def unfinished(left: float) -> Made:

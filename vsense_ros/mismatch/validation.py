@@ -182,6 +182,18 @@ class Validation:
         gains = self.gains(hypothesis)
         return min(hypothesis.gain, hypothesis.cv_gain if gains is None else gains.of_most)
 
+    def proven_beyond(self, hypothesis: Hypothesis, known: Hypothesis) -> float:
+        """What an explanation is proven to gain beyond a known one, both on the same held-out windows: on all, or on
+        all but the one of many that speaks most against the known one."""
+        gains, others = self.gains(hypothesis), self.gains(known)
+        if gains is None or others is None:
+            return self.proven(hypothesis) - self.proven(known)
+        compared = [(gains.whole, others.whole)]
+        if others.without_each.size:
+            without = int(np.argmax(others.without_each))
+            compared.append((float(gains.without_each[without]), float(others.without_each[without])))
+        return max(min(hypothesis.gain, one) - min(known.gain, other) for one, other in compared)
+
     def against(self, hypothesis: Hypothesis) -> str:
         """A remark on the window without which the gain is clearly higher, if there is one."""
         gains = self.gains(hypothesis)

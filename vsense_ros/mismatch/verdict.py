@@ -256,10 +256,13 @@ class _Judge:
     def _joined_by_one(self, leading: _Leading, count: int) -> _Leading:
         """What leads if explanations of so many effects are admitted, too."""
         limits = self.thresholds
-        explained = max((self.proven[e] for e in self.hypotheses if len(e.candidates) < count), default=0.0)
+        fewer = max(
+            (e for e in self.hypotheses if len(e.candidates) < count), key=self.proven.__getitem__, default=None
+        )
+        explained = 0.0 if fewer is None else self.proven[fewer]
 
         def adds(e: Hypothesis) -> float:
-            return self.proven[e] - explained
+            return self.proven[e] if fewer is None else self.validation.proven_beyond(e, fewer)
 
         left, clear = max(1 - explained, self.least_whole), limits.clear_further_gain * self.least_gain
         least = max(min(limits.further_share, clear) * left, limits.form_error * explained)
