@@ -91,7 +91,7 @@ def test_a_report_that_cannot_be_written_is_said_before_anything_is_searched(cal
     (tmp_path / "taken").touch()
     result = called(("slalom",), "--report", "taken")
     assert isinstance(result.exception, SystemExit)
-    assert "taken: File exists" in result.output
+    assert "Directory 'taken' is a file" in result.output
     assert "searching" not in result.output
 
 
