@@ -28,7 +28,8 @@ from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.experiments import leung_models
 from vsense_ros.experiments.leung_drives import Case, Error, Errors
 from vsense_ros.experiments.leung_observers import BOUND
-from vsense_ros.experiments.leung_study import Results, Task, pool, study
+from vsense_ros.experiments.leung_study import Results, study
+from vsense_ros.experiments.tasks import Task, pool
 from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
@@ -236,10 +237,10 @@ def repeat(
                 wanted.setdefault(case, []).extend(c.filter for c in table.columns if seed in _seeds_of(c, seeds))
     others = [(name, task) for name in names for task in _tasks(name, store, laps, quick)]
     share_of_study = len(wanted) / (len(wanted) + len(others)) if wanted else 0.0
-    with pool(processes) as run:
-        results = study(wanted.items(), store, lambda share: progress(share_of_study * share), run=run)
+    with pool(processes) as do_tasks:
+        results = study(wanted.items(), store, lambda share: progress(share_of_study * share), do_tasks=do_tasks)
         tasks = [task for _, task in others]
-        parts = run(tasks, lambda share: progress(share_of_study + (1 - share_of_study) * share))
+        parts = do_tasks(tasks, lambda share: progress(share_of_study + (1 - share_of_study) * share))
     found: Found = {name: _figures(table, results, seeds, quick) for name, table in chosen.items()}
     for (name, _), part in zip(others, parts, strict=True):
         for row, columns in part.items():

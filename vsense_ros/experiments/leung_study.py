@@ -5,11 +5,10 @@ its content. Filters get the readings directly, in order, so that a study measur
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +39,14 @@ from vsense_ros.experiments.leung_drives import (
     study_car,
     trajectory,
 )
+from vsense_ros.experiments.tasks import DoTasks, Task, in_turn
 from vsense_ros.files.atomic import in_place_of
 from vsense_ros.manoeuvre import MANOEUVRES
-from vsense_ros.mismatch.fleet import workers
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.motion import Motions, Readout
 from vsense_ros.navigation.space import MOTION
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 Array = NDArray[np.float64]
 
@@ -149,60 +145,14 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
 Results = Mapping[tuple[Case, str], Mapping[str, Any]]
 
 
-class Task(NamedTuple):
-    """A function with its arguments, and about how long it takes [s]."""
-
-    seconds: float
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
-
-
-# Tasks, and what is told of the share that is done → their results, in the same order.
-Run = Callable[[Sequence[Task], Callable[[float], None]], list[Any]]
-
-
-@contextmanager
-def pool(processes: int | None = None) -> Iterator[Run]:
-    """What does tasks, the longest first, in so many processes: by default one for each core, with 1 in this one."""
-    if processes == 1:
-        yield lambda tasks, progress: _in_turn(tasks, progress)
-        return
-    with workers(None, processes) as client:
-        yield lambda tasks, progress: _side_by_side(tasks, progress, client)
-
-
-def _in_turn(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Any]:
-    found, whole, done = [], sum(task.seconds for task in tasks), 0.0
-    for task in tasks:
-        found.append(task.function(*task.arguments))
-        done += task.seconds
-        progress(done / whole)
-    return found
-
-
-def _side_by_side(tasks: Sequence[Task], progress: Callable[[float], None], client: Client) -> list[Any]:
-    from distributed import as_completed
-
-    whole, done = sum(task.seconds for task in tasks), 0.0
-    longest_first = sorted(range(len(tasks)), key=lambda i: -tasks[i].seconds)
-    places = {client.submit(tasks[i].function, *tasks[i].arguments, pure=False): i for i in longest_first}
-    found: dict[int, Any] = {}
-    for future in as_completed(list(places)):
-        place = places[future]
-        found[place] = future.result()
-        done += tasks[place].seconds
-        progress(done / whole)
-    return [found[i] for i in range(len(tasks))]
-
-
 def study(
     cases: Iterable[tuple[Case, Sequence[str]]],
     store: Path,
     progress: Callable[[float], None] = lambda share: None,
     *,
-    run: Run = _in_turn,
+    do_tasks: DoTasks = in_turn,
 ) -> Results:
-    """Scores of each case and filter, which `run` makes. What is in `store` from a run that was stopped is not done
+    """Scores of each case and filter, made by `do_tasks`. What is in `store` from a run that was stopped is not done
     again; a change of the filters, the plant or the sensors makes anew what depends on it. Raises `InputError` for
     unknown names."""
     wanted = [(case, tuple(dict.fromkeys(names))) for case, names in cases]
@@ -236,8 +186,8 @@ def study(
         for case, names in missing
     ]
     driving = sum(one.seconds for one in plants) / sum(one.seconds for one in (*plants, *tasks))
-    run(plants, lambda share: progress(driving * share))
-    every = run(tasks, lambda share: progress(driving + (1 - driving) * share))
+    do_tasks(plants, lambda share: progress(driving * share))
+    every = do_tasks(tasks, lambda share: progress(driving + (1 - driving) * share))
     for (case, _), scores in zip(missing, every, strict=True):
         found |= {(case, name): one for name, one in scores.items()}
     return found

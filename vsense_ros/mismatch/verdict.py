@@ -261,24 +261,26 @@ class _Judge:
         )
         explained = 0.0 if fewer is None else self.proven[fewer]
 
-        def adds(e: Hypothesis) -> float:
-            return self.proven[e] if fewer is None else self.validation.proven_beyond(e, fewer)
-
+        adds = {
+            e: self.proven[e] if fewer is None else self.validation.proven_beyond(e, fewer)
+            for e in self.hypotheses
+            if len(e.candidates) == count
+        }
         left, clear = max(1 - explained, self.least_whole), limits.clear_further_gain * self.least_gain
         least = max(min(limits.further_share, clear) * left, limits.form_error * explained)
         # What speaks against an explanation takes long to find: only of those that can matter.
-        several = [e for e in self.hypotheses if len(e.candidates) == count and adds(e) > least / 2]
+        several = [e for e, more in adds.items() if more > least / 2]
         several.sort(key=self.proven.__getitem__, reverse=True)
         best, leader = next(filter(self.holds, several), None), leading.leader
-        if best is None or adds(best) <= least:
+        if best is None or adds[best] <= least:
             return leading
-        share = adds(best) / left
+        share = adds[best] / left
         unfinished = leader is None or self.validation.fitted.worst(leader.fit.residuals) > limits.signal_off
         outstanding = unfinished and share > limits.further_share
         if not outstanding and share <= clear:
             return leading
         added = set(best.effects) - set(leader.effects if leader is not None else ())
-        alike = [] if outstanding else [e for e in several if adds(e) >= adds(best) / 2 and self.holds(e)]
+        alike = [] if outstanding else [e for e in several if adds[e] >= adds[best] / 2 and self.holds(e)]
         if all(added & set(e.effects) or self.surpassed(e, best) for e in alike):
             return _Leading(best, best) if self.agreed(best) else _Leading(best, leader)
         if self.agreed(best) and (sure := set(best.effects) - added):
