@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format demo bench best thesis genesis road leung blind recordings bags \
+.PHONY: help venv check test lint format house demo bench best thesis genesis road leung blind recordings bags \
 	hw-tools hw hw-timing arm accelerator vehicle fuzz clean
 
 help: ## this list
@@ -41,6 +41,9 @@ lint: venv ## ruff, mypy, and the contracts about which room may import which
 format: venv ## let ruff mend what it can
 	$(VENV)/bin/ruff check --fix-only .
 	$(VENV)/bin/ruff format .
+
+house: venv ## the measures of the code base beside their goals, to out/house.json
+	@$(VENV)/bin/python tools/house.py
 
 demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
 	$(VENV)/bin/vsense demo
