@@ -53,11 +53,11 @@ bench: venv ## benchmarks to out/bench.json and BENCHMARKS.md
 	$(VENV)/bin/python tools/benchmarks.py out/bench.json BENCHMARKS.md
 
 genesis: venv ## the observer on the third Genesis lap, with parameters from the two others, to out/genesis.json
-	$(VENV)/bin/vsense genesis
+	$(VENV)/bin/python -m studies genesis
 
 # LEUNG=--quick takes one seed and four of ten manoeuvres.
 leung: venv ## the tables of Leung 2010 on GNSS/INS filters and models, beside his figures, to out/leung.json
-	$(VENV)/bin/vsense leung $(LEUNG)
+	$(VENV)/bin/python -m studies leung $(LEUNG)
 
 # BLIND="--cases 40" examines with a part of the cases. Ablations are run on a sample.
 BLIND ?=
@@ -75,16 +75,16 @@ recordings: venv ## cases of public bug reports, planted faults and speeds of al
 	PYTHONPATH=test $(VENV)/bin/python -m recordings $(if $(DBC),--dbc $(DBC))
 
 best: venv ## Best & Bogdanski 2016 on a twin: a car identified by Kalman filters, to out/best.json
-	$(VENV)/bin/vsense best
+	$(VENV)/bin/python -m studies best
 
 thesis: venv ## the tables of Rodríguez 2020 beside ours, to out/thesis.json
-	$(VENV)/bin/vsense thesis
+	$(VENV)/bin/python -m studies thesis
 
 road: venv ## forces and attitudes on roads that are not flat, to out/road.json
-	$(VENV)/bin/vsense road
+	$(VENV)/bin/python -m studies road
 
 bags: venv ## regenerate the manoeuvres in bags/ bit by bit
-	$(VENV)/bin/vsense bags
+	$(VENV)/bin/python -m studies bags
 
 # Debian 12 and Ubuntu 24.04. Needs root for apt, or the packages there already.
 HW_PACKAGES := verilator iverilog yosys make g++ gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user
@@ -106,12 +106,12 @@ hw-timing: venv ## place and route on ECP5, for the clock: half an hour
 	$(HW_PYTHON) hw/synthesise.py ecp5
 
 arm: venv ## instructions of the exported observer on a Cortex-A9, to out/arm.json
-	$(VENV)/bin/python tools/arm/count.py
+	PYTHONPATH=. $(VENV)/bin/python tools/arm/count.py
 
 accelerator: venv ## bits, clocks, resources and latency of the accelerator, to out/accelerator.json and docs
-	-$(VENV)/bin/python tools/arm/count.py
-	$(VENV)/bin/vsense accelerator
-	$(VENV)/bin/python tools/accelerator_page.py out/accelerator.json docs
+	-PYTHONPATH=. $(VENV)/bin/python tools/arm/count.py
+	$(VENV)/bin/python -m studies accelerator
+	PYTHONPATH=. $(VENV)/bin/python tools/accelerator_page.py out/accelerator.json docs
 
 # VEHICLE="--soak 1 transforms" chooses checks by parts of their names, and a soak of one minute.
 VEHICLE ?=

@@ -1,6 +1,6 @@
 """The page of what an accelerator would gain and cost: python tools/accelerator_page.py out/accelerator.json docs
 
-Writes accelerator.md and accelerator/times.png below docs from what `vsense accelerator` wrote.
+Writes accelerator.md and accelerator/times.png below docs from what `python -m studies accelerator` wrote.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense_ros.experiments.implementation import HIS, HIS_SHARES
-from vsense_ros.experiments.partition import Choice, Device, Partition, load_device, partition, profile
+from studies.implementation import HIS, HIS_SHARES
+from vsense_ros.assess.partition import Choice, Device, Partition, load_device, partition, profile
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 
@@ -148,7 +148,7 @@ def page(content: dict[str, Any]) -> str:
 def drives(content: dict[str, Any]) -> str:
     short = "from 10 m/s, 1.2 s with his throttle, and his steering at 0.2 s"
     if content["drives"] == "short":
-        return f"Friction 0.6, {short}; steps of 4 ms, his finest tolerance (`vsense accelerator --short`)."
+        return f"Friction 0.6, {short}; steps of 4 ms, his finest tolerance (`python -m studies accelerator --short`)."
     return f"The simplified car drives his second manoeuvre; the full one, friction 0.6, {short}."
 
 

@@ -207,7 +207,7 @@ def test_a_system_that_has_no_scale_is_left_to_the_processor(value):
 
 
 def test_the_table_of_faults_has_every_kind_and_none_costs_accuracy_or_time():
-    from vsense_ros.experiments.accelerator import under_faults
+    from studies.accelerator import under_faults
 
     found = under_faults(60, lambda share: None)
     assert set(found) == set(FAULTS)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vsense_ros.accelerator.kernels import KERNELS
-from vsense_ros.experiments.partition import recorded_resources
+from vsense_ros.assess.partition import recorded_resources
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from studies import best_twin
+from studies.best import FREE, HEIGHTS, TRUTH, curve_errors, wrong_start
 from vsense_ros.errors import InputError
-from vsense_ros.experiments import best_twin
-from vsense_ros.experiments.best import FREE, HEIGHTS, TRUTH, curve_errors, wrong_start
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import best

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from studies.bags import LARGEST, SEED
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.metrics import compare
-from vsense_ros.experiments.bags import LARGEST, SEED
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import ON_ROADS, STANDARD, generate

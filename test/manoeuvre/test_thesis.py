@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from vsense_ros.experiments.thesis import HIS_PERCENT, KINDS, LEFT, PARAMETERS, ROWS, STEPS, repeat, show, write
+from studies.thesis import HIS_PERCENT, KINDS, LEFT, PARAMETERS, ROWS, STEPS, repeat, show, write
 from vsense_ros.manoeuvre import MANOEUVRES as MANOEUVRES_BY_NAME
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.model.car.car import car_of

@@ -12,7 +12,7 @@ import vsense_ros
 from vsense_ros.model import coordinates as c
 
 PACKAGE = Path(vsense_ros.__file__).parent
-FOLDERS = ("evaluate", "experiments", "manoeuvre", "model/car", "model/effects", "model/simulation")
+FOLDERS = ("../studies", "assess", "evaluate", "manoeuvre", "model/car", "model/effects", "model/simulation")
 VECTORS = {"q", "u", "udot", "inputs", "force", "disturbances"}  # names that the vectors have everywhere
 
 

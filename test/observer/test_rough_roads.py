@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drives import IMU, altered, changed, follow, messages, seconds
+from studies.road import with_height
 from vsense_ros.bag import read_bag
-from vsense_ros.experiments.road import with_height
 from vsense_ros.manoeuvre.driver import SpeedKeeper
 from vsense_ros.manoeuvre.road_surface import RoadSurface
 from vsense_ros.manoeuvre.sensing import record

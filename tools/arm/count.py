@@ -20,7 +20,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vsense_ros.experiments.thesis import PARAMETERS
+from studies.thesis import PARAMETERS
 from vsense_ros.export import c
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle

@@ -9,15 +9,15 @@ from __future__ import annotations
 import click
 
 from vsense_ros.cli import (
-    accelerator,
     characterise,
+    demo,
     design,
     estimate,
-    experiments,
     explain,
     export,
     identify,
     observability,
+    partition,
     recordings,
     simulate,
     trust,
@@ -64,8 +64,8 @@ for _command in (
     *characterise.COMMANDS,
     *observability.COMMANDS,
     *design.COMMANDS,
-    *experiments.COMMANDS,
-    *accelerator.COMMANDS,
+    *demo.COMMANDS,
+    *partition.COMMANDS,
     *view.COMMANDS,
 ):
     main.add_command(_command)

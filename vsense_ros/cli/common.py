@@ -77,14 +77,16 @@ STRETCH = StretchType()
 class Commands(click.Group):
     """A group whose commands end with one message, not a traceback, where the input is at fault."""
 
+    program = "vsense"  # that the message names
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except InputError as error:
-            click.echo(f"vsense: {printable(str(error))}", err=True)
+            click.echo(f"{self.program}: {printable(str(error))}", err=True)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
-            click.echo(f"vsense: {printable(f'{place}{error.strerror or error}')}", err=True)
+            click.echo(f"{self.program}: {printable(f'{place}{error.strerror or error}')}", err=True)
         ctx.exit(FAULT)
 
 

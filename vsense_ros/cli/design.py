@@ -50,10 +50,10 @@ def design(
     from dataclasses import replace
     from math import radians
 
+    from vsense_ros.assess import sensor_design as job
+    from vsense_ros.assess import sensor_design_picture
+    from vsense_ros.assess.drives import Error, Errors
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.experiments import design as job
-    from vsense_ros.experiments import design_picture
-    from vsense_ros.experiments.leung_drives import Error, Errors
 
     errors = job.with_grade(job.with_receiver(Errors(), receiver, fix_rate), grade)
     gyro, force = errors.gyro, errors.force
@@ -75,7 +75,7 @@ def design(
         found = job.design(plan, names, out.parent / "leung", wanted=wanted, seeds=seeds, progress=done)
     job.show(found, console())
     job.write(found, out.with_suffix(".json"))
-    picture = design_picture.draw(found, out.with_suffix(".png"))
+    picture = sensor_design_picture.draw(found, out.with_suffix(".png"))
     say(f"Written to {picture} and {out.with_suffix('.json').name}.")
 
 

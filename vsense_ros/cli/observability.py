@@ -26,9 +26,9 @@ def observability(bag: Path, vehicle: str, chosen: str, ask: bool, out: Path | N
       vsense observability bags/double_lane_change --vehicle prototype_model
       vsense observability med_lap --vehicle genesis --filter inertial
     """
+    from vsense_ros.assess import observability as job
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.evaluate.terminal import console, progress, say, waiting
-    from vsense_ros.experiments import observability as job
 
     car = load_car(vehicle)
     with waiting(f"reading {bag.name}"):

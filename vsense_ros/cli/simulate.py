@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from vsense_ros.cli.common import NEW_FOLDER, load_car, vehicle_option, warn
+from vsense_ros.cli.common import load_car, vehicle_option, warn
 
 
 @click.command()
@@ -50,28 +50,4 @@ def simulate(
     say(f"Written to {out}.")
 
 
-@click.command()
-@click.option("--out", type=NEW_FOLDER, default=Path("bags"), show_default=True, help="Folder.")
-def bags(out: Path) -> None:
-    """Generate the manoeuvre bags of the repository again, bit by bit.
-
-    \b
-    Examples:
-      vsense bags
-      vsense bags --out /tmp/bags && diff -r bags /tmp/bags
-    """
-    from vsense_ros.evaluate.terminal import progress
-    from vsense_ros.experiments.bags import plant, write_bags
-    from vsense_ros.manoeuvre import IN_BAGS
-
-    written: list[Path] = []
-    with progress("generating") as done:
-        for path in write_bags(out, plant()):
-            written.append(path)
-            done(len(written) / len(IN_BAGS))
-    for path in written:
-        size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
-        click.echo(f"{path} {size:.2f} MB")
-
-
-COMMANDS = (simulate, bags)
+COMMANDS = (simulate,)

@@ -119,9 +119,9 @@ def faults(out: Path, only: str) -> None:
       vsense faults
       vsense faults --only gyro
     """
+    from vsense_ros.assess import faults as job
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
-    from vsense_ros.experiments import faults as job
 
     chosen = [case for case in job.CASES if only in case.title]
     if not chosen:

@@ -1,0 +1,5 @@
+"""python -m studies"""
+
+from studies.commands import main
+
+main(prog_name="python -m studies")

@@ -1,0 +1,165 @@
+"""How far the identification of the twin can be relied on: from many starts, and with everyday driving.
+
+Beside the filter runs plain output-error least squares: the model alone over the whole drive, Levenberg and Marquardt
+with exact sensitivities, from the same starts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from scipy.optimize import least_squares
+
+from studies import best_twin
+from studies.best import FREE, SECONDS, TRUTH, curve_errors, wrong_start
+from vsense_ros.estimation.filter import Array
+from vsense_ros.evaluate.terminal import plain_table
+from vsense_ros.files.atomic import atomic_write
+from vsense_ros.identify import best
+from vsense_ros.identify.identification import AXLES, cornering_stiffness
+from vsense_ros.identify.information import Information, refusals, weigh
+from vsense_ros.identify.open_loop import OpenLoop
+from vsense_ros.identify.progress import Progress
+from vsense_ros.identify.rinsing import Drive, rinse
+from vsense_ros.model.handling import best_4dof
+from vsense_ros.model.handling.best_4dof import BOUNDS, PAPER, Best4Dof
+
+STARTS = 20
+WRONG_MINIMUM = 0.05  # RMS error of a curve, of its peak, beyond which a fit is in a wrong minimum
+EVERYDAY = 100  # twins
+EVERYDAY_LEVEL = 0.2  # of the driver: |a_y| up to 4 m/s²
+EVERYDAY_SECONDS = 60.0
+WITHIN = 1.645  # standard deviations, of a 90 % interval
+REFUSED = ("front_peak", "rear_peak", *best_4dof.JUDGED_BY_CURVE)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Largest curve error by start, of the filter and of least squares (STARTS,); of everyday twins, by axle errors of
+    D C_α in standard deviations and these over the value (EVERYDAY, 2); how often each of `REFUSED` was refused."""
+
+    filter: Array
+    peer: Array
+    errors: Array
+    deviations: Array
+    refused: Mapping[str, float]
+
+
+def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | None = None) -> Study:
+    """Takes some ten minutes."""
+    drive = best_twin.drive(best_twin.rich_driver(0), SECONDS).recorded(0, cut_off=best.CUT_OFF)
+    by_filter, by_peer, errors, deviations = [], [], [], []
+    counts = dict.fromkeys(REFUSED, 0)
+    total = starts + everyday
+    for seed in range(starts):
+        start = wrong_start(100 + seed)
+        by_filter.append(_largest(rinse(best.identifier(start, FREE), [drive]).values))
+        by_peer.append(_largest(output_error(drive, start)))
+        if progress is not None:
+            progress((seed + 1) / total)
+    for seed in range(everyday):
+        found, start = everyday_drive(seed)
+        row = [cornering_stiffness(found, axle, start) for axle in AXLES]
+        truth = [cornering_stiffness(_of(TRUTH, found), axle, PAPER)[0] for axle in AXLES]
+        errors.append([(value - true) / spread for (value, spread), true in zip(row, truth, strict=True)])
+        deviations.append([spread / true for (_, spread), true in zip(row, truth, strict=True)])
+        names = {refusal.name for refusal in refusals(found, best_4dof.JUDGED_BY_CURVE)}
+        for name in counts:
+            counts[name] += name in names
+        if progress is not None:
+            progress((starts + seed + 1) / total)
+    shares = {name: count / max(everyday, 1) for name, count in counts.items()}
+    return Study(np.array(by_filter), np.array(by_peer), np.array(errors), np.array(deviations), shares)
+
+
+def everyday_drive(seed: int) -> tuple[Information, dict[str, float]]:
+    """What an everyday drive tells, and the wrong parameters that it started from."""
+    driver = best_twin.rich_driver(1000 + seed, EVERYDAY_LEVEL)
+    drive = best_twin.drive(driver, EVERYDAY_SECONDS).recorded(seed, cut_off=best.EVERYDAY_CUT_OFF)
+    start = wrong_start(seed)
+    one = best.identifier(start, FREE)
+    rinsed = rinse(one, [drive])
+    return weigh(one, [drive], rinsed.values, one.begin(), best.prior(start, FREE)), start
+
+
+def output_error(drive: Drive, start: Mapping[str, float]) -> Array:
+    """Parameters (14,) that plain least squares finds on the outputs of the model alone."""
+    model = OpenLoop(Best4Dof(), PAPER, FREE)
+    weights = 1 / np.array(best.OUTPUTS)
+    low, high = np.array([BOUNDS[name] for name in FREE]).T
+    begin = np.array([start[name] for name in FREE])
+    lost = np.full(drive.outputs.size, 1e3)
+
+    def residuals(scaled: Array) -> Array:
+        try:
+            return np.ravel((model.outputs(drive, scaled * begin) - drive.outputs) * weights)
+        except FloatingPointError:
+            return lost
+
+    def slopes(scaled: Array) -> Array:
+        try:
+            by = model.sensitivities(drive, scaled * begin)[1]
+        except FloatingPointError:
+            return np.zeros((lost.size, len(begin)))
+        return (by * weights[:, None] * begin).reshape(-1, len(begin))
+
+    found = least_squares(residuals, np.ones(len(begin)), slopes, bounds=(low / begin, high / begin), max_nfev=40)
+    return np.asarray(found.x * begin)
+
+
+def _largest(values: Array) -> float:
+    return float(curve_errors(values).max())
+
+
+def _of(values: Array, like: Information) -> Information:
+    return Information(like.names, values, like.prior, like.scaled)
+
+
+def content(found: Study) -> dict[str, Any]:
+    """As JSON."""
+    inside = np.abs(found.errors) < WITHIN
+    return {
+        "starts": len(found.filter),
+        "wrong_minima": {"filter": int((found.filter > WRONG_MINIMUM).sum()),
+                         "output_error": int((found.peer > WRONG_MINIMUM).sum())},
+        "largest_curve_error_percent": {"filter": float(100 * found.filter.max()),
+                                        "output_error": float(100 * found.peer.max())},
+        "everyday": {
+            axle: {"inside_90_percent": float(inside[:, i].mean()), "median_deviation_percent":
+                   float(100 * np.median(found.deviations[:, i])), "mean_error_in_deviations":
+                   float(found.errors[:, i].mean())}
+            for i, axle in enumerate(AXLES)
+        } if len(found.errors) else {},
+        "refused": dict(found.refused),
+    }  # fmt: skip
+
+
+def write(found: Study, path: Path) -> None:
+    """As JSON."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as file:
+        file.write(json.dumps(content(found), indent=2) + "\n")
+
+
+def show(found: Study, out: Console) -> None:
+    """For the terminal."""
+    made = content(found)
+    table = plain_table(f"{made['starts']} random starts, ±30 %", "wrong minima", "largest curve error, % of peak",
+                        right=("wrong minima", "largest curve error, % of peak"))  # fmt: skip
+    for name, words in (("filter", "identifying EKF"), ("output_error", "output-error least squares")):
+        table.add_row(words, str(made["wrong_minima"][name]), f"{made['largest_curve_error_percent'][name]:.1f}")
+    out.print(table)
+    heads = ("inside 90 % interval", "median σ, %", "mean error, σ")
+    table = plain_table(f"D C_α from {len(found.errors)} everyday drives of 60 s", *heads, right=heads)
+    for axle, row in made["everyday"].items():
+        cells = (f"{100 * row['inside_90_percent']:.0f} %", f"{row['median_deviation_percent']:.1f}",
+                 f"{row['mean_error_in_deviations']:+.2f}")  # fmt: skip
+        table.add_row(axle, *cells)
+    out.print(table)
+    out.print("Refused as not told: " + ", ".join(f"{n} {100 * share:.0f} %" for n, share in made["refused"].items()))

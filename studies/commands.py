@@ -1,0 +1,325 @@
+"""The commands `python -m studies NAME`: one for each paper's tables or examination."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vsense_ros.cli.common import NEW_FILE, NEW_FOLDER, Commands, load_car, warn
+
+
+class StudyCommands(Commands):
+    """Group of the studies' commands."""
+
+    program = "studies"
+
+
+@click.group(cls=StudyCommands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def main() -> None:
+    """Tables of the papers that the project follows, and examinations of the observers by its authors."""
+
+
+@main.command()
+@click.option("--out", type=NEW_FILE, default=Path("out/genesis.json"), show_default=True, help="File.")
+@click.option("--vehicle", metavar="FILE", default="genesis", show_default=True, help="Vehicle file, or its name.")
+@click.option("--identify", metavar="FILE", type=NEW_FILE, help="Identify the car instead, and write FILE.")
+@click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
+@click.option(
+    "--reference", metavar="FILE", help="Vehicle file that tells place and mounting of the reference instead."
+)
+def genesis(out: Path, vehicle: str, identify: Path | None, start: str, reference: str | None) -> None:
+    """Examine the observer on the third Genesis lap, or identify the car from the two others.
+
+    Identification takes a quarter of an hour and gives the same values every time. It does not look at the third lap,
+    so that nothing is chosen by what comes out there.
+
+    \b
+    Examples:
+      python -m studies genesis
+      python -m studies genesis --identify out/genesis.yaml
+      python -m studies genesis --vehicle out/genesis.yaml
+      python -m studies genesis --vehicle genesis_start --reference genesis_identified
+    """
+    from studies import genesis as job
+    from studies import genesis_tables as tables
+    from vsense_ros.demo import dataset
+    from vsense_ros.evaluate.terminal import console, progress, say
+    from vsense_ros.files.vehicle import save_vehicle
+    from vsense_ros.model.vehicle import left_out_of_observer
+
+    folder = dataset("genesis_oxts_can")
+    folder = folder if folder.is_dir() else folder.parent
+    if identify is None:
+        car = load_car(vehicle)
+        warn(left_out_of_observer(car))
+        if reference is not None:
+            car = car.model_copy(update={"reference": load_car(reference).reference})
+        with progress("estimating the third lap") as done:
+            results = job.examine(folder, car, done)
+        job.write_results(results, out)
+        tables.show_examination(results, console())
+        return
+    if reference is not None:
+        raise click.UsageError("--identify finds place and mounting of the reference itself")
+    before = load_car(start)
+    warn(left_out_of_observer(before))
+    with progress("identifying from the slow and the fast lap") as done:
+        found = job.identify(before, job.identification_laps(folder), done)
+    identify.parent.mkdir(parents=True, exist_ok=True)
+    save_vehicle(identify, found.vehicle)
+    tables.show_identification(before, found, console())
+    say(f"Written to {identify}.")
+
+
+@main.command()
+@click.option("--out", type=NEW_FILE, default=Path("out/thesis.json"), show_default=True, help="File.")
+def thesis(out: Path) -> None:
+    """Repeat the tables of Rodríguez 2020: a full car of 600 kg, observers that believe in 700 kg and more grip.
+
+    \b
+    Examples:
+      python -m studies thesis
+    """
+    from studies import thesis as job
+    from vsense_ros.evaluate.terminal import console, progress
+
+    plant, model = (load_car(name) for name in ("prototype_real", "prototype_model"))
+    with progress("driving and estimating") as done:
+        results = job.repeat(plant, model, progress=done)
+    job.write(results, out)
+    job.show(results, console())
+
+
+@main.command()
+@click.option(
+    "--vehicle", default="prototype_real", show_default=True, metavar="FILE", help="With linkages and tables."
+)
+@click.option("--out", type=NEW_FOLDER, default=Path("docs"), show_default=True, help="Folder.")
+def simplification(vehicle: str, out: Path) -> None:
+    """Compare the simplified car with the one that has all its bodies, on each generated manoeuvre.
+
+    Writes simplification.md with tables and pictures: on suspension tables, and on straight guides.
+
+    \b
+    Examples:
+      python -m studies simplification
+      python -m studies simplification --vehicle my_car_with_tables.yaml --out out
+    """
+    from studies import simplification as job
+    from vsense_ros.evaluate.terminal import progress
+
+    car = load_car(vehicle)
+    if ids := [effect.id for effect in car.physics.effects.present()]:
+        warn(f"the comparison leaves out {', '.join(ids)} (physics.effects), which the full car cannot have")
+    with progress("driving") as done:
+        document = job.write(car, out, done)
+    click.echo(document)
+
+
+@main.command()
+@click.option(
+    "--vehicle", metavar="FILE", default="prototype_model", show_default=True, help="Vehicle file, or its name."
+)
+@click.option("--out", type=NEW_FOLDER, default=Path("out/sampling"), show_default=True, help="Folder.")
+def sampling(vehicle: str, out: Path) -> None:
+    """Compare a continuous filter with discrete ones where sensors are slow.
+
+    Takes some minutes. Writes sampling_rates.json and sampling_rates.png.
+
+    \b
+    Examples:
+      python -m studies sampling
+      python -m studies sampling --vehicle rav4 --out out/rav4
+    """
+    from studies import sampling_rates as job
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    car = load_car(vehicle)
+    with progress("filters at several rates") as done:
+        results = job.measure(car, done)
+    out.mkdir(parents=True, exist_ok=True)
+    job.write(results, out / "sampling_rates.json")
+    picture = job.draw(results, out / "sampling_rates.png")
+    console().print(job.table(results))
+    say(f"Picture in {picture}.")
+
+
+@main.command()
+@click.option("--out", type=NEW_FILE, default=Path("out/road.json"), show_default=True, help="File.")
+@click.option(
+    "--extended", type=click.Path(path_type=Path), default=Path("docs/examples/genesis/vehicle.extended.yaml"),
+    show_default=True, help="What `vsense explain` wrote of the Genesis.",
+)  # fmt: skip
+def road(out: Path, extended: Path) -> None:
+    """Examine forces and attitudes on roads that are not flat.
+
+    The RAV4's drive against Newton's law and the recorded pose, the Genesis's third lap with typical values and with
+    what explain found on the two others, and the car with all its bodies on generated hills and banks. Takes some
+    minutes.
+
+    \b
+    Examples:
+      python -m studies road
+      python -m studies road --out /tmp/road.json
+    """
+    from studies import road as job
+    from vsense_ros.errors import InputError
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    results: dict[str, dict] = {}  # type: ignore[type-arg]
+    try:
+        with progress("the RAV4's drive") as done:
+            results["rav4"] = job.rav4(done)
+    except InputError as error:
+        say(f"Without the RAV4's drive: {error}")
+    try:
+        with progress("the Genesis's third lap") as done:
+            results["genesis"] = job.on_genesis(extended, done)
+    except InputError as error:
+        say(f"Without the Genesis: {error}")
+    with progress("hills and banks") as done:
+        results["plants"] = job.on_plants(done)
+    job.write(results, out)
+    console().print(job.table(results))
+    say(f"Written to {out}.")
+
+
+@main.command()
+@click.option("--out", type=NEW_FILE, default=Path("out/best.json"), show_default=True, help="File.")
+@click.option("--study", is_flag=True, help="Instead: twenty random starts, and a hundred everyday drives.")
+def best(out: Path, study: bool) -> None:
+    """Repeat Best & Bogdanski 2016 on a twin: a car identified from its CAN bus by Kalman filters.
+
+    Takes some two minutes. Prints table 1 beside what was found, writes it as JSON and the figures as PNG beside it.
+    With --study, some ten minutes: how often the identification ends in a wrong minimum, beside plain least squares,
+    and how often the intervals of an everyday drive hold.
+
+    \b
+    Examples:
+      python -m studies best
+      python -m studies best --study --out out/best_study.json
+    """
+    from studies import best as job
+    from studies import best_picture, best_study
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    if study:
+        with progress("identifying from many starts and drives") as done:
+            found = best_study.study(progress=done)
+        best_study.write(found, out)
+        best_study.show(found, console())
+        return
+    with progress("driving and identifying") as done:
+        results = job.repeat(progress=done)
+    job.write(results, out)
+    job.show(results, console())
+    pictures = best_picture.draw(results, out.with_suffix(""))
+    say(f"Written to {out}; figures 1 to {len(pictures)} in {out.with_suffix('')}.")
+
+
+@main.command()
+@click.option("--table", "tables", multiple=True, metavar="N.M", help="Only this table; may be given again.")
+@click.option("--quick", is_flag=True, help="One seed, and four of the ten manoeuvres.")
+@click.option("--figures", is_flag=True, help="Draw his figures as well, some 35 pages (ten minutes).")
+@click.option("--processes", type=click.IntRange(1), metavar="N", help="Default: as many as there are cores.")
+@click.option("--out", type=NEW_FILE, default=Path("out/leung.json"), show_default=True, help="File.")
+def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | None, out: Path) -> None:
+    """Repeat the tables of Leung 2010: GNSS/INS filters and vehicle models on a simulated saloon, beside his figures.
+
+    Each drive by each filter is kept in the folder `leung` beside FILE, so that what was stopped goes on where it was.
+    Table 4.11 is that of the Genesis, where its laps are there.
+
+    \b
+    Examples:
+      python -m studies leung --quick
+      python -m studies leung --table 4.2 --table 5.5
+      python -m studies leung --quick --figures
+    """
+    from studies import leung as job
+    from vsense_ros.demo import dataset
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    names = tables or job.NAMES
+    job.check(names)
+    laps = None
+    if job.GENESIS in names or figures:
+        try:
+            folder = dataset("genesis_oxts_can")
+            laps = folder if folder.is_dir() else folder.parent
+        except (OSError, ValueError) as error:
+            warn(f"table {job.GENESIS} and its figures are left out: {error}")
+    with progress("driving and estimating") as done:
+        found, results = job.repeat(names, out.parent / "leung", laps, done, quick=quick, processes=processes)
+    job.write(found, results, out)
+    job.show(found, console())
+    say(f"Written to {out}.")
+    if figures:
+        from studies import leung_models_picture, leung_pictures
+
+        folder = out.with_suffix("")
+        with progress("drawing filters") as done:
+            pictures = leung_pictures.draw_all(folder / "figures", folder, laps, done)
+        with progress("drawing models") as done:
+            pictures += leung_models_picture.draw_all(folder / "figures", folder, done)
+        say(f"{len(pictures)} pictures in {folder / 'figures'}.")
+
+
+@main.command()
+@click.option("--out", type=NEW_FOLDER, default=Path("bags"), show_default=True, help="Folder.")
+def bags(out: Path) -> None:
+    """Generate the manoeuvre bags of the repository again, bit by bit.
+
+    \b
+    Examples:
+      python -m studies bags
+      python -m studies bags --out /tmp/bags && diff -r bags /tmp/bags
+    """
+    from studies.bags import plant, write_bags
+    from vsense_ros.evaluate.terminal import progress
+    from vsense_ros.manoeuvre import IN_BAGS
+
+    written: list[Path] = []
+    with progress("generating") as done:
+        for path in write_bags(out, plant()):
+            written.append(path)
+            done(len(written) / len(IN_BAGS))
+    for path in written:
+        size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
+        click.echo(f"{path} {size:.2f} MB")
+
+
+@main.command()
+@click.option("--systems", default=10_000, show_default=True, type=click.IntRange(1), help="Of each kernel, for bits.")
+@click.option("--requests", default=100_000, show_default=True, type=click.IntRange(1), help="Under each fault.")
+@click.option("--short", is_flag=True, help="Of the implementation table the lines of 4 ms and 1e-5, drives of 1.2 s.")
+@click.option("--table", "only_table", is_flag=True, help="The implementation table alone.")
+@click.option("--out", type=NEW_FILE, default=Path("out/accelerator.json"), show_default=True, help="File.")
+@click.option("--vehicle", default="prototype_model", show_default=True, help="Vehicle file with suspension tables.")
+def accelerator(systems: int, requests: int, short: bool, only_table: bool, out: Path, vehicle: str) -> None:
+    """Kernels of the accelerator: bits, clocks, resources, latency through ROS, iterations beside the thesis's.
+
+    Simulates the hardware with Verilator, if it is there. Resources are those of the last `make hw`, clocks on ECP5
+    those of the last `make hw-timing`; instructions on ARM those of the last `make arm`, if there was one.
+
+    \b
+    Examples:
+      python -m studies accelerator
+      python -m studies accelerator --systems 500 --requests 1000 --short
+      python -m studies accelerator --table --short
+    """
+    from studies import accelerator as job
+    from studies import accelerator_tables as tables
+    from vsense_ros.accelerator.rtl import missing
+    from vsense_ros.evaluate.terminal import console, progress, say
+
+    if only_table:
+        content, rows = job.implementation_table(load_car(vehicle), short, progress)
+        tables.show_implementation(rows, content["shares"], short)
+    else:
+        if lacking := missing():
+            say(f"Left out for want of {', '.join(lacking)} (make hw-tools): bits of the hardware, the node with rtl.")
+        content, rows = job.results(load_car(vehicle), systems, requests, short, progress)
+        tables.show(content, rows, short, console())
+    job.write(content, out)
+    say(f"Written to {out}.")

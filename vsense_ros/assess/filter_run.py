@@ -1,0 +1,65 @@
+"""One filter of the GNSS/INS family on a simulated drive, without messages or transport between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.assess.drives import (
+    KEPT,
+    LEVEL,
+    SCALE_KNOWN,
+    SHAKING_KNOWN,
+    SLIP_KNOWN,
+    STEP,
+    TYRES_KNOWN,
+    Case,
+    Readings,
+    Truth,
+    sensors_of,
+    study_car,
+)
+from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.car_numbers import car_numbers
+from vsense_ros.navigation.catalogue import DEFINITIONS
+from vsense_ros.navigation.motion import Motions, Readout
+
+
+def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
+    """What a filter makes of the readings of a case, at each tenth of them, whose places (n,) come with it."""
+    sensors = sensors_of(case.errors)
+    known = {
+        "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,
+        "slip_error": SLIP_KNOWN, "shaking_noise": SHAKING_KNOWN,
+    }  # fmt: skip
+    numbers = {**car_numbers(study_car(case.plant), sensors.values()), **known}
+    filter = Aided(name, DEFINITIONS[name][1], numbers, sensors)
+    readout = Readout(filter)
+    variances = {key: sensor.deviations() ** 2 for key, sensor in sensors.items()}
+    fix = read.fixes[0]
+    first = {
+        "yaw": float(np.arctan2(fix[1], fix[0])), "forward_velocity": float(np.hypot(*fix)),
+        "velocity_east": float(fix[0]), "velocity_north": float(fix[1]), "yaw_rate": float(read.imu[0, 2]),
+    }  # fmt: skip
+    rows = {"imu": read.imu, "wheels": read.wheels, "steering": read.steering, "velocity": read.fixes}
+    if case.errors.heading is not None:
+        rows["heading"] = read.heading
+    for key, values in rows.items():
+        filter.give_reading(key, values[0])
+    filter.start(filter.definition.start({**numbers, **first}))
+    used = [key for key in ("heading", "wheels", "steering", "imu") if key in rows and filter.uses(key)]
+    has_fix = np.isfinite(read.fixes[:, 0]).tolist()
+    snapshots, at = [], []
+    means = {key: 0.5 * (rows[key][1:] + rows[key][:-1]) for key in used}  # of a step's two ends
+    for k in range(1, len(truth.t)):
+        for key in used:
+            filter.give_reading(key, means[key][k - 1])
+        filter.predict(STEP)
+        if has_fix[k]:
+            filter.correct("velocity", read.fixes[k], variances["velocity"])
+        for key in used:
+            filter.correct(key, rows[key][k], variances[key])
+        if k % KEPT == 0:
+            snapshots.append(readout.snapshot(k))
+            at.append(k)
+    return readout.motions(snapshots), np.array(at)

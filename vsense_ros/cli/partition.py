@@ -1,0 +1,63 @@
+"""Which kernels of an observer are worth a device."""
+
+from __future__ import annotations
+
+import click
+
+from vsense_ros.cli.common import load_car
+
+
+@click.command()
+@click.argument("vehicle")
+@click.option("--device", required=True, metavar="FILE", help="File of a device, or the name of one in config/devices.")
+@click.option("--full", is_flag=True, help="The observer with all bodies and linkages, in steps of 4 ms.")
+@click.option("--iterations", type=click.FloatRange(1, 100), help="In a step. By default measured on a short drive.")
+def partition(vehicle: str, device: str, full: bool, iterations: float | None) -> None:
+    """Which kernels of the observer of VEHICLE are worth a device, and what the whole gains.
+
+    From the operations of the observer by the implicit rule, its iterations and what single precision does to them,
+    clocks and resources of the kernels, and the cost of the link; nothing is recommended where nothing is gained.
+
+    \b
+    Examples:
+      vsense partition prototype_model --device xc7z020
+      vsense partition prototype_model --device xc7z020 --full
+      vsense partition prototype_model --device my_board.yaml --iterations 5
+    """
+    from vsense_ros.assess import partition as job
+    from vsense_ros.evaluate.terminal import console, plain_table, say
+
+    car, board = load_car(vehicle), job.load_device(device)
+    more = 1.0
+    if iterations is None:
+        from vsense_ros.assess.iterations import count_iterations
+
+        iterations, more = count_iterations(car, full)
+        changed = f"single precision makes them {more:.3f} times as many"
+        words = "single precision leaves them" if abs(more - 1) < 5e-4 else changed
+        say(f"A step takes {iterations:.2f} iterations; {words}.")
+    profile = job.profile(car, full, iterations, more)
+    step_us = board.processor_us(profile.flop)
+    found = job.partition(board, step_us, profile.uses(), more)
+    say(f"A step takes about {step_us:.0f} µs on the processor of {board.name}, by counted operations.")
+    table = plain_table("kernel", "calls", "processor saves", "accelerator", "variant", "gain a step", right=("calls",))
+    for name, choice in found.best.items():
+        use = choice.use
+        each = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))
+        table.add_row(
+            name, f"{use.calls:g}", f"{board.processor_us(use.flop):.2f} µs", f"{each:.2f} µs", choice.variant,
+            f"{choice.gain_us:+.1f} µs",
+        )  # fmt: skip
+    console().print(table)
+    if not found.chosen:
+        say("Nothing is recommended: no kernel that fits gains more than its link costs.")
+        return
+    names = ", ".join(f"{choice.use.kernel.name} ({choice.variant})" for choice in found.chosen)
+    needed = ", ".join(
+        f"{sum(c.resources[r] for c in found.chosen)} of {getattr(board, r)} {r.upper()}" for r in job.RESOURCES
+    )
+    say(f"Recommended: {names}. The whole gains {found.gain_us:.0f} µs a step: {found.speed_up:.3f} times as fast.")
+    say(f"Needed: {needed}.")
+
+
+COMMANDS = (partition,)

@@ -1,1 +1,0 @@
-"""What is measured and tried on simulated drives, one command each: demo, Genesis laps, tables of papers, designs."""
