@@ -13,9 +13,9 @@ from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.attitude_ekf import ATTITUDE_EKF_TWO_ANTENNAS, PITCH_KKF, ROLL_KKF
 from vsense_ros.navigation.catalogue import DEFINITIONS
 from vsense_ros.navigation.space import NavigationSpace
+from vsense_ros.navigation.thesis.attitude_ekf import ATTITUDE_EKF_TWO_ANTENNAS, PITCH_KKF, ROLL_KKF
 
 NUMBERS = {
     "mass": 1858.0, "yaw_inertia": 3515.0, "to_front": 1.36, "to_rear": 1.546, "front_stiffness": 154780.0,

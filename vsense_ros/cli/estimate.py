@@ -126,7 +126,8 @@ def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recor
 
 
 @click.command()
-def filters() -> None:
+@click.option("--all", "every", is_flag=True, help="Also those that repeat a paper, and references to compare with.")
+def filters(every: bool) -> None:
     """List the filters: what each estimates, from what, and when to take which.
 
     `vsense run --filter NAME` and the parameter `filter` of the observer node take one of them; `vsense export c`
@@ -135,11 +136,13 @@ def filters() -> None:
     \b
     Examples:
       vsense filters
+      vsense filters --all
     """
     from vsense_ros.estimation.catalogue import table
     from vsense_ros.evaluate.terminal import console
 
-    console().print(table(every_filter()))
+    known = every_filter()
+    console().print(table(known if every else known.recommended))
 
 
 COMMANDS = (run, filters)

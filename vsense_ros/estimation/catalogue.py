@@ -17,7 +17,7 @@ from vsense_ros.estimation.state_space import Measurement, StateSpace
 
 @dataclass(frozen=True)
 class FilterFamily:
-    """What a user reads of a filter before choosing it, and `make`, which builds one from what its room gives it."""
+    """Description of a filter for a user who has to choose one, and `make`, which builds it."""
 
     name: str  # as in `--filter NAME`
     title: str
@@ -26,6 +26,7 @@ class FilterFamily:
     sensors: tuple[str, ...]
     when: str  # to take which: one sentence
     make: Callable[..., Any] = field(compare=False)
+    recommended: bool = True  # False: to repeat a paper or to compare with, listed by `vsense filters --all` alone
 
     @classmethod
     def of(
@@ -37,12 +38,12 @@ class FilterFamily:
         measurements: Iterable[Measurement],
         make: Callable[..., Any],
     ) -> FilterFamily:
-        """Of a filter of one state space: its states, inputs and sensors are read from that."""
+        """Describe a filter of one state space, whose states, inputs and sensors are read from it."""
         return cls(name, title, system.names, system.inputs, tuple(one.name for one in measurements), when, make)
 
 
 class Catalogue:
-    """Families by name. Rooms that have filters add theirs; this one names none."""
+    """Families by name. Packages that have filters add theirs; this one names none."""
 
     def __init__(self, families: Iterable[FilterFamily] = ()) -> None:
         self._families: dict[str, FilterFamily] = {}
@@ -67,13 +68,21 @@ class Catalogue:
         """In the order in which they were added."""
         return tuple(self._families)
 
+    @property
+    def recommended(self) -> tuple[FilterFamily, ...]:
+        """Families for use on a car, without those that repeat a paper or are references to compare with."""
+        return tuple(one for one in self._families.values() if one.recommended)
+
     def __getitem__(self, name: str) -> FilterFamily:
         """Raises `InputError` for a name that is not there, with those that are."""
         found = self._families.get(name)
         if found is None:
             near = get_close_matches(name, self._families, 1)
             hint = f", did you mean {near[0]!r}?" if near else "."
-            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(self._families) or 'none'}")
+            listed = [one.name for one in self.recommended]
+            others = len(self) - len(listed)
+            more = f"; `vsense filters --all` lists {others} more, to compare with" if others else ""
+            raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(listed) or 'none'}{more}")
         return found
 
     def check_sensors(self, name: str, present: Iterable[str]) -> None:

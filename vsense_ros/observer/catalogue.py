@@ -86,9 +86,10 @@ _INPUTS = ("road-wheel angle", "wheel torques where they are measured")
 _SENSORS = ("those of the vehicle file",)
 
 _PARAMETERS = "observer.parameters of the vehicle file"
+_REFERENCES = ("dekf", "cekf", "ukf")  # to compare with
 
 FILTERS = Catalogue(
-    FilterFamily(name, title, states, _INPUTS, _SENSORS, when, make)
+    FilterFamily(name, title, states, _INPUTS, _SENSORS, when, make, name not in _REFERENCES)
     for name, title, states, when, make in (
         (
             "error_ekf",

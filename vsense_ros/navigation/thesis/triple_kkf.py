@@ -15,10 +15,10 @@ import casadi as ca
 
 from vsense_ros.estimation.cascade import PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement, Named
-from vsense_ros.navigation.dual_kkf import RATE, TURNED
 from vsense_ros.navigation.space import Definition, NavigationSpace
-from vsense_ros.navigation.velocity_kkf import LONGEST_HOLD, VELOCITY, VelocityKkf, less_held
-from vsense_ros.navigation.wheel_speed_ekf import B2, PASSED_YAW, YAW_OF_GYRO, WheelSpeedEkf
+from vsense_ros.navigation.thesis.dual_kkf import RATE, TURNED
+from vsense_ros.navigation.thesis.velocity_kkf import LONGEST_HOLD, VELOCITY, VelocityKkf, less_held
+from vsense_ros.navigation.thesis.wheel_speed_ekf import B2, PASSED_YAW, YAW_OF_GYRO, WheelSpeedEkf
 from vsense_ros.navigation.yaw_kkf import COURSE, YawKkf, remembered
 
 WHEELS = Measurement("rear_spins", lambda x, z, u, p: [0.0, 0.0], (0.05, 0.05))  # outside: left and right

@@ -7,7 +7,7 @@ import casadi as ca
 from vsense_ros.estimation.cascade import PassedInput, PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.space import Definition
-from vsense_ros.navigation.velocity_kkf import HELD, VELOCITY, VelocityKkf
+from vsense_ros.navigation.thesis.velocity_kkf import HELD, VELOCITY, VelocityKkf
 from vsense_ros.navigation.yaw_kkf import COURSE, HEADING, YawKkf, remembered
 
 GNSS = Measurement("gnss_velocity", lambda x, z, u, p: [0.0, 0.0], (0.1, 0.1))  # to the east and to the north

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from vsense_ros.estimation.cascade import PassedInput, PassedMeasurement
 from vsense_ros.estimation.state_space import Measurement
-from vsense_ros.navigation.mekf import COURSE, GYRO, Mekf2c, running_mean
 from vsense_ros.navigation.space import Definition, Remembered
-from vsense_ros.navigation.triple_kkf import TRIPLE_KKF_B
+from vsense_ros.navigation.thesis.mekf import COURSE, GYRO, Mekf2c, running_mean
+from vsense_ros.navigation.thesis.triple_kkf import TRIPLE_KKF_B
 
 RATE = Measurement("rate_of_heading", lambda x, z, u, p: x.yaw_rate, (0.003,))
 YAW = Measurement("yaw_of_heading", lambda x, z, u, p: x.yaw, (0.0,), angles=(0,))

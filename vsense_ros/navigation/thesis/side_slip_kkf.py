@@ -18,9 +18,9 @@ import casadi as ca
 
 from vsense_ros.estimation.cascade import PassedInput
 from vsense_ros.estimation.state_space import Measurement, Named, wrapped
-from vsense_ros.navigation.dual_kkf import TURNED
 from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered, drifting
-from vsense_ros.navigation.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
+from vsense_ros.navigation.thesis.dual_kkf import TURNED
+from vsense_ros.navigation.thesis.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
 from vsense_ros.navigation.yaw_kkf import straight
 
 EXTRAPOLATED_NOISE = 0.02  # [rad] of β_ext, a hundred times a second (thesis: not told)
