@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test lint format house demo bench best thesis genesis road leung blind recordings bags \
+.PHONY: help venv check test exam lint format house demo bench best thesis genesis road leung blind recordings bags \
 	hw-tools hw hw-timing arm accelerator vehicle fuzz clean
 
 help: ## this list
@@ -26,8 +26,13 @@ venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
 	@.ci/venv $(VENV) "$(PYTHON)" $(addprefix -r requirements/,core.txt ros.txt test.txt dev.txt)
 
-test: venv ## lint, types, all tests, colcon build, and the tests again with numpy 1.26 and without ROS
-	@.ci/test
+test: venv ## within ten minutes: lint, types, contracts, tests, colcon build, and a part again with numpy 1.26
+	@mkdir -p out && .ci/test
+
+# EXAM="tests blind" takes some of its parts.
+EXAM ?=
+exam: venv ## hours, for the night: the tests that are too long for make test, all with numpy 1.26, and examinations
+	@mkdir -p out && .ci/exam $(EXAM)
 
 check: venv ## within a minute: lint, types, contracts, and the fast tests of what changed since main
 	@.ci/check

@@ -8,7 +8,7 @@ from vsense_ros.accelerator.kernels import KERNELS, SOLVE_14
 from vsense_ros.accelerator.rtl import Rtl, missing
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.exam,
     pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}: make hw-tools"),
 ]
 

@@ -12,7 +12,7 @@ from vsense_ros.accelerator import float32
 from vsense_ros.accelerator.rtl import missing, sources
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.exam,
     pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}: make hw-tools"),
 ]
 HERE = Path(__file__).parents[2] / "hw" / "test"

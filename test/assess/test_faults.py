@@ -54,13 +54,13 @@ def test_a_sensor_that_fails_is_named_and_does_no_harm(case: Case) -> None:
     _holds(case)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("case", _parameters(fast=False))
 def test_any_sensor_that_fails_is_named_and_does_no_harm(case: Case) -> None:
     _holds(case)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     of=st.sampled_from([LANE_CHANGE, STEP]),
@@ -82,7 +82,7 @@ def test_an_inertial_axis_that_jumps_does_no_harm(
     assert found.recovered == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     axis=st.integers(0, 2),
@@ -104,7 +104,7 @@ def test_a_healthy_sensor_is_not_taken_out(of: str) -> None:
     _is_never_out(of, "prototype_model")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("of", ["sine_with_dwell", STEP, "brake_in_turn", RAV4])
 def test_a_healthy_sensor_is_not_taken_out_at_the_limit_or_on_a_road(of: str) -> None:
     _is_never_out(of, "rav4" if of == RAV4 else "prototype_model")
@@ -119,7 +119,7 @@ def _is_never_out(of: str, vehicle: str) -> None:
     assert not any("not believed" in line.message or "tilted" in line.message for _, line in said["imu"])
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("lap", ["cpg_slow_lap.mat", "cpg_fast_lap.mat", "med_lap_center_8_21.mat"])
 def test_no_axis_is_taken_out_on_laps_without_wheel_speeds(lap: str) -> None:
     from vsense_ros.bag.importers import genesis

@@ -67,19 +67,19 @@ def _change(drives, name: str, course: str) -> float:
     return max(float(np.sqrt(np.mean((a - b) ** 2, axis=0)).max()) for a, b in zip(*found, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_of_typical_size_shows_in_its_best_manoeuvre(drives, name):
     assert _change(drives, name, EFFECTS[name].best) > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_what_the_library_lacks_shows_too(drives, name):
     assert max(_change(drives, name, course) for course in COURSES_OUTSIDE) > 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_nothing_hidden_makes_a_car_spin_or_fall(drives):
     for (name, course), lane in drives.items():
         forward, sideways = lane["velocity"][:, 0], lane["velocity"][:, 1]

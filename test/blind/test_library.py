@@ -142,7 +142,7 @@ def _beside(name: str, hidden) -> dict[str, float]:
     return {}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name", ON_THE_MOTION)
 def test_the_librarys_effect_with_the_expected_values_explains_what_the_plant_hides(drives, vehicle, name):

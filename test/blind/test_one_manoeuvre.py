@@ -25,7 +25,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / case.number
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("manoeuvre", ["steering_sweep", "step_steers", "slalom"])
 def test_of_ten_to_twenty_seconds_with_nothing_hidden_nothing_is_named(drives, manoeuvre):

@@ -41,7 +41,7 @@ def test_a_plant_shares_nothing_with_the_tool(folder):
             assert not [name for name in names if name.startswith("vsense_ros")], module.name
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("plant", "formula"), [("newton_euler", "brush"), ("mujoco_tree", "dugoff")])
 def test_at_low_lateral_acceleration_each_plant_turns_as_the_single_track_car_does(plant, formula):
     lanes = [(car, courses.constant_turn(20.0, 0.5, 4.0)) for car in CARS]

@@ -56,7 +56,7 @@ def _tyre_of(model: Car, parameters: np.ndarray, lanes: int):
     return formula
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("plant", PLANTS)
 def test_a_plant_with_the_models_tyre_accelerates_as_the_model_does_where_it_is(plant, tmp_path):
     car = CARS[1]

@@ -41,7 +41,7 @@ def drives():
     return {(formula, course.name): log.lane(i, course.duration) for i, (formula, course) in enumerate(lanes)}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("model", ["tmeasy", "magic_formula"])
 @pytest.mark.parametrize("formula", FORMULAS)

@@ -140,7 +140,7 @@ def test_the_sources_allocate_nothing_and_include_nothing_but_the_mathematics(so
     assert not re.search(r"^static (?!const|void|int|double|struct|inline)", text, re.M), "no variable is shared"
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_the_strictest_c99_compilers_have_nothing_to_say(
@@ -160,7 +160,7 @@ def test_the_header_is_for_c_plus_plus_as_well(sources: Path) -> None:
     assert subprocess.run(command, capture_output=True, text=True, check=False).stderr == ""
 
 
-@pytest.mark.parametrize("estimates", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("estimates", [False, pytest.param(True, marks=pytest.mark.exam)])
 def test_whatever_the_sensors_are_called_compilers_take_it(vehicle: Vehicle, tmp_path: Path, estimates: bool) -> None:
     names = {
         "2nd imu": "imu",
@@ -260,7 +260,7 @@ def test_a_state_that_no_car_can_have_is_told(vehicle: Vehicle, library: ctypes.
     assert is_valid()
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("drive", ["double lane change", "double lane change, tyres that lag", "RAV4"])
 def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehicle: Vehicle, tmp_path: Path) -> None:
     bag = DATA / "comma2k19_rav4" if drive == "RAV4" else ROOT / "bags/double_lane_change"
@@ -279,7 +279,7 @@ def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehi
     assert difference.placed <= 3, "the state is taken over at the start alone"
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("estimates", [False, True])
 def test_on_a_road_that_the_file_knows_from_place_to_place_it_looks_up_what_the_one_in_python_does(
     estimates: bool, vehicle: Vehicle, tmp_path: Path
@@ -317,7 +317,7 @@ def test_on_a_road_that_the_file_knows_from_place_to_place_it_looks_up_what_the_
     assert alone.survey()
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(1200)  # much C for a compiler
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_parameters_are_estimated_as_in_python(kind: str, vehicle: Vehicle, tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ def test_the_observer_warns_in_its_diagnostics_of_what_it_leaves_out(extended: V
 # A slope of the road in the filters
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("way", ["in C", "in Python", "whole state"])
 def test_a_known_slope_is_what_the_filter_starts_with_and_goes_back_to(extended: Vehicle, way: str) -> None:
     ekf = FILTERS["dekf" if way == "whole state" else "error_ekf"].make(extended, sensors_of(extended))
@@ -251,7 +251,7 @@ def test_run_takes_the_gyro_bias_and_the_slope_from_the_file(
     assert outputs["extended"]["grade"] == pytest.approx(GRADE, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here")
 def test_the_exported_observer_is_the_one_in_python_with_all_effects_of_the_file(
     extended: Vehicle, files: dict[str, Path], swerve: Path, tmp_path: Path

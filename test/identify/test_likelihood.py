@@ -237,7 +237,7 @@ def driven(seconds: float, seed: int, delay: float = 0.0) -> Drive:
     return Drive("drive", h, inputs, smooth, np.zeros(4), 0.0, every, noise)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("delay", [0.0, 0.03])
 def test_a_car_whose_steering_comes_late_is_identified_with_its_delay(delay: float) -> None:
     vehicle = load_vehicle(vehicle_path("jaguar_saloon"))

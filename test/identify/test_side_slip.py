@@ -44,7 +44,7 @@ def _mounted(drive: Recording, ahead: float, angle: float) -> Recording:
     return replace(drive, channels=kept)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_mounting_of_the_reference_is_found(car: Vehicle, drive: Recording):
     at_cog, mounted = (fit_side_slip(car, [PLACE], [_mounted(drive, *m)]) for m in ((0.0, 0.0), (0.7, 0.02)))
     here, there = (found.vehicle.reference for found in (at_cog, mounted))
@@ -54,7 +54,7 @@ def test_the_mounting_of_the_reference_is_found(car: Vehicle, drive: Recording):
     assert mounted.after[0] < 0.5 * mounted.before[0]
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_car_that_is_identified_without_side_slip_says_where_the_reference_sits(car: Vehicle, drive: Recording):
     at_cog, mounted = (identify([_mounted(drive, *m)], car, "single_track") for m in ((0.0, 0.0), (0.7, 0.02)))
     here, there = (found.vehicle.reference for found in (at_cog, mounted))

@@ -21,7 +21,7 @@ from vsense_ros.observer import run
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 NAMES = [m.name for m in STANDARD]
 # The car with all its bodies takes half a minute to drive one of these.
-ROADS = [pytest.param(m.name, marks=pytest.mark.slow) for m in ON_ROADS]
+ROADS = [pytest.param(m.name, marks=pytest.mark.exam) for m in ON_ROADS]
 
 
 @pytest.fixture(scope="module")

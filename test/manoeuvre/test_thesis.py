@@ -17,7 +17,7 @@ from vsense_ros.model.car.steps import model_functions
 from vsense_ros.model.simulation.closed_loop import rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exam
 FORCES = ("wheel_force_rr_x", "wheel_force_rr_y", "wheel_force_rr_z")
 SPI = ("SPI_UKF", "SPI_EKF")
 FRICTION = {m.name: m.friction for m in MANOEUVRES}

@@ -140,7 +140,7 @@ def test_the_driver_keeps_to_the_tightest_track(saloon: Vehicle) -> None:
     assert along.find(*drive_.q[-1, POSITION][:2])[0] == pytest.approx(TRACKS["slalom"].length, abs=3.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_saloon_rolls_and_turns_as_its_file_says(saloon: Vehicle) -> None:
     """Axle stiffnesses of eqs. 3.28 and 3.29 show in the side slip of a slow oval's bends."""
     speed = 25 / 3.6

@@ -85,7 +85,7 @@ def test_with_the_ages_in_the_file_nobody_is_late_any_more():
     assert ages(build_dataset([late], car), car) == {}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_an_inertial_sensor_that_is_late_by_a_second_is_named_with_its_age():
     """Late data used to be refused as a wrong unit."""

@@ -250,7 +250,7 @@ def test_what_is_refused_is_not_assessable_and_nothing_is_named(tmp_path):
     assert not (tmp_path / "vehicle.extended.yaml").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_recordings_of_cars_that_no_parameters_fit_alike_are_refused():
     van = prototype().with_parameters(
         {"chassis.mass": 1000.0, "front.unloaded_radius": 0.262, "rear.unloaded_radius": 0.262}

@@ -46,7 +46,7 @@ def test_where_nothing_but_a_sensor_is_wrong_nothing_of_the_car_is_named():
     assert scale.parameters[0].value == pytest.approx(0.05, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("other", ["the gyro the other way", "the accelerometer"])
 def test_two_recordings_with_different_defects_of_one_sensor_are_of_no_effect(other):
     def turning(_: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
@@ -64,7 +64,7 @@ def test_two_recordings_with_different_defects_of_one_sensor_are_of_no_effect(ot
     assert {signal.name for signal in found.located.signals[:2]} & {"yaw_rate", "lateral_acceleration"}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_defect_that_begins_half_way_is_no_physics_of_the_car_and_since_when_it_is_there_is_told():
     def late(t: np.ndarray, rates: np.ndarray, forces: np.ndarray) -> None:
         forces[t > t[-1] / 2, 1] += 0.8
@@ -123,7 +123,7 @@ def standing_before(recording: Recording) -> Recording:
     return replace(recording, channels={topic: before(topic, c) for topic, c in recording.channels.items()})
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_of_ten_minutes_at_standstill_with_one_bend_nothing_is_named():
     found = explain_recordings([standing_before(driven(prototype(), "bend", duration=20.0))], prototype()).answer
     assert (found.verdict, found.answer_set) == ("no_mismatch", ())

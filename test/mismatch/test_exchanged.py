@@ -14,7 +14,7 @@ from vsense_ros.mismatch.thresholds import THRESHOLDS
 from vsense_ros.mismatch.windows import build_dataset
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_an_offset_beside_another_effect_is_exchanged_for_the_turned_sensor_that_it_stands_in_for():
     hidden = {"imu_pitch_misalignment": {"angle": 0.05}, "gyro_scale": {"z": 0.05}}
     recordings = [driven(having(prototype(), **hidden), manoeuvre) for manoeuvre in ("sweep", "slalom")]

@@ -93,7 +93,7 @@ def test_what_is_off_only_where_nothing_was_fitted_is_unknown_and_said_to_be_the
     assert f"the error of the {worst.replace('_', ' ')} on what was held out" in found.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_torque_steered_to_the_outer_wheel_is_described_and_not_called_a_differential():
     true = having(prototype(), unmodelled={"torque_across_rear_steering": -3000.0})
     found = explain_recordings(
@@ -106,7 +106,7 @@ def test_torque_steered_to_the_outer_wheel_is_described_and_not_called_a_differe
     assert size.value == pytest.approx(-3000.0, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("part", ["no_refit", "no_projection"])
 def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
     true = having(prototype(), brake_drag={"fl": 30.0})
@@ -117,7 +117,7 @@ def test_without_a_part_of_the_method_there_is_an_answer_all_the_same(part):
     assert found.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(
     ("kind", "effect", "alike"),
     [
@@ -135,7 +135,7 @@ def test_what_looks_like_the_answer_and_needs_a_sensor_that_is_not_there_is_told
     assert all(r.endswith("it needs wheel speeds, which these recordings do not have") for r in remarks)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_without_gnss_a_wind_is_told_with_directions_from_where_the_recordings_set_out():
     blind = without(prototype(), "gnss_velocity")
     windy = having(blind, crosswind={"east": 0.0, "north": 8.0})
@@ -148,7 +148,7 @@ def test_without_gnss_a_wind_is_told_with_directions_from_where_the_recordings_s
     assert NO_COURSE in found.remarks
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_one_stretch_of_driving_alone_is_proven_on_parts_of_itself_and_the_answer_says_so():
     found = explain_recordings(
         [driven(having(prototype(), brake_drag={"fl": 30.0}), "sweep")], wrong(prototype())
@@ -161,7 +161,7 @@ def test_one_stretch_of_driving_alone_is_proven_on_parts_of_itself_and_the_answe
     assert "one stretch of driving" in found.remarks[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_was_held_out_and_could_not_be_used_is_told_by_name():
     train = driven(having(prototype(), brake_drag={"fl": 30.0}), "sweep")
     short = [driven(prototype(), "brake", 4.0), replace(driven(prototype(), "slalom", 4.0), name="")]

@@ -43,7 +43,7 @@ def test_recordings_that_tell_nothing_give_an_answer_that_says_why(called, tmp_p
     assert not (tmp_path / "answer/vehicle.extended.yaml").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_an_answer_that_leaves_something_open_says_which_test_would_tell(called, tmp_path):
     """Whether rolling or a slope holds the car back, a drive in other directions tells."""
     rolling_hard = having(prototype(), rolling_resistance={"coefficient": 0.012})

@@ -389,7 +389,7 @@ def test_form_and_range_of_an_effect_are_told_of_a_fleet(tmp_path):
     assert (row["effect"], row["place"]) == ("road_bank", "on a plane")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_fleet_with_a_dragging_brake_and_a_bad_bag_is_explained_and_then_known(tmp_path):
     dragging = having(prototype(), brake_drag={"fl": 30.0})
     for name, true in (("dragging", dragging), ("sound", prototype())):

@@ -81,7 +81,7 @@ def test_on_a_road_that_is_known_the_observer_has_less_doubt_of_its_bank_and_of_
     assert rms(known[:, 2]) < rms(anywhere[:, 2])
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_grip_of_a_road_is_that_of_the_place(drive, rows):
     grip = np.linspace(-0.3, 0.1, len(EAST))
     vehicle = having(prototype(), friction_change={"relative": 0.05, "profile": profile(rows, grip)})

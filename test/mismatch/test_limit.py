@@ -111,7 +111,7 @@ def test_tyres_of_more_longitudinal_stiffness_slip_less_in_proportion():
     assert slip(1.5) == pytest.approx(slip(1.0) / 1.5, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_base_fit_that_stopped_short_is_noticed_and_begun_anew():
     dataset = build_dataset([driven(prototype(), m) for m in ("sweep", "slalom")], wrong(prototype()))
     predictor = Predictor(wrong(prototype()), dataset)
@@ -167,7 +167,7 @@ def test_what_is_not_there_adds_nothing_to_what_is_and_that_adds_to_it():
     assert search.joint([hidden, hidden]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_hypothesis_whose_car_gets_lost_is_fitted_anew_until_it_stays_on_the_road():
     search = biased("sweep", "slalom")
     (alone,) = search.single()
@@ -192,7 +192,7 @@ def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
     assert abs(search.unshrunk(found).sizes[size] - 0.03) < 3 * found.deviations[size]
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("hidden", "left_over"), [({}, False), ({"gyro_scale": {"z": 0.4}}, True)])
 def test_what_was_held_out_is_off_only_if_no_base_parameters_fit_it_and_the_rest(hidden, left_over):
     car, vehicle = having(prototype(), **hidden), wrong(prototype())

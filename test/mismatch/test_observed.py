@@ -85,7 +85,7 @@ def judged(start: Vehicle, extended: Vehicle, true: Vehicle) -> ObserverComparis
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_true_car_makes_the_observer_better_and_a_wrong_one_does_not():
     """Wheels that turn by a fifth more than is measured, known; and the same with its sign turned round."""
     true, opposite = (having(prototype(), steering_ratio={"relative": size}) for size in (0.2, -0.2))

@@ -89,7 +89,7 @@ def test_a_plane_slopes_the_other_way_for_who_has_turned_round():
     assert effect.slope(np.pi) == pytest.approx((0.0, -0.03))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     recordings = [driven(prototype(), m, bank=waves) for m in ("sweep", "slalom")]
@@ -113,7 +113,7 @@ def test_a_bank_that_changes_along_the_road_is_named_with_its_profile(tmp_path):
     assert explain_recordings(recordings[:2], extended).answer.verdict == "no_mismatch"
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_a_bank_at_one_place_does_is_known_from_places_far_apart_that_are_changed_together():
     """Compared with each of 17 places by itself: what a road does there is over within 150 m."""
     vehicle = prototype()
@@ -133,7 +133,7 @@ def test_what_a_bank_at_one_place_does_is_known_from_places_far_apart_that_are_c
         assert np.linalg.norm(together - alone) < 0.25 * np.linalg.norm(alone), place.name
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags():
     def bank(x: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ def test_a_bank_that_changes_along_the_road_is_named_beside_a_brake_that_drags()
     assert [value for _, value in within] == pytest.approx([float(bank(np.array(s))) for s, _ in within], abs=0.012)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_where_one_bank_is_enough_no_profile_is_told():
     true = having(prototype())
@@ -242,7 +242,7 @@ def hills(x: np.ndarray) -> np.ndarray:
     return 0.04 * np.sin(2 * np.pi * x / 400)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("duration", "known"), [(50.0, True), (20.0, False)])
 def test_a_road_that_one_recording_passes_once_is_known_if_it_is_long_enough(duration, known):
@@ -268,7 +268,7 @@ def without_place(vehicle: Vehicle, bank: Callable[[np.ndarray], np.ndarray]) ->
     return unheard(driven(vehicle, "brake", duration=50.0, bank=bank), "gps/fix", "gps/velocity")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_of_recordings_of_roads_of_their_own_each_road_is_known():
     recordings = [without_place(prototype(), bank) for bank in (hills, other_hills)]
@@ -282,7 +282,7 @@ def test_of_recordings_of_roads_of_their_own_each_road_is_known():
         assert off - off.mean() == pytest.approx(np.zeros(len(off)), abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_a_road_is_proven_on_one_that_no_fit_has_seen():
     known, unseen = (without_place(prototype(), bank) for bank in (hills, other_hills))
@@ -293,7 +293,7 @@ def test_a_road_is_proven_on_one_that_no_fit_has_seen():
     assert any("each piece of 50 m" in remark for remark in found.remarks)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_two_cars_are_not_taken_for_one_on_two_roads():
     van = prototype().with_parameters(
@@ -305,7 +305,7 @@ def test_two_cars_are_not_taken_for_one_on_two_roads():
     assert not any(effect.profile for effect in found.effects)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_is_measured_on_a_piece_of_an_unseen_road_has_no_part_in_what_is_predicted_of_it():
     """All lateral accelerations on even pieces are 1 m/s² too large: that tells of these pieces alone."""
     vehicle = prototype()

@@ -57,7 +57,7 @@ def between(recording: Recording, begin: float, end: float) -> Recording:
     return replace(recording.between(begin, end), name=f"from {begin:g} s")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("begin", "verdict"), [(33, "named"), (45, "unknown")])
 def test_a_road_is_proven_on_another_one_by_its_pieces_if_that_is_long_enough(begin, verdict):
     whole = rav4_recording()
@@ -69,7 +69,7 @@ def test_a_road_is_proven_on_another_one_by_its_pieces_if_that_is_long_enough(be
     assert ("another road" in grade.objection) == (verdict == "unknown")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_two_stretches_of_the_road_of_the_rav4_are_named_together_each_as_it_climbs_and_falls():
     whole = rav4_recording()
     parts = [between(whole, 0, 33), between(whole, 33, 60)]

@@ -122,7 +122,7 @@ def test_an_unsteered_car_is_refused(vehicle: Vehicle):
         FullCarPlant(fixed, 0.004)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_over_hills_its_wheels_carry_what_gravity_and_the_bend_of_the_road_ask_of_them(vehicle: Vehicle):
     """On long waves the body follows the road: the loads add up to m (g cos slope + v² curvature)."""
     hills = Waves(((1.5, 0.0, 200.0),))

@@ -88,7 +88,7 @@ def test_roll_centres_and_camber_are_those_that_the_vehicle_file_promises(tables
         assert_allclose(np.degrees(slope["camber"]) * 0.02, -camber, atol=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_wheels_of_the_simplified_car_slip_lean_and_press_as_those_of_the_full_car(vehicle: Vehicle, tables, rack):
     """At the same coordinates and velocities, whatever the forces inside."""
     tabled = vehicle.model_copy(update={"suspension": tables})

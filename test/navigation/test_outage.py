@@ -30,7 +30,7 @@ def drive() -> Recording:
         pytest.skip(str(error))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("name", "begin"), CASES)
 def test_half_a_minute_without_gnss_costs_a_hundredth_of_the_way_and_the_heading_is_known_in_ten_seconds(
     drive: Recording, name: str, begin: float

@@ -20,7 +20,7 @@ FORCES = tuple(f"wheel_force_{wheel}_{axis}" for wheel in WHEELS for axis in "xy
 ACCELERATIONS = tuple(f"{axis}_acceleration" for axis in ("longitudinal", "lateral", "vertical"))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("manoeuvre", "load"), [("double_lane_change", 60.0), ("steady_state_circle", -100.0)])
 def test_errors_on_a_car_that_is_loaded_and_on_a_road_that_grips_less_are_as_large_as_told(
     plant: Vehicle, vehicle: Vehicle, manoeuvre: str, load: float

@@ -16,7 +16,7 @@ from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.observer import sensors_of
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exam
 
 
 def on_known_tyres(vehicle: Vehicle) -> Vehicle:

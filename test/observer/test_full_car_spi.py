@@ -21,7 +21,7 @@ from vsense_ros.observer.full_car_spi import FullCarNumbers, FullCarSpi
 from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_ukf import KAPPA
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exam
 
 Array = NDArray[np.float64]
 MASS, FRICTION, BALANCE = "chassis.mass", "road.friction", "chassis.cog_to_front_axle"

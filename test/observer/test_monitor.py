@@ -38,7 +38,7 @@ def beyond(recording: Recording) -> dict[str, float]:
     return watch(recording, prototype(), limits()).beyond
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("name", ["slalom", "traffic"])
 def test_with_nothing_hidden_it_is_quiet_for_minutes(name: str) -> None:
     assert beyond(driven(name, 20, duration=130.0)) == {}
@@ -51,7 +51,7 @@ def test_a_brake_that_begins_to_drag_is_named_with_its_wheel_before_all_else_and
     assert BEGIN < found["torque of wheel fl"] < BEGIN + WINDOW
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_wind_from_the_side_is_named_as_a_lateral_force_and_a_yaw_moment_to_its_side() -> None:
     """16 m/s to the north act on the left of a car that goes east, ahead of its centre of gravity."""
     seen = watch(driven("traffic", 30, effect="crosswind.north", size=16.0, begin=BEGIN), prototype(), limits())
@@ -63,7 +63,7 @@ def test_a_wind_from_the_side_is_named_as_a_lateral_force_and_a_yaw_moment_to_it
     assert strongest(seen, "yaw moment") > 0
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_more_air_drag_is_named_as_a_longitudinal_force_before_all_else() -> None:
     seen = watch(driven("traffic", 30, effect="aero_drag.area", size=1.6, begin=BEGIN), prototype(), limits())
     assert next(iter(seen.beyond)) == "longitudinal force"
@@ -72,7 +72,7 @@ def test_more_air_drag_is_named_as_a_longitudinal_force_before_all_else() -> Non
     assert strongest(seen, "longitudinal force") < 0
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_hill_is_named_as_a_slope_and_not_as_a_force() -> None:
     """The accelerometer tells them apart."""
     seen = watch(driven("traffic", 30, grade=0.05, begin=BEGIN), prototype(), limits())
@@ -94,12 +94,12 @@ def turned(recording: Recording, begin: float) -> Recording:
     return altered(recording, "imu/data", "angular_velocity", begin, lambda rates: rates + np.array([0.0, 0.0, 0.03]))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_hidden_gyro_bias_is_named() -> None:
     assert "estimated imu.gyro bias z" in beyond(turned(driven("slalom", 22), 0.0))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_gyro_that_jumps_on_the_way_is_noticed_within_a_window() -> None:
     """As the gyro's: the filter does not believe it, so that nobody else is at odds with anybody."""
     found = beyond(turned(driven("traffic", 22), BEGIN))
@@ -108,7 +108,7 @@ def test_a_gyro_that_jumps_on_the_way_is_noticed_within_a_window() -> None:
     assert "velocity innovation squared" not in found
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_wheel_speed_whose_scale_fails_is_named() -> None:
     wrong = altered(
         driven("slalom", 23), "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1]
@@ -142,7 +142,7 @@ def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
     assert "limits" in said[39].values["wheel_speeds rl innovation"]
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_watching_changes_nothing_of_the_estimate() -> None:
     plain, watched = (Observer(prototype(), driven("slalom", 0).map_origin) for _ in range(2))
     watched.watch(limits())
@@ -176,7 +176,7 @@ def test_limits_are_made_and_used_by_a_command(tmp_path: Path) -> None:
     assert "nothing" in judged.output
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_a_drive_lacks_and_a_copy_of_another_are_told_by_the_command(tmp_path: Path) -> None:
     save_vehicle(tmp_path / "car.yaml", prototype())
     whole, lacking = (driven("slalom", seed, duration=20.0) for seed in (0, 1))
@@ -268,7 +268,7 @@ def test_one_drive_given_twice_is_not_enough_for_limits() -> None:
         calibrate([a, copy_of(a, "copy")], prototype())
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_copy_is_known_by_what_the_observer_hears_and_another_drive_is_not_taken_for_one() -> None:
     drive = driven("slalom", 0, duration=20.0)
     unheard = {**drive.channels, "reference/odometry": replace(drive["imu/data"], topic="reference/odometry")}

@@ -164,7 +164,7 @@ def test_looking_at_the_estimate_does_not_change_it(vehicle: Vehicle, lane_chang
     assert max(distance(unseen, seen)) < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("way", ["open road", "tunnel"])
 def test_the_covariance_stays_symmetric_and_positive_for_ten_minutes(
     vehicle: Vehicle, lane_change: Recording, way: str

@@ -173,7 +173,7 @@ def joint_transition(kalman: Any, h: float, decay: Array, effect: Array) -> Arra
 FIVE = (MASS, FRICTION, "chassis.cog_to_front_axle", "chassis.yaw_inertia", "rear.tyre.lateral.nominal.initial_slope")
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_effect_of_parameters_is_the_difference_that_they_make(vehicle: Vehicle, kind: str) -> None:
     values = {name: vehicle.values()[name] for name in FIVE}

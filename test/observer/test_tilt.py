@@ -94,7 +94,7 @@ def rav4() -> tuple[Recording, Vehicle]:
         pytest.skip(str(error))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 5.0), (-5.0, 0.0)])
 def test_on_a_real_road_it_is_told_with_the_angle_within_a_degree(roll: float, pitch: float) -> None:
     recording, car = rav4()
@@ -124,12 +124,12 @@ def test_on_rises_it_is_told_where_no_height_is_known(vehicle: Vehicle, country_
     assert "or the road falls by" in words
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize("bag", ["hills", "banked_oval", "steady_state_circle"])
 def test_hills_and_banks_are_not_taken_for_it(vehicle: Vehicle, bag: str) -> None:
     assert not any("tilted" in line.message for line in said(read_bag(BAGS / bag), vehicle))
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_real_road_is_not_taken_for_it() -> None:
     assert not any("tilted" in line.message for line in said(*rav4()))

@@ -187,7 +187,7 @@ def test_the_limits_of_the_monitor_hold_for_it(bag: Path, file: Path, tmp_path: 
     assert "heights front innovation" in load_limits(limits).quantities
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.timeout(900)
 def test_explain_has_it_in_its_answer(bag: Path, file: Path, tmp_path: Path):
     result = CliRunner().invoke(main, ["explain", str(bag), "--vehicle", str(file), "--report", str(tmp_path)])

@@ -14,7 +14,7 @@ from vsense_ros.identify.side_slip import SideSlipFit
 EXTENDED = Path(__file__).parents[2] / "docs/examples/genesis/vehicle.extended.yaml"
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_asked_for():
     folder = datasets.find("genesis_oxts_can")
     if folder is None:
@@ -28,7 +28,7 @@ def test_side_slip_without_measuring_it_beats_the_formulas_and_reaches_what_was_
         assert results["10hz"]["side_slip_rmse_deg"] < results[formula]["side_slip_rmse_deg"]
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_with_what_explain_found_the_observer_knows_the_side_slip_better_with_gnss_and_without():
     """Of which explain was given none. The mounting of the reference is fitted: its place is told from the centre of
     gravity, of which explain has found that it is elsewhere."""

@@ -17,7 +17,7 @@ def test_every_figure_of_the_thesis_has_a_line_but_those_of_kernels_that_the_ful
     assert {(key[0], key[2]) for key in without} == {("full", "suspension")}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 @pytest.mark.parametrize(("car", "names"), [("simplified", tuple(KERNEL_SETS)), ("full", FULL_SETS)])
 def test_kernels_add_no_iteration_and_change_no_force(car: str, names: tuple[str, ...]) -> None:
     rows = implementations(

@@ -78,7 +78,7 @@ def test_a_bias_of_the_steering_shows_in_the_yaw_rate_as_its_share_of_the_range(
     assert found["yaw_rate"][0] == pytest.approx(100 * bias / np.ptp(slow), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_table_5_3_of_the_slow_lane_change_is_within_a_fifth_of_the_print_with_noise(tmp_path: Path) -> None:
     row = leung.table_5_3(tmp_path, "LC25")["LC25"]
     for column in ("beta noisy", "r noisy"):
@@ -124,7 +124,7 @@ def errors_in_small_turns(car: Vehicle) -> dict[str, float]:
     return {key: float(value[0]) for key, value in found.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_full_car_that_cannot_roll_is_the_bicycle_in_small_turns() -> None:
     """What the linear model lacks of the saloon's side slip there is the swinging of its body."""
     saloon = leung.plant()

@@ -61,7 +61,7 @@ def test_raw_fixes_are_scored_as_course_less_heading() -> None:
     assert np.mean([one["raw_side_slip"]["rmse"] for one in runs]) == pytest.approx(0.0025, rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_what_a_study_has_done_it_does_not_do_again(tmp_path: Path) -> None:
     cases = [(Case("right_turn", 0, leung.SECTION_4_4), ("yaw_kkf", "inertial"))]
     first = study(cases, tmp_path)
@@ -106,7 +106,7 @@ def test_what_is_faster_than_a_second_is_a_waves_share_of_its_mean(frequency: fl
     assert np.std(fast) == pytest.approx(abs(1 - np.sinc(frequency)) / 2**0.5, rel=0.02, abs=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_thesis_and_none_beats_the_bound(
     tmp_path: Path,
 ) -> None:
@@ -121,7 +121,7 @@ def test_on_the_hardest_rows_the_error_ekf_has_at_most_half_the_error_of_the_the
         assert 0 < bound < min(error, found["integrated"][row]["beta_nrmsd_percent"])
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_on_the_third_genesis_lap_inertial_states_what_it_is_off_by():
     folder = datasets.find("genesis_oxts_can")
     if folder is None:

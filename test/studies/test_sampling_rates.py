@@ -10,7 +10,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_a_measurement_that_acts_until_the_next_one_spoils_the_yaw_rate_where_sensors_are_slow() -> None:
     found = {
         (r.filter, r.period): r.rmse for r in measure(load_vehicle(vehicle_path("prototype_model")), periods=(4, 50))

@@ -32,7 +32,7 @@ def printed(title: str) -> dict[str, dict[str, float]]:
     return {name: dict(zip(SIMPLIFIED, (float(a), float(b)), strict=True)) for name, a, b in rows}
 
 
-@pytest.mark.slow
+@pytest.mark.exam
 def test_the_document_says_what_the_cars_do_now(vehicle):
     """`python -m studies simplification` writes it anew."""
     (comparison,) = compare(vehicle, (MANOEUVRES["step_steer"],))

@@ -28,6 +28,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.node.byte_log import write_byte_log
 
 _FIRST_DOMAIN, _LAST_DOMAIN = 10, 100  # above 101 the ports of a domain collide with ephemeral ones
+_FAR_APART = 37  # domains between those of processes started in a row; no divisor of their number
 _DOMAIN_PORT = 7400
 _STARTUP = 180.0  # [s] for a node to become active; the observer may have to compile its model first
 _DISCOVERY = 15.0  # [s]
@@ -49,10 +50,11 @@ class RosRun:
 
 
 def free_domain() -> int:
-    """A ROS domain on this machine in which nobody is."""
+    """A ROS domain on this machine that nobody uses. Processes started one after the other search far apart, so that
+    two that run at once do not choose the same."""
     span = _LAST_DOMAIN - _FIRST_DOMAIN
     for i in range(span):
-        domain = _FIRST_DOMAIN + (os.getpid() + i) % span
+        domain = _FIRST_DOMAIN + (_FAR_APART * os.getpid() + i) % span
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
             probe.bind(("", _DOMAIN_PORT + 250 * domain))
             return domain
