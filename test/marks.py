@@ -16,4 +16,9 @@ def exam_except(values: Iterable[Any], *kept: Any) -> list[Any]:
     values = list(values)
     if unknown := [value for value in kept if value not in values]:
         raise ValueError(f"{unknown} not among the parameters {values}")
-    return [value if value in kept else pytest.param(value, marks=pytest.mark.exam) for value in values]
+    return [value if value in kept else pytest.param(*_parts(value), marks=pytest.mark.exam) for value in values]
+
+
+def _parts(value: Any) -> tuple[Any, ...]:
+    """Several arguments of a test stand in a tuple."""
+    return value if isinstance(value, tuple) else (value,)

@@ -16,6 +16,7 @@ import pymap3d
 import pytest
 from click.testing import CliRunner
 
+from marks import exam_except
 from vsense_ros import codegen
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.cli import main
@@ -140,9 +141,9 @@ def test_the_sources_allocate_nothing_and_include_nothing_but_the_mathematics(so
     assert not re.search(r"^static (?!const|void|int|double|struct|inline)", text, re.M), "no variable is shared"
 
 
-@pytest.mark.exam
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("level", ["-O0", "-O2"])
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", exam_except(["gcc", "clang"], "gcc"))
+@pytest.mark.parametrize("level", exam_except(["-O0", "-O2"], "-O2"))
 def test_the_strictest_c99_compilers_have_nothing_to_say(
     sources: Path, tmp_path: Path, compiler: str, level: str
 ) -> None:
@@ -260,8 +261,10 @@ def test_a_state_that_no_car_can_have_is_told(vehicle: Vehicle, library: ctypes.
     assert is_valid()
 
 
-@pytest.mark.exam
-@pytest.mark.parametrize("drive", ["double lane change", "double lane change, tyres that lag", "RAV4"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "drive", exam_except(["double lane change", "double lane change, tyres that lag", "RAV4"], "double lane change")
+)
 def test_on_a_recording_it_computes_what_the_one_in_python_does(drive: str, vehicle: Vehicle, tmp_path: Path) -> None:
     bag = DATA / "comma2k19_rav4" if drive == "RAV4" else ROOT / "bags/double_lane_change"
     if not bag.exists():

