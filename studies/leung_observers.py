@@ -28,7 +28,7 @@ from vsense_ros.evaluate.signals import wrap
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Channel, Recording
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import GnssVelocity, Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.base import joint_state
 from vsense_ros.model.vehicle import Vehicle

@@ -28,7 +28,7 @@ from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.manoeuvre.sensing import EPOCH, record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.observer_settings import EstimatedParameter, ForceErrors
+from vsense_ros.model.schema.observer_settings import EstimatedParameter, ForceErrors
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.simulation.full_car import simulate_full_car

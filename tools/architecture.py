@@ -55,7 +55,8 @@ def first_sentence(folder: Path) -> str:
 def lines() -> list[list[str]]:
     """The rooms that there are, on the lines of the contract."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = [one for one in settings["tool"]["importlinter"]["contracts"] if one["type"] == "layers"]
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    (contract,) = [one for one in contracts if one.get("containers") == [PACKAGE.name]]
     named = [re.findall(r"\w+", line) for line in contract["layers"]]
     return [there for line in named if (there := [name for name in line if (PACKAGE / name).is_dir()])]
 

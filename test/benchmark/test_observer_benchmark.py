@@ -21,7 +21,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car import steps
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer, estimate_samples, run
 

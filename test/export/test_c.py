@@ -30,7 +30,7 @@ from vsense_ros.model.effects.friction_change import FrictionChange
 from vsense_ros.model.effects.road_bank import RoadBank
 from vsense_ros.model.effects.road_grade import RoadGrade
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import error_ekf
 from vsense_ros.observer.observer import sensors_of

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.schema.physics import Axle
+from vsense_ros.model.vehicle import Vehicle
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
 

@@ -10,8 +10,9 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.parameter import numbers, symbols, vector
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.tyres import MODELS, TMeasy
-from vsense_ros.model.vehicle import Axle, Physics
+from vsense_ros.model.vehicle import Physics
 
 
 @pytest.fixture(scope="module")

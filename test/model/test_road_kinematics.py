@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.model.car.car import kinematics, motion_of, road_kinematics
+from vsense_ros.model.car.kinematics import kinematics, motion_of, road_kinematics
 from vsense_ros.model.car.pose import angles, orientation_on_map, position_on_map
 from vsense_ros.model.car.road import Road
 from vsense_ros.model.simulation.surface import Surface, Waves

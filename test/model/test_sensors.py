@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.model.car.car import Car, motion_of
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.sensors import (
     GnssAttitude,
     GnssPosition,

@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from stepping import Stepper
-from vsense_ros.model.car.car import Car, kinematics, road_kinematics
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.kinematics import kinematics, road_kinematics
 from vsense_ros.model.car.steps import (
     advance_function,
     dynamics_function,

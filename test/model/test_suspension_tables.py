@@ -18,11 +18,12 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from stepping import Stepper
-from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.kinematics import kinematics
 from vsense_ros.model.car.steps import dynamics_function, force_function, linearize_function
-from vsense_ros.model.car.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.coordinates import DYNAMIC_COORDINATES
 from vsense_ros.model.parameter import symbols, vector
+from vsense_ros.model.schema.suspension_tables import AxleTable, SuspensionTables
 from vsense_ros.model.tyres import TMeasy, TyreInput
 from vsense_ros.model.vehicle import Vehicle
 

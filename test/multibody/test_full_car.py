@@ -11,10 +11,10 @@ from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
 from vsense_ros.model.car.full_car import RACK, FullCar
-from vsense_ros.model.car.linkage import Linkages
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEEL_OUTPUTS, WHEELS
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.schema.linkage import Linkages
 from vsense_ros.model.vehicle import Vehicle
 
 STEP = 0.004  # [s]

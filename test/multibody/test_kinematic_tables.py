@@ -21,7 +21,7 @@ from vsense_ros.model.car.kinematic_tables import (
     steering_rack,
 )
 from vsense_ros.model.car.steps import dynamics_function
-from vsense_ros.model.car.suspension import SuspensionTables
+from vsense_ros.model.schema.suspension_tables import SuspensionTables
 from vsense_ros.model.simulation.closed_loop import rolling_straight
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle

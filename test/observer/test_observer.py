@@ -28,7 +28,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.manoeuvre import MANOEUVRES, drive, generate
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording, Sample
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.simulation.closed_loop import simulate
 from vsense_ros.model.vehicle import Vehicle

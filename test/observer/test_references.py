@@ -7,7 +7,7 @@ import pytest
 
 from drives import feed, messages
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.observer_settings import ForceErrors
+from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS

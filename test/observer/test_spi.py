@@ -19,7 +19,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.steps import model_functions, sensor_functions
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import Imu
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import Observer

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from rich.console import Console
 
 from vsense_ros.evaluate.terminal import plain_table
-from vsense_ros.model.car.suspension import SuspensionTables
+from vsense_ros.model.schema.suspension_tables import SuspensionTables
 
 ANGLES = ("camber", "toe", "caster")
 

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 from vsense_ros.files.names import harmless
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.frames import Frame, axle_of, fixed_frames, wheel_on_ground
-from vsense_ros.model.sensors.base import Triple
+from vsense_ros.model.parameter import Triple
 from vsense_ros.model.vehicle import Vehicle
 
 _WHEEL_WIDTH = 0.22  # [m], for the picture alone

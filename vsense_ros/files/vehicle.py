@@ -18,7 +18,7 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.schema import allowed, models_of, tag_of, unit_of
 from vsense_ros.files.tir import read_tir
 from vsense_ros.messages import yaml_text
-from vsense_ros.model.car.suspension import SuspensionTables
+from vsense_ros.model.schema.suspension_tables import SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 
 

@@ -26,7 +26,7 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.identify.information import TOLD
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.observer_settings import EstimatedParameter
+from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
 from vsense_ros.observer.catalogue import FILTERS

@@ -8,10 +8,11 @@ import numpy as np
 
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.handling.best_4dof import TYRE, roll_axis_height
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.tyres.similarity import Similarity
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 LAG = 0.03  # of the tyre forces [s]: no vehicle file tells it
 RELAXATION_LENGTH = 0.6  # of a car tyre [m] (Pacejka 2012, ch. 5: about the radius of the wheel to twice that)

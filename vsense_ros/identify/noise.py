@@ -27,7 +27,7 @@ from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
-from vsense_ros.model.observer_settings import ForceErrors
+from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer import run
 from vsense_ros.observer.innovations import innovations

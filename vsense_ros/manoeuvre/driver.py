@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from vsense_ros.manoeuvre.track import Along, Track
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, SPIN, YAW, X, Y
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.simulation.closed_loop import rolling_radii
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

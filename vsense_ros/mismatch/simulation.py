@@ -27,7 +27,8 @@ from vsense_ros.mismatch.windows import (
     Readings,
     Window,
 )
-from vsense_ros.model.car.car import Car, car_of, motion_of
+from vsense_ros.model.car.car import Car, car_of
+from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import (
     BANK,

@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.sensors.base import Triple
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.parameter import Triple
+from vsense_ros.model.schema.physics import Axle
+from vsense_ros.model.vehicle import Vehicle
 
 NOT_OF_THE_CAR = ("", "map", "odom")
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 Model = TypeVar("Model", bound=BaseModel)
+Triple: TypeAlias = tuple[float, float, float]
 Scalar: TypeAlias = ca.SX | float  # a parameter in an equation: a number, or the symbol that `symbols` puts there
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from vsense_ros.messages.cdr import Transform, encode_transforms
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.frames import Frame, contact_frames, fixed_frames
-from vsense_ros.model.sensors.base import Triple
+from vsense_ros.model.parameter import Triple
 from vsense_ros.model.vehicle import Vehicle
 
 _LONGEST_STEP = 1_000_000_000  # [ns] over which a velocity is taken to last

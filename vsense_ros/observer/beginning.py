@@ -77,7 +77,7 @@ class Beginning:
     def doubts(self, event: Event) -> bool:
         """Whether a measurement tells another speed than most sensors do; it is then refused."""
         sensor = self._intake.sensors[event.sensor]
-        speed = sensor.first_speed(event.value, self._vehicle)
+        speed = sensor.first_speed(event.value, self._vehicle.physics)
         if speed is None or not isfinite(speed):
             return False
         self._newest[event.sensor] = event.stamp, abs(speed)
@@ -120,5 +120,5 @@ class Beginning:
         """What each sensor that tells the car's speed says [m/s], in the order of their kinds."""
         sensors = self._intake.sensors
         in_order = sorted(events, key=lambda event: sensors[event.sensor].place)
-        speeds = (sensors[event.sensor].first_speed(event.value, self._vehicle) for event in in_order)
+        speeds = (sensors[event.sensor].first_speed(event.value, self._vehicle.physics) for event in in_order)
         return [speed for speed in speeds if speed is not None]

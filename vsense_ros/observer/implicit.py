@@ -23,7 +23,8 @@ from vsense_ros import codegen
 from vsense_ros.accelerator.client import Client
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.car import Car, kinematics
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.kinematics import kinematics
 from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.multibody.outside import Outside

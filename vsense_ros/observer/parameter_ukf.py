@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import motion_of
+from vsense_ros.model.car.kinematics import motion_of
 from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.observer.parameter_filter import ParameterFilter, numbered

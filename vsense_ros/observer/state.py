@@ -32,7 +32,7 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
-from vsense_ros.model.observer_settings import Disturbances
+from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.sensors import Bias, SensorBase, WheelTorques
 from vsense_ros.model.sensors.wheel_speeds import LOADED
 from vsense_ros.model.vehicle import Vehicle

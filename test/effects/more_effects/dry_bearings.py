@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 
 class DryBearings(Effect):
@@ -21,5 +19,5 @@ class DryBearings(Effect):
 
     torque: float = size("N m", "that holds back each wheel", typical=10.0, high=200.0)
 
-    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         return torque - self.torque

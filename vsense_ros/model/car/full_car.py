@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
-from vsense_ros.model.car.car import wheel_outputs
-from vsense_ros.model.car.contact import Contact, contact
-from vsense_ros.model.car.linkage import DoubleWishbone, Linkages, Suspension
+from vsense_ros.model.car.tyre_contacts import wheel_outputs
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
+from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.coordinates import COORDINATES, POSE, RATES, SPIN, TRAVEL, VELOCITY, WHEELS, Z
 from vsense_ros.model.multibody.assembly import assemble, check
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
@@ -60,8 +59,10 @@ from vsense_ros.model.multibody.mechanism import (
 from vsense_ros.model.multibody.outside import Outside, OutsideIntegrator
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 from vsense_ros.model.parameter import Scalar, symbols, vector
+from vsense_ros.model.schema.linkage import DoubleWishbone, Linkages, Suspension
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.tyres import TyreForces, TyreInput
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

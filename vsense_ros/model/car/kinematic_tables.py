@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
 from vsense_ros.model.car.full_car import RACK, UPRIGHT, Corner, FullCar
-from vsense_ros.model.car.suspension import AxleTable, SuspensionTables
 from vsense_ros.model.multibody.assembly import assemble
 from vsense_ros.model.multibody.semi_recursive import Motion
+from vsense_ros.model.schema.suspension_tables import AxleTable, SuspensionTables
 from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]

@@ -9,17 +9,12 @@ from functools import cached_property
 import casadi as ca
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import Car, Corner
-from vsense_ros.model.car.suspension import (
-    AxleTable,
-    Columns,
-    HubMotion,
-    TablePlace,
-    columns_within,
-    hub_from_columns,
-    place_in_tables,
-)
+from vsense_ros.model.car.bodies import wheel_inertia
+from vsense_ros.model.car.car import Car
+from vsense_ros.model.car.suspension import HubMotion, hub_from_columns
 from vsense_ros.model.coordinates import COORDINATES, TRAVEL, WHEELS
+from vsense_ros.model.moving_car import Corner
+from vsense_ros.model.schema.suspension_tables import AxleTable, Columns, TablePlace, columns_within, place_in_tables
 from vsense_ros.model.vehicle import Vehicle
 
 COLUMNS = tuple(AxleTable.model_fields)
@@ -56,7 +51,7 @@ class CarInParts(Car):
                 within[name] = value, slope, half_curvature
             travel = self.q[TRAVEL][corner.index]
             hub = hub_from_columns(within, place, corner.side, corner.centre, travel)
-            hubs.append(self._toed(corner, hub))
+            hubs.append(hub.turned(self._toe(corner)))
         return hubs
 
     def _wheel_inertia(self, corner: Corner, hub: HubMotion) -> ca.SX:
@@ -101,7 +96,7 @@ class CarInParts(Car):
         """(…, columns) → `inertias`."""
         found = []
         for corner, hub in zip(self.corners, self._hubs, strict=True):
-            matrix = super()._wheel_inertia(corner, hub)
+            matrix = wheel_inertia(corner, hub)
             found.append(ca.vertcat(matrix[0, :].T, matrix[1, 1:].T, matrix[2, 2]))
         arguments = [*self._position, self.columns]
         return codegen.function("inertias", arguments, [ca.horzcat(*found)], (*_POSITION, "columns"))

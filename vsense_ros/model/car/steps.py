@@ -3,7 +3,7 @@
 Time integration is ROS2 (Verwer, Spee, Blom & Hundsdorfer 1999): a two-stage Rosenbrock method, second order with *any*
 matrix in place of the Jacobian, and L-stable with the exact one. Tyres near standstill are stiffer than any step length
 that a vehicle computer can afford, and an explicit method would ring there. The matrix is the exact Jacobian, stiffened
-against wheel slip (`Car.stiffening`): a change of rank four, made within the step.
+against wheel slip (`stiffening.py`): a change of rank four, made within the step.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros import codegen
-from vsense_ros.model.car.car import PLACEMENT, Car, kinematics, motion_of, road_kinematics
+from vsense_ros.model.car.car import PLACEMENT, Car
+from vsense_ros.model.car.kinematics import kinematics, motion_of, road_kinematics
+from vsense_ros.model.car.stiffening import stiffening
 from vsense_ros.model.coordinates import (
     ATTITUDE,
     COORDINATES,
@@ -179,7 +181,7 @@ def _first_stage(car: Car) -> ca.Function:
     """(…, h) → derivatives of q and u; γ h times those of the dynamic coordinates; of the stiffening the responses
     (14×4, sparse), γ h times the slopes (4×14, sparse), and what the rates at the step's beginning cause of it (4)."""
     h = ca.SX.sym("h")
-    rate, (responses, slopes, foreseen) = car.kinematics, car.stiffening
+    rate, (responses, slopes, foreseen) = car.kinematics, stiffening(car)
     known = GAMMA * h * (foreseen @ car.dynamics)
     rates = [ca.densify(value) for value in (rate, car.dynamics, GAMMA * h * _dynamic(rate))]
     results = [*rates, ca.sparsify(responses), ca.sparsify(GAMMA * h * slopes), ca.densify(known)]

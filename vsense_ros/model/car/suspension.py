@@ -6,104 +6,21 @@ derivatives by the travel: what the joint between chassis and hub needs. Everyth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import model_validator
 
-from vsense_ros.model.parameter import Part, parameter
-
-HIGHEST_DEGREE = 12
-ROUNDING = 1e-6  # what a table may differ by from the design position where it must go through it
-
-Polynomial = tuple[tuple[float, ...], ...]
-Coefficients = dict[str, Sequence[Sequence[ca.SX | float]]]  # of an axle's columns, by name
-Columns = dict[str, tuple[ca.SX, ca.SX, ca.SX]]  # of an axle's columns three values each, by name
-
-
-def _column(unit: str, description: str) -> Polynomial:
-    result: Polynomial = parameter(unit, description)
-    return result
-
-
-class AxleTable(Part):
-    """Kinematics of the left wheel of an axle; the right one is its mirror image, at the opposite steering.
-
-    Each quantity is a polynomial in travel and steering. Row i holds the coefficients of ξⁱ, and of these column j that
-    of ηʲ: ξ goes from -1 to 1 over the travel of the tables, η = steering / `steering` likewise.
-    """
-
-    x: Polynomial = _column("m", "wheel centre forward of its design position")
-    y: Polynomial = _column("m", "wheel centre to the left of its design position")
-    camber: Polynomial = _column("rad", "the wheel's top leans outwards")
-    toe: Polynomial = _column("rad", "the wheel's front points to the left")
-    caster: Polynomial = _column(
-        "rad", "turn of the hub about the wheel's axle since the design position, top rearwards"
-    )
-    spring: Polynomial = _column("m", "compression of the spring over the ratio it has in the design position")
-
-    @model_validator(mode="after")
-    def _is_rectangular(self) -> AxleTable:
-        for name in type(self).model_fields:
-            rows = getattr(self, name)
-            widths = {len(row) for row in rows}
-            if len(widths) != 1 or 0 in widths or max(len(rows), *widths) > HIGHEST_DEGREE + 1:
-                raise ValueError(
-                    f"{name} must have rows of one length, up to {HIGHEST_DEGREE + 1} coefficients each way, "
-                    f"found rows of {', '.join(str(len(row)) for row in rows) or 'none'}"
-                )
-        return self
-
-
-class SuspensionTables(Part):
-    """Kinematics of both axles as tables. `vsense suspension` makes them from the linkages.
-
-    Beyond the travel that they cover the hub goes on straight, in the direction that it has at the end of the table;
-    no stop holds it. Steering ends at `steering`, where the rack does.
-    """
-
-    travel: tuple[float, float] = parameter(
-        "m", "lowest and highest wheel centre that the tables cover, from its design position"
-    )
-    steering: float = parameter("rad", "largest mean angle of the front wheels, at the end of the rack", gt=0, lt=1.2)
-    front: AxleTable
-    rear: AxleTable
-
-    @model_validator(mode="after")
-    def _goes_through_the_design_position(self) -> SuspensionTables:
-        low, high = self.travel
-        if not -1 < low < 0 < high < 1:
-            raise ValueError(f"travel must reach from below to above 0, within 1 m, found {low:g} to {high:g}")
-        for axle in ("front", "rear"):
-            place = self.columns(axle, 0.0, 0.0)
-            for name in ("x", "y", "spring"):
-                if abs(place[name][0]) > ROUNDING:
-                    raise ValueError(
-                        f"{axle}.{name} is {place[name][0]:g} m in the design position, where it must be 0"
-                    )
-            if abs(place["spring"][1] - 1) > 0.01:
-                raise ValueError(
-                    f"{axle}.spring moves by {place['spring'][1]:.3g} of the wheel's travel in the design position, "
-                    "where it is measured by that: 1 is expected"
-                )
-            for travel in np.linspace(low, high, 9):
-                slope = self.columns(axle, float(travel), 0.0)["spring"][1]
-                if not slope > 0.05:
-                    raise ValueError(
-                        f"{axle}.spring moves by {slope:.3g} of the wheel's travel at {1e3 * travel:.3g} mm; at least "
-                        "0.05 is needed"
-                    )
-        return self
-
-    def columns(self, axle: str, travel: float, steering: float) -> dict[str, NDArray[np.float64]]:
-        """Of each column of an axle's table value, first and second derivative by the travel (3,), for its left wheel
-        at `travel` [m] and a mean angle of the front wheels [rad]; beyond the table as the class says."""
-        found = np.asarray(_function(self, axle)(travel, steering))
-        return dict(zip(AxleTable.model_fields, found, strict=True))
+from vsense_ros.model import spatial
+from vsense_ros.model.parameter import Scalar
+from vsense_ros.model.schema.suspension_tables import (
+    Coefficients,
+    Columns,
+    SuspensionTables,
+    TablePlace,
+    columns_beyond,
+    columns_within,
+    place_in_tables,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +33,10 @@ class HubMotion:
     bend: ca.SX  # its derivative by the travel, as seen from the hub (6×1)
     spring: ca.SX  # compression of the spring over its ratio in the design position [m]
     spring_ratio: ca.SX  # the derivative of that by the travel, 1 in the design position
+
+    def turned(self, toe: ca.SX) -> HubMotion:
+        """The motion with the axle turned about the vertical by `toe` [rad], positive to the left."""
+        return self if toe.is_zero() else replace(self, axle=spatial.rotation_z(toe) @ self.axle)
 
 
 def straight_guide(design: ca.SX, direction: ca.SX, travel: ca.SX, toe: ca.SX) -> HubMotion:
@@ -131,31 +52,12 @@ def straight_guide(design: ca.SX, direction: ca.SX, travel: ca.SX, toe: ca.SX) -
     )
 
 
-def coefficients(tables: SuspensionTables, axle: str) -> Coefficients:
-    """Those of an axle's columns, by name."""
-    return {name: getattr(getattr(tables, axle), name) for name in AxleTable.model_fields}
-
-
-def coefficients_in_one_form(tables: SuspensionTables, symbol: Callable[[float], ca.SX]) -> dict[str, Coefficients]:
-    """Those of both axles, "front" and "rear", as polynomials with the same terms: filled up with zeros, and with a
-    `symbol` for each number where not both axles have a zero."""
-    found: dict[str, Coefficients] = {"front": {}, "rear": {}}
-    filled = {name: _filled(getattr(tables.front, name), getattr(tables.rear, name)) for name in AxleTable.model_fields}
-    for axle, of_axle in enumerate(found.values()):
-        for name, pair in filled.items():
-            used = np.any(pair, axis=0)
-            of_axle[name] = [
-                [symbol(pair[axle, i, j]) if used[i, j] else 0.0 for j in range(used.shape[1])]
-                for i in range(used.shape[0])
-            ]
-    return found
-
-
-def _filled(*polynomials: Polynomial) -> NDArray[np.float64]:
-    """Polynomials filled up with zeros to one shape."""
-    tables = [np.array(polynomial) for polynomial in polynomials]
-    rows, columns = (max(table.shape[axis] for table in tables) for axis in (0, 1))
-    return np.array([np.pad(t, [(0, rows - t.shape[0]), (0, columns - t.shape[1])]) for t in tables])
+def ackermann_angle(angle: ca.SX, share: Scalar, wheelbase: Scalar, left: Scalar) -> ca.SX:
+    """Angle of a steered wheel [rad] for a mean `angle` of the front wheels: from parallel wheels (`share` 0) to full
+    Ackermann geometry (1), for a wheel so far to the `left` of the car's middle [m]."""
+    tangent = ca.tan(angle)
+    turning = ca.atan2(wheelbase * tangent, wheelbase - left * tangent)
+    return (1 - share) * angle + share * turning
 
 
 def table_guide(
@@ -169,7 +71,7 @@ def table_guide(
 
 def hub_from_columns(within: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
     """The same from what `columns_within` gives at a place of the tables."""
-    at = _columns_beyond(within, place)
+    at = columns_beyond(within, place)
     x, y = at["x"], [side * v for v in at["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.
     toe, lean, pitch = ([side * v for v in at["toe"]], [-side * v for v in at["camber"]], [-v for v in at["caster"]])
@@ -194,68 +96,3 @@ def hub_from_columns(within: Columns, place: TablePlace, side: ca.SX, design: ca
         spring=at["spring"][0],
         spring_ratio=at["spring"][1],
     )
-
-
-@cache
-def _function(tables: SuspensionTables, axle: str) -> ca.Function:
-    """(travel, steering) → rows of `SuspensionTables.columns`."""
-    travel, steering = ca.SX.sym("travel"), ca.SX.sym("steering")
-    found = _evaluate(tables, coefficients(tables, axle), travel, steering)
-    return ca.Function(axle, [travel, steering], [ca.vertcat(*(ca.horzcat(*values) for values in found.values()))])
-
-
-@dataclass(frozen=True, eq=False)
-class TablePlace:
-    """Where in the tables a wheel is: its travel ξ, `within` the tables and `along` beyond them; its steering η; and
-    half the travel that they cover [m]."""
-
-    along: ca.SX
-    within: ca.SX
-    across: ca.SX
-    half: float
-
-
-def place_in_tables(tables: SuspensionTables, travel: ca.SX, steering: ca.SX) -> TablePlace:
-    """The place of a left wheel; of a right one for the opposite steering."""
-    low, high = tables.travel
-    half = (high - low) / 2
-    along = (travel - (low + high) / 2) / half
-    within = ca.fmin(ca.fmax(along, -1), 1)
-    across = ca.fmin(ca.fmax(steering / tables.steering, -1), 1)
-    return TablePlace(along, within, across, half)
-
-
-def columns_within(table: Coefficients, place: TablePlace) -> Columns:
-    """Of each column of an axle's tables its value, slope and half its curvature by ξ."""
-    return {
-        name: _horner([_horner(row, place.across)[0] for row in rows], place.within) for name, rows in table.items()
-    }
-
-
-def _columns_beyond(within: Columns, place: TablePlace) -> Columns:
-    """Value, first and second derivative by the travel of each column, beyond the tables too."""
-    inside = place.within == place.along
-    return {
-        name: (
-            value + slope * (place.along - place.within),
-            slope / place.half,
-            ca.if_else(inside, 2 * half_curvature / place.half**2, 0),
-        )
-        for name, (value, slope, half_curvature) in within.items()
-    }
-
-
-def _evaluate(tables: SuspensionTables, table: Coefficients, travel: ca.SX, steering: ca.SX) -> Columns:
-    """Value, first and second derivative by the travel of each column."""
-    place = place_in_tables(tables, travel, steering)
-    return _columns_beyond(columns_within(table, place), place)
-
-
-def _horner(coefficients: Sequence[ca.SX | float], x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Value, slope and half the curvature of a polynomial, by Horner's scheme."""
-    value, slope, half_curvature = ca.SX(coefficients[-1]), ca.SX(0), ca.SX(0)
-    for coefficient in reversed(coefficients[:-1]):
-        half_curvature = half_curvature * x + slope
-        slope = slope * x + value
-        value = value * x + coefficient
-    return value, slope, half_curvature

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, of_kind, size
-from vsense_ros.model.sensors import Imu
-
-if TYPE_CHECKING:
-    from vsense_ros.model.sensors import SensorBase
-    from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.effects.base import Effect, VehicleFile, of_kind, size
+from vsense_ros.model.sensors import Imu, SensorBase
 
 
 class AccelerometerBias(Effect):
@@ -32,7 +28,7 @@ class AccelerometerBias(Effect):
     z: float = size("m/s²", "added by the sensor along z", typical=0.3, high=5.0)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         left = max((s.force_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
         return dict.fromkeys("xyz", left)
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.coordinates import SPEED_X
 from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
+from vsense_ros.model.moving_car import MovingCar
 
 
 class AeroDownforce(Effect):
@@ -24,7 +22,7 @@ class AeroDownforce(Effect):
     front: float = size("m²", "downforce coefficient of the front axle times area", typical=0.3, low=-3.0, high=8.0)
     rear: float = size("m²", "downforce coefficient of the rear axle times area", typical=0.3, low=-3.0, high=8.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         pressure = 0.5 * AIR_DENSITY * car.u[SPEED_X] ** 2
         chassis = car.parameters.chassis
         front, rear = pressure * self.front, pressure * self.rear

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.coordinates import SPEED_X
-from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
-    from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.effects.base import Effect, VehicleFile, size
+from vsense_ros.model.moving_car import MovingCar
 
 
 class AeroDrag(Effect):
@@ -26,9 +23,9 @@ class AeroDrag(Effect):
     area: float = size("m²", "drag coefficient times frontal area, added to the file's", typical=0.15, high=5.0)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         return {"area": 0.05 * vehicle.physics.aerodynamics.drag_area}
 
-    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         drag = 0.5 * AIR_DENSITY * self.area * car.u[SPEED_X] * ca.fabs(car.u[SPEED_X])
         return force - ca.vertcat(0, 0, 0, drag, 0, 0)

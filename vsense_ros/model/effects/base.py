@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import casadi as ca
 import numpy as np
@@ -13,12 +13,11 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.moving_car import Corner, MovingCar
 from vsense_ros.model.parameter import Part
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
-    from vsense_ros.model.sensors import SensorBase
-    from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.schema.observer_settings import ObserverSettings
+from vsense_ros.model.schema.physics import Axle, NominalPhysics
+from vsense_ros.model.sensors import SensorBase
 
 CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 AXLES = ("front", "rear")
@@ -65,6 +64,21 @@ def form(description: str, *, default: float) -> Any:
     return Field(default=default, description=description, ge=0.0, le=1.0, json_schema_extra=extra)
 
 
+class VehicleFile(Protocol):
+    """A vehicle file, as far as priors of effects refer to it."""
+
+    @property
+    def physics(self) -> NominalPhysics:
+        """Parameters of the equations of motion."""
+
+    @property
+    def observer(self) -> ObserverSettings:
+        """Settings of the observer."""
+
+    def sensing(self) -> Mapping[str, SensorBase]:
+        """The sensors by name, with what the car's effects do to them."""
+
+
 class Effect(Part):
     """A physical effect that a car, its road or its sensors may have, and that a model may lack.
 
@@ -91,8 +105,8 @@ class Effect(Part):
     internal_state: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
-        """How much of it every such car has, as standard deviations of sizes by field name."""
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
+        """Standard deviations, by field name, of the sizes that the effect has in every such car."""
         return {}
 
     @classmethod
@@ -108,11 +122,11 @@ class Effect(Part):
         """Parameters of one corner: those of its axle."""
         return axle
 
-    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         """Mean road-wheel angle of the front axle, positive to the left [rad]."""
         return angle
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
+    def toe(self, angle: ca.SX, corner: Corner, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         """What a wheel is turned about the vertical beyond steering and suspension, positive to the left [rad]."""
         return angle
 
@@ -129,15 +143,15 @@ class Effect(Part):
         uses its grip."""
         return thrust
 
-    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def suspension_force(self, force: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         """What resists the compression of one wheel's suspension [N]."""
         return force
 
-    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         """Torque that drives a wheel [N m]."""
         return torque
 
-    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         """On the chassis besides suspensions and weight: moment about `cog` [N m] and force [N], 6×1."""
         return force
 
@@ -146,7 +160,7 @@ class Effect(Part):
         that has `turned` to the left by so much since it set out [rad]; arrays over time, or numbers."""
         return 0.0, 0.0
 
-    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+    def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         """The internal state for a step of `h` [s] that begins now, from that of the last step."""
         return internal_state
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import SPIN
 from vsense_ros.model.effects.base import Effect, of_wheel, size
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 SMALLEST_SPIN = 1.0  # [rad/s] below it the torque fades, so that a wheel may rest
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
 
 
 class BrakeDrag(Effect):
@@ -27,5 +25,5 @@ class BrakeDrag(Effect):
     rl: float = size("N m", "torque against the rotation, rear left", typical=40.0, low=0.0, high=2000.0)
     rr: float = size("N m", "torque against the rotation, rear right", typical=40.0, low=0.0, high=2000.0)
 
-    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         return torque - of_wheel(self, corner) * ca.tanh(car.u[SPIN][corner.index] / SMALLEST_SPIN)

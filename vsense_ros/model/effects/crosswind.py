@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.constants import AIR_DENSITY
 from vsense_ros.model.coordinates import SPEED_X, SPEED_Y, YAW
 from vsense_ros.model.effects.base import Effect, shape, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
+from vsense_ros.model.moving_car import MovingCar
 
 CALM = 0.1  # [m/s] keeps the direction of the air flow defined at rest
 
@@ -35,7 +33,7 @@ class Crosswind(Effect):
     )
     ahead: float = shape("m", "centre of pressure ahead of cog", default=0.4, typical=0.2, low=-2.0, high=3.0)
 
-    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         yaw = car.q[YAW]
         along = self.east * ca.cos(yaw) + self.north * ca.sin(yaw)
         across = self.north * ca.cos(yaw) - self.east * ca.sin(yaw)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, of_kind, size
-from vsense_ros.model.sensors import Imu
-
-if TYPE_CHECKING:
-    from vsense_ros.model.sensors import SensorBase
-    from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.effects.base import Effect, VehicleFile, of_kind, size
+from vsense_ros.model.sensors import Imu, SensorBase
 
 
 class GyroBias(Effect):
@@ -25,7 +21,7 @@ class GyroBias(Effect):
     z: float = size("rad/s", "added by the sensor about z", typical=0.005, high=0.2)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         left = max((s.rate_bias for s in vehicle.sensing().values() if isinstance(s, Imu)), default=0.0)
         return dict.fromkeys("xyz", left)
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from vsense_ros.model.effects.base import Effect, added, of_kind, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.sensors import SensorBase
 
 
 class ImuPitchMisalignment(Effect):

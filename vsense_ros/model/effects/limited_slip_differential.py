@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import SPIN
 from vsense_ros.model.effects.base import Effect, of_axle, shape, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 
 class LimitedSlipDifferential(Effect):
@@ -33,6 +31,6 @@ class LimitedSlipDifferential(Effect):
         high=100.0,
     )
 
-    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         difference = car.u[SPIN][corner.index] - car.u[SPIN][corner.opposite]
         return torque - of_axle(self, corner) * self.slipping * ca.tanh(difference / self.slipping)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import TRAVEL
 from vsense_ros.model.effects.base import Effect, of_axle, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 
 class RollSteer(Effect):
@@ -23,7 +21,7 @@ class RollSteer(Effect):
     front: float = size("rad/rad", "steer to the left per roll to the right, front", typical=0.05, high=0.6)
     rear: float = size("rad/rad", "steer to the left per roll to the right, rear", typical=0.05, high=0.6)
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
+    def toe(self, angle: ca.SX, corner: Corner, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         travel, left = car.q[TRAVEL], min(corner.index, corner.opposite)
         roll = (travel[left + 1] - travel[left]) / corner.axle.track
         return angle + of_axle(self, corner) * roll

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.effects.base import Effect, VehicleFile, size
+from vsense_ros.model.schema.physics import Axle
 
 
 class RollingResistance(Effect):
@@ -21,7 +19,7 @@ class RollingResistance(Effect):
     coefficient: float = size("-", "added to the file's coefficients", typical=0.005, low=-0.008, high=0.3)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         return {"coefficient": 0.0007}  # a twentieth of what tyres have
 
     def wheel(self, wheel: int, axle: Axle) -> Axle:

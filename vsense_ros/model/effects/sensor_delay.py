@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from vsense_ros.model.effects.base import Effect, of_kind, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.sensors import Imu, SensorBase
-    from vsense_ros.model.vehicle import Vehicle
-
+from vsense_ros.model.effects.base import Effect, VehicleFile, of_kind, size
+from vsense_ros.model.sensors import Imu, SensorBase
 
 MOST = 3.0  # [s]
 
@@ -39,7 +35,7 @@ class SensorDelay(Effect):
     gnss: float = size("s", "additional age of the GNSS velocities and positions", typical=0.03, low=-0.5, high=MOST)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         return {"steering": 0.005}  # a few periods of a bus
 
     def sensors(self, sensors: dict[str, SensorBase]) -> dict[str, SensorBase]:

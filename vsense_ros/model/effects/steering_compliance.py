@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
+from vsense_ros.model.moving_car import MovingCar
 
 
 class SteeringCompliance(Effect):
@@ -29,9 +27,9 @@ class SteeringCompliance(Effect):
 
     compliance: float = size("rad/N", "angle per lateral force of the front axle", typical=1e-6, low=-2e-6, high=2e-5)
 
-    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         return angle - self.compliance * internal_state[0]
 
-    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+    def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         force = car.wheel_outputs[FORCE_Y, 0] + car.wheel_outputs[FORCE_Y, 1]
         return internal_state + (1 - ca.exp(-h / self.LAG)) * (force - internal_state)

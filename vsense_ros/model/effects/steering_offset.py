@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
-from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
-    from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.model.effects.base import Effect, VehicleFile, size
+from vsense_ros.model.moving_car import MovingCar
 
 
 class SteeringOffset(Effect):
@@ -23,8 +20,8 @@ class SteeringOffset(Effect):
     angle: float = size("rad", "true road-wheel angle minus the measured one", typical=0.005, high=0.2)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         return {"angle": vehicle.observer.surroundings.steering_offset}
 
-    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         return angle + self.angle

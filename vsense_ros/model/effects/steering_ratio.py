@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car
+from vsense_ros.model.moving_car import MovingCar
 
 
 class SteeringRatio(Effect):
@@ -23,5 +21,5 @@ class SteeringRatio(Effect):
         "-", "true road-wheel angle over the measured one, minus 1", typical=0.05, low=-0.5, high=1.0
     )
 
-    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         return angle * (1 + self.relative)

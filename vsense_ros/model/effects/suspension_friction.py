@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import TRAVEL
 from vsense_ros.model.effects.base import Effect, of_axle, size
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 SMALLEST_RATE = 0.01  # [m/s] below it the friction fades, so that the suspension creeps instead of sticking
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
 
 
 class SuspensionFriction(Effect):
@@ -25,5 +23,5 @@ class SuspensionFriction(Effect):
     front: float = size("N", "friction of one front suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
     rear: float = size("N", "friction of one rear suspension at the wheel", typical=100.0, low=0.0, high=3000.0)
 
-    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def suspension_force(self, force: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         return force + of_axle(self, corner) * ca.tanh(car.u[TRAVEL][corner.index] / SMALLEST_RATE)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import FORCE_Y
 from vsense_ros.model.effects.base import Effect, of_axle, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 
 class ToeCompliance(Effect):
@@ -26,8 +24,8 @@ class ToeCompliance(Effect):
     front: float = size("rad/N", "angle of a front wheel against its lateral force", typical=1e-6, high=2e-5)
     rear: float = size("rad/N", "angle of a rear wheel against its lateral force", typical=1e-6, high=2e-5)
 
-    def toe(self, angle: ca.SX, corner: Corner, car: Car, internal_state: ca.SX) -> ca.SX:
+    def toe(self, angle: ca.SX, corner: Corner, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         return angle - of_axle(self, corner) * internal_state[corner.index]
 
-    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+    def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         return internal_state + (1 - ca.exp(-h / self.LAG)) * (car.wheel_outputs[FORCE_Y, :].T - internal_state)

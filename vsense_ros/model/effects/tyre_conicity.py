@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.effects.base import Effect, of_wheel, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Corner
+from vsense_ros.model.moving_car import Corner
 
 
 class TyreConicity(Effect):

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.model.effects.base import Effect, of_axle, shape, size
+from vsense_ros.model.moving_car import Corner, MovingCar
 
 HEAT_CAPACITY = 8e3  # [J/K] of the tread that takes part
 LEAST = 0.2  # of the grip that is left at any temperature
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
 
 
 class TyreHeating(Effect):
@@ -32,7 +30,7 @@ class TyreHeating(Effect):
     def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:
         return friction * ca.fmax(1 - of_axle(self, corner) * internal_state[corner.index], LEAST)
 
-    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+    def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         powers = [
             c.tyre.longitudinal * (c.rolling_speed - c.touch.speed_x) - c.tyre.lateral * c.touch.speed_y
             for c in car.contacts

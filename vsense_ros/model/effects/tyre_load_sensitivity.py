@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
-from vsense_ros.model.effects.base import Effect, of_axle, size
+from vsense_ros.model.effects.base import Effect, VehicleFile, of_axle, size
+from vsense_ros.model.moving_car import Corner
 
 LEAST = 0.2  # of the grip that is left at any load
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Corner
-    from vsense_ros.model.vehicle import Vehicle
 
 
 class TyreLoadSensitivity(Effect):
@@ -26,7 +23,7 @@ class TyreLoadSensitivity(Effect):
     rear: float = size("-", "relative loss of grip at twice the load at rest, rear", typical=0.15, low=-0.3, high=0.8)
 
     @classmethod
-    def prior(cls, vehicle: Vehicle) -> dict[str, float]:
+    def prior(cls, vehicle: VehicleFile) -> dict[str, float]:
         return {"front": 0.1, "rear": 0.1}  # by which formulas differ that were fitted to the same tyre
 
     def friction(self, friction: ca.SX, corner: Corner, load: ca.SX, internal_state: ca.SX) -> ca.SX:

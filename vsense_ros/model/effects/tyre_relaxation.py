@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects.base import Effect, of_axle, size
+from vsense_ros.model.moving_car import Corner, MovingCar
 from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
 
 STANDSTILL = 0.3  # [m/s] keeps the lag finite at rest
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
 
 
 class TyreRelaxation(Effect):
@@ -38,7 +36,7 @@ class TyreRelaxation(Effect):
         constant, share = internal_state[4 * corner.index + 2], internal_state[4 * corner.index + 3]
         return ca.if_else(of_axle(self, corner) > SHORTEST_RELAXATION, constant + share * speed, speed)
 
-    def update(self, internal_state: ca.SX, car: Car, h: ca.SX) -> ca.SX:
+    def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         after = []
         for corner, contact in zip(car.corners, car.contacts, strict=True):
             lagged, before = internal_state[4 * corner.index], internal_state[4 * corner.index + 1]

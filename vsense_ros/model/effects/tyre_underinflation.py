@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects.base import Effect, shape, size
+from vsense_ros.model.schema.physics import Axle
 
 STIFFNESS_SHARE = 0.75  # of the vertical stiffness that the pressure carries, the rest is the carcass
 RESISTANCE = 0.8  # relative growth of rolling resistance per relative loss of pressure
-
-if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Axle
 
 
 class TyreUnderinflation(Effect):

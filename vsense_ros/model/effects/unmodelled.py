@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 from pydantic import create_model
 
 from vsense_ros.model.coordinates import ROLL_RATE, SPEED_X, SPEED_Y, STEERING, TORQUES, TRAVEL, WHEELS, YAW_RATE
 from vsense_ros.model.effects.base import AXLES, CORNERS, Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.car.car import Car, Corner
-    from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.moving_car import Corner, MovingCar
+from vsense_ros.model.sensors import SensorBase
 
 SLOWEST = 1.0  # [m/s] for side slip, so that a car may rest
 
@@ -37,15 +35,15 @@ class Feature:
     words: str
     unit: str  # of what the term is divided by; empty for none
     typical: float
-    value: Callable[[Car], ca.SX]
+    value: Callable[[MovingCar], ca.SX]
     by_torque: bool = False  # whether it needs the wheel torques
 
 
-def _lateral(car: Car) -> ca.SX:
+def _lateral(car: MovingCar) -> ca.SX:
     return car.u[SPEED_X] * car.u[YAW_RATE]
 
 
-def _demand(car: Car) -> ca.SX:
+def _demand(car: MovingCar) -> ca.SX:
     """Acceleration that the wheel torques ask for [m/s²]."""
     p = car.parameters
     return ca.sum1(car.inputs[TORQUES]) / (p.chassis.mass * p.front.unloaded_radius)
@@ -165,19 +163,19 @@ class _Unmodelled(Effect):
     sentence: ClassVar[str] = "a force for which no physics is known"
     known: ClassVar[bool] = False
 
-    def chassis_force(self, force: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def chassis_force(self, force: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         added = ca.SX.zeros(6)
         for name, channel in CHASSIS.items():
             added[channel.row] += self._sum(name, car)
         return force + added
 
-    def front_angle(self, angle: ca.SX, car: Car, internal_state: ca.SX) -> ca.SX:
+    def front_angle(self, angle: ca.SX, car: MovingCar, internal_state: ca.SX) -> ca.SX:
         return angle + self._sum(STEERING_ANGLE, car)
 
-    def suspension_force(self, force: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def suspension_force(self, force: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         return force + self._sum(_SUSPENSIONS[corner.index], car)
 
-    def wheel_torque(self, torque: ca.SX, corner: Corner, car: Car) -> ca.SX:
+    def wheel_torque(self, torque: ca.SX, corner: Corner, car: MovingCar) -> ca.SX:
         to_the_right = -1 if corner.index % 2 == 0 else 1
         return torque + to_the_right * self._sum(_ACROSS[corner.index // 2], car)
 
@@ -192,7 +190,7 @@ class _Unmodelled(Effect):
         ]
         return f"{', '.join(asking)}, as no sensor tells the wheel torques" if asking else ""
 
-    def _sum(self, channel: str, car: Car) -> ca.SX:
+    def _sum(self, channel: str, car: MovingCar) -> ca.SX:
         terms = (getattr(self, f"{channel}_{feature}") * each.value(car) for feature, each in TERMS[channel].items())
         return sum(terms, ca.SX(0))
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from pydantic import create_model
 
 from vsense_ros.model.effects.base import Effect, of_kind, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.sensors import Imu, SensorBase
+from vsense_ros.model.sensors import Imu, SensorBase
 
 _AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
 _ALONG = {"x": "longitudinal", "y": "lateral", "z": "vertical"}

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects.base import Effect, size
-
-if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Axle
+from vsense_ros.model.schema.physics import Axle
 
 
 class WheelRadius(Effect):

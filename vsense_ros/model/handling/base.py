@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.parameter import Scalar, with_expressions
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.simulation.closed_loop import axle_of, rolling_radii
 from vsense_ros.model.tyres import Linear, Tyre, TyreInput
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

@@ -6,19 +6,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import Part, parameter
+from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
-    from vsense_ros.model.vehicle import Vehicle
 
 Vector = NDArray[np.float64]
 Names = tuple[str, ...]  # of the joints in a JointState
@@ -27,7 +25,6 @@ Values = Mapping[str, Vector]  # fields of a message by name
 Length = Annotated[float, Field(ge=-20, le=20)]
 Angle = Annotated[float, Field(ge=-6.2832, le=6.2832)]
 Deviation = Annotated[float, Field(gt=0)]
-Triple = tuple[float, float, float]
 Position = tuple[Length, Length, Length]
 Attitude = tuple[Angle, Angle, Angle]
 Deviations = tuple[Deviation, Deviation, Deviation]
@@ -220,7 +217,7 @@ class SensorBase(Part):
         """For how long a component may keep its value in a moving car [s]; `coarse` if it takes few values."""
         return max(self.longest_still, self.longest_still_if_coarse if coarse else 0.0)
 
-    def of_car(self, vehicle: Vehicle) -> SensorBase:
+    def of_car(self, physics: NominalPhysics) -> SensorBase:
         """The sensor with what it takes over from the car."""
         return self
 
@@ -275,7 +272,7 @@ class SensorBase(Part):
             value[:, i] += drive.bias * bias.deviation * drive.rng.standard_normal()
         return value + self.deviations() * drive.rng.standard_normal(value.shape)
 
-    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
+    def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         """Speed of a car at start [m/s] that a measurement (m,) tells, NaN if it is not known well; None if it tells
         none."""
         return None

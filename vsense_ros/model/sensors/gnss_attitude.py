@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Names,
@@ -17,9 +18,6 @@ from vsense_ros.model.sensors.base import (
     covariance_diagonal,
 )
 from vsense_ros.model.sensors.gnss import Receiver
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
 
 
 class GnssAttitude(Receiver):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Bias,
@@ -16,9 +17,6 @@ from vsense_ros.model.sensors.base import (
     Vector,
 )
 from vsense_ros.model.sensors.gnss import Antenna
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
 
 
 class GnssHeight(Antenna):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 import pymap3d
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import (
     Component,
@@ -20,9 +21,6 @@ from vsense_ros.model.sensors.base import (
 )
 from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
 
 
 class GnssPosition(Antenna):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
+from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
@@ -20,10 +22,6 @@ from vsense_ros.model.sensors.base import (
 )
 from vsense_ros.model.sensors.gnss import Antenna
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
-    from vsense_ros.model.vehicle import Vehicle
 
 
 def _course(value: Vector, radius: float) -> Vector:
@@ -89,7 +87,7 @@ class GnssVelocity(Antenna):
             }
         )
 
-    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
+    def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         return float(np.hypot(*value)) if np.isfinite(value).all() else None
 
     def speeds(self, value: Vector, radii: Vector) -> Vector:

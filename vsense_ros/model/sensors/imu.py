@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from vsense_ros.model import spatial
 from vsense_ros.model.coordinates import YAW_RATE
-from vsense_ros.model.parameter import parameter
+from vsense_ros.model.motion import Motion
+from vsense_ros.model.parameter import Triple, parameter
 from vsense_ros.model.sensors.base import (
     Attitude,
     Bias,
@@ -22,16 +23,12 @@ from vsense_ros.model.sensors.base import (
     Position,
     SensorBase,
     Tells,
-    Triple,
     Values,
     Vector,
     component,
     covariance_diagonal,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
 
 RATES, FORCES = slice(0, 3), slice(3, 6)  # of the components
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from vsense_ros.model.coordinates import STEERING
 from vsense_ros.model.parameter import parameter
+from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import Names, Response, SensorBase, Tells, Values, Vector, joint_state
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
-
-if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Vehicle
 
 
 class Steering(SensorBase):
@@ -44,8 +42,8 @@ class Steering(SensorBase):
         default=5.0 * pi / 180,
     )  # fmt: skip
 
-    def of_car(self, vehicle: Vehicle) -> SensorBase:
-        return self if self.ratio is not None else self.model_copy(update={"ratio": vehicle.physics.steering.ratio})
+    def of_car(self, physics: NominalPhysics) -> SensorBase:
+        return self if self.ratio is not None else self.model_copy(update={"ratio": physics.steering.ratio})
 
     def deviations(self) -> Vector:
         return np.zeros(1)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros.model.coordinates import WHEELS
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
 from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Vector, component
 from vsense_ros.model.sensors.simulated import Sampling
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
 
 
 class Suspension(JointSensor):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
+from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import (
     ComparedSignal,
     Component,
@@ -20,10 +22,6 @@ from vsense_ros.model.sensors.base import (
     component,
 )
 from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive, quantized
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
-    from vsense_ros.model.vehicle import Vehicle
 
 
 class VehicleSpeed(SensorBase):
@@ -64,7 +62,7 @@ class VehicleSpeed(SensorBase):
         linear = np.column_stack([forward, np.zeros((len(drive), 2))])
         return Content({"linear": linear, "angular": np.zeros((len(drive), 3))})
 
-    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
+    def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
         return float(value[0]) if np.isfinite(value[0]) else None
 
     def speeds(self, value: Vector, radii: Vector) -> Vector:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from vsense_ros.model.coordinates import SPIN, WHEELS
+from vsense_ros.model.motion import Motion
 from vsense_ros.model.parameter import parameter
+from vsense_ros.model.schema.physics import NominalPhysics
 from vsense_ros.model.sensors.base import ComparedSignal, Component, JointSensor, Names, Tells, Vector
 from vsense_ros.model.sensors.simulated import Sampling
-
-if TYPE_CHECKING:
-    from vsense_ros.model.motion import Motion
-    from vsense_ros.model.vehicle import Vehicle
 
 NAMES = tuple(f"wheel_{wheel}" for wheel in WHEELS)
 LOADED = 0.98  # rolling radius of a tyre under a car over its unloaded one, about
@@ -64,8 +62,8 @@ class WheelSpeeds(JointSensor):
     def equation(self, motion: Motion, biases: ca.SX, mounting: ca.SX) -> ca.SX:
         return motion.spin
 
-    def first_speed(self, value: Vector, vehicle: Vehicle) -> float | None:
-        return float(np.nanmean(value) * vehicle.physics.rear.unloaded_radius * LOADED)
+    def first_speed(self, value: Vector, physics: NominalPhysics) -> float | None:
+        return float(np.nanmean(value) * physics.rear.unloaded_radius * LOADED)
 
     def first_velocities(self, value: Vector) -> dict[int, float]:
         return {SPIN.start + i: spin for i, spin in enumerate(value.tolist()) if np.isfinite(spin)}

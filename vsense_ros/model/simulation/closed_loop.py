@@ -36,8 +36,9 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.simulation.surface import Surface
-from vsense_ros.model.vehicle import Axle, Vehicle
+from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

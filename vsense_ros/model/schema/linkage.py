@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from vsense_ros.model.parameter import Part, parameter
-from vsense_ros.model.sensors.base import Triple
+from vsense_ros.model.parameter import Part, Triple, parameter
 
 SHORTEST = 0.02  # [m] between the ends of a link
 

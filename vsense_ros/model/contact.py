@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from vsense_ros.model.parameter import Scalar
+from vsense_ros.model.schema.physics import Axle
 from vsense_ros.model.tyres.slip import transport_speed
-
-if TYPE_CHECKING:
-    from vsense_ros.model.vehicle import Axle
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Vectors (3×1) in the axes of the car, point from its origin; scalars in SI units."""
+    """Where and how a wheel touches the road: vectors (3×1) in the axes of the car, the point from its origin; scalars
+    in SI units."""
 
     point: ca.SX
     ahead: ca.SX
