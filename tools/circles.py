@@ -7,6 +7,9 @@ import ast
 import sys
 from pathlib import Path
 
+ROOT = Path(__file__).parents[1]
+PACKAGE = "vsense_ros"
+
 
 def modules_of(package: Path) -> dict[str, Path]:
     """The dotted name of each module below the folder of a package, with its file."""
@@ -41,8 +44,13 @@ def _imported(importer: str, file: Path, modules: dict[str, Path]) -> set[str]:
     return imported & modules.keys()
 
 
-def circles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """The circles of a graph: groups of nodes each of which reaches every other, the largest first.
+def circles(root: Path) -> list[list[str]]:
+    """Groups of modules of the package below `root` that import each other, the largest group first."""
+    return groups_in_circles(import_graph(root / PACKAGE))
+
+
+def groups_in_circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of nodes of a graph each of which reaches every other, the largest first.
 
     These are the strongly connected components with more than one node (Tarjan 1972, Depth-first search and linear
     graph algorithms).
@@ -73,13 +81,13 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
 
 
 def main() -> int:
-    graph = import_graph(Path(__file__).parents[1] / "vsense_ros")
-    found = circles(graph)
-    for circle in found:
+    graph = import_graph(ROOT / PACKAGE)
+    groups = groups_in_circles(graph)
+    for circle in groups:
         print(f"{len(circle)} modules import each other:")
         for name in circle:
             print(f"  {name} -> {', '.join(sorted(graph[name] & set(circle)))}")
-    return 1 if found else 0
+    return 1 if groups else 0
 
 
 if __name__ == "__main__":
