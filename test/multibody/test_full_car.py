@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.full_car import RACK, FullCar
+from vsense_ros.model.car.corner_mechanism import RACK
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEEL_OUTPUTS, WHEELS
 from vsense_ros.model.multibody.augmented_lagrangian import Integrator

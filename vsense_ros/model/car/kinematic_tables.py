@@ -17,7 +17,8 @@ from numpy.polynomial import Polynomial, chebyshev, polynomial
 from numpy.typing import NDArray
 
 from vsense_ros.errors import InputError
-from vsense_ros.model.car.full_car import RACK, UPRIGHT, Corner, FullCar
+from vsense_ros.model.car.corner_mechanism import RACK, UPRIGHT, CornerMechanism
+from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.multibody.assembly import assemble
 from vsense_ros.model.multibody.semi_recursive import Motion
 from vsense_ros.model.schema.suspension_tables import AxleTable, SuspensionTables
@@ -188,7 +189,7 @@ def _shapes(steered: bool) -> Iterator[list[tuple[int, int]]]:
 class WheelPosition:
     """Where the linkage of a corner holds its wheel: solves the closures together with the travel."""
 
-    def __init__(self, corner: Corner, numbers: Array) -> None:
+    def __init__(self, corner: CornerMechanism, numbers: Array) -> None:
         linkage = corner.linkage
         self._linkage, self._numbers = linkage, numbers
         n, g = len(linkage.coordinate_names), len(linkage.guides)
