@@ -19,7 +19,7 @@ from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import kinematic_tables
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.multibody.assembly import assemble
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.multibody.integrator import Integrator
 from vsense_ros.model.multibody.joints import Revolute, Universal
 from vsense_ros.model.multibody.mechanism import BASE, Base, Body, Distance, Linkage, Mechanism, Point
 from vsense_ros.model.multibody.tree import Body as TreeBody

@@ -14,7 +14,7 @@ from vsense_ros.model.car.corner_mechanism import RACK
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.coordinates import WHEEL_OUTPUTS, WHEELS
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.multibody.integrator import Integrator
 from vsense_ros.model.schema.linkage import Linkages
 from vsense_ros.model.vehicle import Vehicle
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from vsense_ros.errors import InputError
 from vsense_ros.model.multibody.assembly import assemble, check
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator
+from vsense_ros.model.multibody.integrator import Integrator
 from vsense_ros.model.multibody.joints import Guided, Prismatic, Revolute, Spherical, Universal
 from vsense_ros.model.multibody.mechanism import (
     BASE,

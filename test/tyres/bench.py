@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsense_ros.files.tyre import load_tyre
 from vsense_ros.model.parameter import numbers, symbols, vector, with_values
 from vsense_ros.model.tyres import MagicFormula, TyreInput
-from vsense_ros.model.tyres.magic_formula import ASYMMETRIC
+from vsense_ros.model.tyres.magic_formula_coefficients import ASYMMETRIC
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "config/tyres"

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from bench import TYRES, forces, relaxation_lengths
 from vsense_ros.model.parameter import numbers, with_values
 from vsense_ros.model.tyres import MagicFormula
-from vsense_ros.model.tyres.magic_formula import AXIS_DEPENDENT, adapted_sae_to_iso
+from vsense_ros.model.tyres.magic_formula_coefficients import AXIS_DEPENDENT, adapted_sae_to_iso
 
 relaxed = settings(deadline=None, max_examples=150)
 VERSIONS = ("pacejka_2006_205_60r15", "pacejka_2012_205_60r15", "mf52")

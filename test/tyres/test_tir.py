@@ -80,7 +80,7 @@ def test_a_symmetric_tyre_has_no_side_force_at_zero_slip(written):
 
 
 def test_a_file_in_adapted_sae_axes_is_recognised_by_its_sign_and_read_where_that_is_said(written):
-    from vsense_ros.model.tyres.magic_formula import AXIS_DEPENDENT
+    from vsense_ros.model.tyres.magic_formula_coefficients import AXIS_DEPENDENT
 
     text, lines = BOOK.read_text(encoding="utf-8"), []
     for line in text.splitlines():

@@ -17,12 +17,12 @@ from pydantic import ValidationError
 
 from vsense_ros.errors import InputError
 from vsense_ros.model.parameter import Part
-from vsense_ros.model.tyres.magic_formula import (
+from vsense_ros.model.tyres.magic_formula import MagicFormula
+from vsense_ros.model.tyres.magic_formula_coefficients import (
     ASYMMETRIC,
     Aligning,
     Lateral,
     Longitudinal,
-    MagicFormula,
     Scaling,
     adapted_sae_to_iso,
 )

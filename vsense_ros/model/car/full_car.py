@@ -22,7 +22,8 @@ from vsense_ros.model.car.corner_mechanism import CORNER_INPUTS, WHEEL, CornerMe
 from vsense_ros.model.constants import AIR_DENSITY, GRAVITY
 from vsense_ros.model.coordinates import COORDINATES, POSE, RATES, SPIN, TRAVEL, VELOCITY, WHEELS, Z
 from vsense_ros.model.multibody.assembly import assemble, check
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
+from vsense_ros.model.multibody.augmented_lagrangian import base_functions
+from vsense_ros.model.multibody.integrator import Integrator
 from vsense_ros.model.multibody.mechanism import (
     Base,
     Link,

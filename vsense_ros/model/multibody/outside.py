@@ -20,12 +20,11 @@ from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
 from vsense_ros.model.multibody.augmented_lagrangian import (
     CORRECTIONS,
-    LONGEST,
     PENALTY_MASS,
     Equations,
-    Integrator,
     StepOfLinkage,
 )
+from vsense_ros.model.multibody.integrator import MOST_CALLS, Integrator
 from vsense_ros.model.multibody.joints import column
 from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
 from vsense_ros.model.multibody.semi_recursive import Motion
@@ -186,7 +185,7 @@ class OutsideIntegrator(Integrator):
         self._system.call()
         matrix, jacobian = self._system.results
         size = np.inf
-        for _ in range(CORRECTIONS * LONGEST):
+        for _ in range(CORRECTIONS * MOST_CALLS):
             self._missing.call()
             missing, gaps, rates = self._missing.results
             found = self._outside.solve(matrix, -missing[:, 0])

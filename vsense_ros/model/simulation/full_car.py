@@ -42,7 +42,8 @@ from vsense_ros.model.coordinates import (
     Y,
     Z,
 )
-from vsense_ros.model.multibody.augmented_lagrangian import Integrator, base_functions
+from vsense_ros.model.multibody.augmented_lagrangian import base_functions
+from vsense_ros.model.multibody.integrator import Integrator
 from vsense_ros.model.multibody.outside import Outside
 from vsense_ros.model.simulation.closed_loop import Driver, Trajectory, rolling_straight
 from vsense_ros.model.simulation.surface import Surface
