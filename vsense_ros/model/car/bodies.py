@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import casadi as ca
 
 from vsense_ros.model import spatial
+from vsense_ros.model.car.present_effects import PresentEffects
 from vsense_ros.model.car.suspension import HubMotion
 from vsense_ros.model.coordinates import WHEELS
-from vsense_ros.model.effects.present import PresentEffects
 from vsense_ros.model.moving_car import Corner
 from vsense_ros.model.multibody.tree import Body, Tree
 from vsense_ros.model.schema.physics import Chassis

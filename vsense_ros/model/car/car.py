@@ -25,6 +25,7 @@ from vsense_ros.model import spatial
 from vsense_ros.model.car.bodies import tree_of, wheel_inertia
 from vsense_ros.model.car.forces import air_drag, suspension_resistance, wheel_force
 from vsense_ros.model.car.kinematics import gravity_in_body, kinematics
+from vsense_ros.model.car.present_effects import PresentEffects
 from vsense_ros.model.car.suspension import HubMotion, ackermann_angle, straight_guide, table_guide
 from vsense_ros.model.car.tyre_contacts import forces_of_tyre, tyre_contact, tyre_motion, wheel_outputs
 from vsense_ros.model.constants import GRAVITY
@@ -42,7 +43,6 @@ from vsense_ros.model.coordinates import (
     WHEELS,
 )
 from vsense_ros.model.effects.base import AXLES
-from vsense_ros.model.effects.present import PresentEffects
 from vsense_ros.model.moving_car import Corner, TyreContact
 from vsense_ros.model.multibody.tree import Tree
 from vsense_ros.model.parameter import Scalar, numbers, symbols

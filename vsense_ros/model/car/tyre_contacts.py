@@ -5,11 +5,11 @@ from __future__ import annotations
 import casadi as ca
 
 from vsense_ros.model import spatial
+from vsense_ros.model.car.present_effects import PresentEffects
 from vsense_ros.model.car.road import Road, over_road
 from vsense_ros.model.car.suspension import HubMotion
 from vsense_ros.model.contact import Contact, contact
 from vsense_ros.model.coordinates import RADIUS_ERROR, RATES, SPIN, TRAVEL, VELOCITY, X, Y, Z
-from vsense_ros.model.effects.present import PresentEffects
 from vsense_ros.model.moving_car import Corner, MovingCar, TyreContact
 from vsense_ros.model.tyres import TyreForces, TyreInput
 from vsense_ros.model.tyres.slip import transport_speed
