@@ -15,7 +15,7 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.throttle_and_steer import ANGLE, MANOEUVRES, TORQUE
-from vsense_ros.model.observer_settings import Disturbances
+from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
