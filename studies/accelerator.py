@@ -31,7 +31,6 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.model.vehicle import Vehicle
 
 Words = NDArray[np.uint32]
-SYSTEMS = 10_000
 SPECIAL = np.array(
     [0, 0x80000000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x00800000, 0x7F7FFFFF, 1, 0x807FFFFF, 0x3F7FFFFF, 0x00FFFFFF],
     np.uint32,

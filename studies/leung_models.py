@@ -39,7 +39,6 @@ STEP = 0.01  # [s] of his models and sensors
 SEEDS = 10
 # Appendix B, at the steering wheel and of the wheels.
 STEERING_BIAS, STEERING_NOISE, SPIN_NOISE = np.radians(5.0), np.radians(1.0), 0.04
-GYRO_NOISE, ACCELERATION_NOISE = np.radians(0.1), 0.5
 MODELS = ("2DoF bicycle", "3DoF bicycle", "5DoF bicycle", "3DoF twin track", "7DoF twin track")
 MANOEUVRE_ROWS = {
     **{f"DO{kph}": f"double_oval_{kph}" for kph in (15, 25, 35, 45, 55)},
@@ -196,49 +195,6 @@ def table_5_2() -> Table:
                 row[f"p |{what}/d{label}|"] = {"printed": None, "ours": scale[k] * size}
         found[f"{speed:g} m/s"] = row
     return found
-
-
-def steady_sensitivities(speed: float, numbers: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Of steady side slip and yaw rate per road-wheel angle: d ln / d ln of each parameter at a `speed` [m/s], which
-    can be compared between parameters. Near the tangent speed side slip vanishes, and depends on everything."""
-    names = Bicycle2Dof().parameters
-    p = ca.SX.sym("p", len(names))
-    a, b = system_matrices(Values(names, p), speed)
-    steady = -ca.solve(a, b)
-    relative = ca.jacobian(steady, p) @ ca.diag(p) / ca.repmat(steady, 1, len(names))
-    at = np.asarray(ca.Function("relative", [p], [relative])(np.array([numbers[name] for name in names])))
-    return {
-        key: dict(zip(names, row.tolist(), strict=True)) for key, row in zip(("side_slip", "yaw_rate"), at, strict=True)
-    }
-
-
-def parameter_information(drive: Trajectory) -> Table:
-    """How well a drive tells each parameter of the 2DoF model, mass known, by yaw rate and lateral acceleration with
-    the noise of table B.1: the Cramér-Rao bound of its standard deviation [%], alone and beside the others.
-
-    Mass, inertia and both stiffnesses in proportion make the same car, so that one of them must be known.
-    """
-    numbers = numbers_of(plant())
-    model = Bicycle2Dof()
-    inputs = plant_inputs(model, plant(), drive)
-    slopes = Response(model, numbers).sensitivities(np.zeros(2), inputs, STEP)
-    free = [name for name in model.parameters if name != "mass"]
-    columns = [model.parameters.index(name) for name in free]
-    scale = np.array([numbers[name] for name in free])
-    weighted = [
-        slopes[:, model.outputs.index(output)][:, columns] * scale / noise
-        for output, noise in (("yaw_rate", GYRO_NOISE), ("lateral_acceleration", ACCELERATION_NOISE))
-    ]
-    information = sum(one.T @ one for one in weighted)
-    together = np.sqrt(np.diag(np.linalg.inv(information)))
-    alone = 1 / np.sqrt(np.diag(information))
-    return {
-        name: {
-            "bound alone [%]": {"printed": None, "ours": float(100 * alone[i])},
-            "bound beside the others [%]": {"printed": None, "ours": float(100 * together[i])},
-        }
-        for i, name in enumerate(free)
-    }
 
 
 # --- open loop of the 2DoF model: table 5.3, figures 5.1 to 5.9 -------------------------------------------------------

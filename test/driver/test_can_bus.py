@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.driver.can_bus import keep_more, open_bus, paced, schedule
+from vsense_ros.driver.can_bus import keep_more, open_bus, schedule
 from vsense_ros.driver.can_log import read_can_log
 from vsense_ros.errors import InputError
 
@@ -102,19 +102,6 @@ def test_nothing_is_due_before_what_stands_before_it_in_the_log(stamps, rate):
     log = [can.Message(timestamp=t) for t in stamps]
     due = [d for d, _ in schedule(log, rate)]
     assert due == sorted(due)
-
-
-def test_a_replay_sleeps_until_each_message_is_due():
-    now = 100.0
-    sent = []
-
-    def sleep(seconds: float) -> None:
-        nonlocal now
-        now += seconds
-
-    for message in paced(schedule(messages(5)), clock=lambda: now, sleep=sleep):
-        sent.append((message.arbitration_id, now))
-    assert [t for _, t in sent] == pytest.approx([100.0, 100.01, 100.02, 100.03, 100.04], abs=1e-6)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
@@ -22,7 +21,7 @@ from vsense_ros.model.handling.base import HandlingModel, Tyres
 from vsense_ros.model.handling.bicycle_2dof import Bicycle2Dof, system_matrices
 from vsense_ros.model.handling.bicycle_3dof import Bicycle3Dof
 from vsense_ros.model.handling.bicycle_5dof import Bicycle5Dof
-from vsense_ros.model.handling.response import Response, Values, exact_step
+from vsense_ros.model.handling.response import Response, Values
 from vsense_ros.model.handling.twin_track_3dof import TwinTrack3Dof
 from vsense_ros.model.handling.twin_track_7dof import TwinTrack7Dof
 from vsense_ros.model.tyres import Fiala, Linear
@@ -202,21 +201,6 @@ def test_stiff_wheels_are_stepped_as_an_implicit_solver_of_scipy_does() -> None:
     fun = lambda t, x: np.asarray(found.rates(x, u, found.parameters)).ravel()  # noqa: E731
     theirs = solve_ivp(fun, (0, 1), x, method="Radau", rtol=1e-9, atol=1e-10).y[:, -1]
     assert ours == pytest.approx(theirs, rel=2e-4)
-
-
-@given(st.floats(1.0, 60.0), st.floats(1e-3, 0.05), st.floats(-50_000, 50_000))
-@settings(max_examples=30, deadline=None)
-def test_the_exact_step_is_the_matrix_exponential_of_scipy(speed: float, h: float, more: float) -> None:
-    """Also at the critical speed of a car that oversteers, where A has no inverse."""
-    p = Values(("mass", "yaw_inertia", "to_front", "to_rear", "front_stiffness", "rear_stiffness"),
-               [1858.0, 3515.0, 1.36, 1.55, 140_000.0, 120_000.0 + more])  # fmt: skip
-    a, b = system_matrices(p, speed)
-    phi, gamma = (np.asarray(ca.DM(ca.cse(found))) for found in exact_step(a, b, h))
-    system = np.zeros((3, 3))
-    system[:2, :2], system[:2, 2:] = np.asarray(ca.DM(a)), np.asarray(ca.DM(b))
-    expected = expm(system * h)
-    assert phi == pytest.approx(expected[:2, :2], rel=1e-10, abs=1e-12)
-    assert gamma == pytest.approx(expected[:2, 2:], rel=1e-10, abs=1e-12)
 
 
 def test_the_linear_matrices_are_the_jacobians_of_the_model() -> None:

@@ -16,7 +16,7 @@ from vsense_ros.model import spatial
 from vsense_ros.model.multibody.augmented_lagrangian import Equations
 from vsense_ros.model.multibody.joints import Floating, Guided, Prismatic, Revolute, Spherical, Universal
 from vsense_ros.model.multibody.mechanism import BASE, Base, Between, Body, Linkage, Mechanism, Point, Spring
-from vsense_ros.model.multibody.semi_recursive import Forces, Motion, open_tree
+from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 
 pin = pytest.importorskip("pinocchio", reason="the oracle Pinocchio is not installed (pip install pin)")
 
@@ -131,22 +131,6 @@ def test_the_forces_that_a_motion_takes_agree_with_pinocchio(count: int, seed: i
         near(numeric(forces.mass_matrix).reshape(len(free), -1), mass[np.ix_(free, free)])
         composite = numeric(forces.tangent(ca.SX(0), ca.SX(0))[0]).reshape(len(free), -1)
         near(composite, mass[np.ix_(free, free)])
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.integers(1, 8), seeds)
-def test_the_recursion_without_iteration_agrees_with_pinocchio(count: int, seed: int):
-    random = np.random.default_rng(seed)
-    twin = twins(count, random)
-    n = twin.model.nv
-    q, v, tau = random.uniform(-1, 1, n), random.normal(size=n), random.normal(size=n)
-
-    tree = open_tree(twin.linkage, ca.SX(q), None)
-    still = ca.SX(6, 1)
-    _, found = tree.forward_dynamics(still, ca.SX(v), ca.SX(tau), still, [still] * n)
-
-    twin.model.gravity = pin.Motion.Zero()
-    near(numeric(found).reshape(-1), pin.aba(twin.model, twin.data, q, v, tau))
 
 
 @settings(deadline=None, max_examples=10)

@@ -15,7 +15,6 @@ from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named
 from vsense_ros.navigation.catalogue import DEFINITIONS
 from vsense_ros.navigation.space import NavigationSpace
-from vsense_ros.navigation.thesis.attitude_ekf import ATTITUDE_EKF_TWO_ANTENNAS, PITCH_KKF, ROLL_KKF
 
 NUMBERS = {
     "mass": 1858.0, "yaw_inertia": 3515.0, "to_front": 1.36, "to_rear": 1.546, "front_stiffness": 154780.0,
@@ -40,8 +39,7 @@ def distinct_parts() -> dict[str, tuple[NavigationSpace, tuple[Measurement, ...]
     """The filters that the definitions are made of, each once."""
     found: dict[str, tuple[NavigationSpace, tuple[Measurement, ...]]] = {}
     seen = set()
-    more = {"attitude, two antennas": ATTITUDE_EKF_TWO_ANTENNAS, "pitch": PITCH_KKF, "roll": ROLL_KKF}
-    for name, definition in {**{n: d for n, (_, d, _) in DEFINITIONS.items()}, **more}.items():
+    for name, (_, definition, _) in DEFINITIONS.items():
         for part, (system, measurements) in definition.parts.items():
             key = (type(system), getattr(system, "order", 0), tuple(m.name for m in measurements), system.names)
             if key not in seen:

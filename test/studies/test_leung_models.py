@@ -87,30 +87,6 @@ def test_table_5_3_of_the_slow_lane_change_is_within_a_fifth_of_the_print_with_n
     assert row["r clean"]["ours"] < 0.2
 
 
-def test_near_the_tangent_speed_the_side_slip_depends_on_the_rear_tyres_most_of_all() -> None:
-    """d ln β / d ln C_R at 20 and 50 km/h, for both of the thesis' cars, from the closed form of the steady gain."""
-    saloon = leung.CAR_5_1 | {"to_rear": 1.546, "front_stiffness": 154_780.0, "rear_stiffness": 147_540.0}
-    for numbers in (saloon, leung.CAR_5_1):
-        a, b, mass, rear = (numbers[k] for k in ("to_front", "to_rear", "mass", "rear_stiffness"))
-        length = a + b
-        front = numbers["front_stiffness"]
-        for kph, least, most in ((20, 0.0, 0.11), (50, 2.3, 10.0)):
-            v2 = (kph / 3.6) ** 2
-            held = length + mass / length * (b / front - a / rear) * v2
-            slip = b - a * mass * v2 / (length * rear)
-            closed = a * mass * v2 / (length * rear) / slip - mass / length * a / rear * v2 / held
-            found = leung.steady_sensitivities(kph / 3.6, numbers)["side_slip"]["rear_stiffness"]
-            assert found == pytest.approx(closed, rel=1e-9)
-            assert least < found < most
-
-
-def test_a_car_with_all_masses_and_stiffnesses_larger_in_proportion_is_the_same_car() -> None:
-    for speed in (5.0, 15.0):
-        for row in leung.steady_sensitivities(speed, leung.CAR_5_1).values():
-            scaled = ("mass", "yaw_inertia", "front_stiffness", "rear_stiffness")
-            assert sum(row[name] for name in scaled) == pytest.approx(0, abs=1e-9)
-
-
 def errors_in_small_turns(car: Vehicle) -> dict[str, float]:
     """Of the linear model in a sine of the steering of 0.4 m/s² at 25 km/h."""
     speed = 25 / 3.6

@@ -29,7 +29,6 @@ MAGIC = 0x56534143
 VERSION = 1
 LABEL = "vsense.accelerator.v1"
 RESPONSE, TABLE = 1, 2  # flags
-SENDERS = 256
 REQUESTS = 1 << 24
 LARGEST = 1 << 16  # words of a payload
 

@@ -42,7 +42,7 @@ CIRCLE, LANE_CHANGE, DWELL, STEP, BRAKE = (
     *("steady_state_circle", "double_lane_change", "sine_with_dwell", "step_steer", "brake_in_turn"),
 )
 RAV4 = "comma2k19_rav4"
-YAW, LONGITUDINAL, SIDEWAYS, UPWARDS = [2], [0], [1], [2]
+YAW, SIDEWAYS = [2], [1]
 ALL = [0, 1, 2]
 
 

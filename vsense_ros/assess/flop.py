@@ -25,11 +25,6 @@ from vsense_ros.observer.state import layout
 BODY_FLOP = 93  # of R J Rᵀ and m R s
 
 
-def flop_of_observer(vehicle: Vehicle) -> float:
-    """Operations of a step of the errorEKF with every sensor once, counted in the expressions and the algebra."""
-    return flop_of_filter(vehicle) + operations(steps.advance_function(car_of(vehicle)))
-
-
 def flop_of_filter(vehicle: Vehicle) -> float:
     """The same but for what moves the car itself: linearisation, covariance, corrections."""
     car, sensors = car_of(vehicle), sensors_of(vehicle)

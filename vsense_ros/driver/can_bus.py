@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import can
@@ -79,19 +78,3 @@ def schedule(
             continue
         due = max(due, (elapsed - begin) / rate)
         yield due, message
-
-
-def paced(
-    scheduled: Iterable[tuple[float, can.Message]],
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[can.Message]:
-    """The messages of a `schedule`, each when it is due by `clock` [s]."""
-    start: float | None = None
-    for due, message in scheduled:
-        if start is None:
-            start = clock() - due
-        wait = start + due - clock()
-        if wait > 0:
-            sleep(wait)
-        yield message

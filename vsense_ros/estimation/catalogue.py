@@ -85,15 +85,6 @@ class Catalogue:
             raise InputError(f"there is no filter {name!r}{hint} There are: {', '.join(listed) or 'none'}{more}")
         return found
 
-    def check_sensors(self, name: str, present: Iterable[str]) -> None:
-        """Raises `InputError` if a recording or a vehicle lacks all, or some, of the sensors that a filter needs."""
-        family, there = self[name], set(present)
-        if missing := [sensor for sensor in family.sensors if sensor not in there]:
-            raise InputError(
-                f"the filter {name!r} needs the sensor {missing[0]!r}, which is not there; there are: "
-                f"{', '.join(sorted(there)) or 'none'}"
-            )
-
 
 def table(families: Iterable[FilterFamily]) -> Table:
     """For the terminal."""

@@ -134,11 +134,6 @@ class Track:
         grade, bank = (self._slopes[0, i] + share @ np.diff(self._slopes[:, i]) for i in range(2))
         return grade, bank
 
-    def is_closed(self, within: float) -> bool:
-        """Whether it ends where it began, `within` so many metres, in the same direction."""
-        gap = np.hypot(self.x[-1], self.y[-1])
-        return bool(gap <= within and abs(np.sin(self.heading[-1] / 2)) < 1e-6)
-
 
 class Along:
     """How far along a track something is that moves forwards on it: its memory tells crossings and laps apart.

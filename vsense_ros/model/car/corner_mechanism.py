@@ -136,7 +136,6 @@ class CornerMechanism:
     """One corner as a `Linkage`, and the numbers that belong to its symbols."""
 
     def __init__(self, name: str, suspension: Suspension, axle: Axle) -> None:
-        self.suspension_type = type(suspension)
         self._point_names = tuple(_points(suspension))
         self._mass_names = tuple(_masses(suspension, axle))
         data, self._axle = symbols(axle, f"axle_{name}")

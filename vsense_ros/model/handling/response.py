@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 
 _GAMMA = 1 - 1 / np.sqrt(2)  # of the step: stable however stiff the wheels are
 _NEWTON_STEPS = 5  # to a straight run: tyres are nearly linear there
-_SQUARINGS, _TERMS = 6, 9  # of the matrix exponential: to the last digits up to ‖A h‖ = 20
 
 
 class Values:
@@ -146,20 +145,3 @@ def rosenbrock_step(rates: ca.Function, jacobian: ca.SX, x: ca.SX, u: ca.SX, p: 
     first = ca.solve(system, rates(x, u, p))
     second = ca.solve(system, rates(x + h * first, u, p) - 2 * first)
     return x + h * (1.5 * first + 0.5 * second)
-
-
-def exact_step(a: ca.SX, b: ca.SX, h: Scalar) -> tuple[ca.SX, ca.SX]:
-    """Φ = e^{A h} (n, n) and Γ = ∫ e^{A s} ds B (n, k): a linear system after `h` [s] with held inputs, exactly.
-
-    By scaling and squaring of the matrix [A B; 0 0] with a fixed number of terms, so that it is one expression, also
-    where A has no inverse.
-    """
-    n, k = b.shape
-    system = ca.vertcat(ca.horzcat(a, b), ca.SX(k, n + k)) * (h / 2**_SQUARINGS)
-    found = power = ca.SX.eye(n + k)
-    for i in range(1, _TERMS + 1):
-        power = power @ system / i
-        found = found + power
-    for _ in range(_SQUARINGS):
-        found = found @ found
-    return found[:n, :n], found[:n, n:]

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Solve = Callable[[Array, Array], Array]
 Turn = Callable[[Array], Array]
 
-OF_BODY, TURNED = 19, 9  # numbers that tell of a body, and those that are computed of them
+TURNED = 9  # numbers that are computed for a body
 
 
 def turned(bodies: Array) -> Array:

@@ -30,8 +30,6 @@ from vsense_ros.model.multibody.mechanism import (
     Perpendicular,
     Point,
 )
-from vsense_ros.model.multibody.tree import Body as TreeBody
-from vsense_ros.model.multibody.tree import Tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,36 +407,3 @@ def turn(axis: ca.SX, angle: ca.SX) -> ca.SX:
     """Rotation matrix about a unit vector (Rodrigues), 3×3."""
     c, s = ca.cos(angle), ca.sin(angle)
     return c * ca.SX.eye(3) + s * spatial.skew(axis) + (1 - c) * (axis @ axis.T)
-
-
-def open_tree(linkage: Linkage, z: ca.SX, root_inertia: ca.SX | None) -> Tree:
-    """A linkage without closures and guides as a `Tree`, whose forward dynamics are O(n) and need no iteration.
-
-    Joints with several axes become bodies without mass between. The linkage's coordinates are the tree's joints, in
-    the same order. `root_inertia` (6×6) is that of a floating base, None for one that is held.
-    """
-    if linkage.closures or linkage.guides:
-        raise ValueError(f"linkage {linkage.name!r} has closed loops or guides: it is no open tree")
-    bodies: list[TreeBody] = []
-    node = {BASE: -1}
-    for body in linkage.bodies:
-        parent = node[body.parent]
-        axes = body.axes
-        for i, axis in enumerate(axes):
-            coordinate = z[len(bodies)]
-            rotation, position = ca.SX.eye(3), ca.SX(3, 1)
-            if axis.turns:
-                motion = ca.vertcat(axis.direction, ca.cross(axis.point, axis.direction))
-                if axis.follows:
-                    rotation = turn(axis.direction, coordinate)
-                    position = axis.point - rotation @ axis.point
-            else:
-                motion = ca.vertcat(ca.SX(3, 1), axis.direction)
-                position = axis.direction * coordinate
-            inertia = ca.SX(6, 6)
-            if i == len(axes) - 1:
-                inertia = spatial.rigid_inertia(ca.SX(body.mass), column(body.centre), body.inertia)
-            bodies.append(TreeBody(f"{body.name}.{i}", parent, motion, rotation, position, inertia))
-            parent = len(bodies) - 1
-        node[body.name] = parent
-    return Tree(root_inertia, tuple(bodies))
