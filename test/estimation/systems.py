@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from vsense_ros.estimation import attitude
+from vsense_ros.estimation.cekf import Cekf, ContinuousSettings, numbers_held
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.state_space import Measurement, Named, StateSpace
@@ -178,6 +179,12 @@ NONLINEAR = {
     "chain": Case(Chain(), (LINK,), (0.1,) * 27, (0.3,) * 27, inputs=lambda t: [np.sin(t)]),
 }
 CASES = {**LINEAR, **NONLINEAR}
+
+
+def continuous(case: Case, settings: ContinuousSettings | None = None) -> Cekf:
+    """The continuous filter of a case."""
+    held = numbers_held(len(one.deviations) for one in case.measurements)
+    return Cekf(Dense(case.system, case.measurements, case.parameters, extra=held), settings)
 
 
 def measured(case: Case, steps: int, every: int = 5, seed: int = 0) -> list[tuple[Array, list[Any]]]:

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from systems import ATTITUDE, CASES, IMU, LINEAR, NONLINEAR, SALOON, Case, Pendulum, SingleTrack, Truth
+from systems import ATTITUDE, CASES, IMU, LINEAR, NONLINEAR, SALOON, Case, Pendulum, SingleTrack, Truth, continuous
 from vsense_ros.estimation.augmented import Augmented
-from vsense_ros.estimation.cekf import Cekf
+from vsense_ros.estimation.cekf import ContinuousSettings
 from vsense_ros.estimation.dense import Dense
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.record import Record
-from vsense_ros.estimation.separate_bias import SeparateBias
 from vsense_ros.estimation.smoother import smoothed
 from vsense_ros.estimation.ukf import Ukf
 
@@ -86,7 +85,6 @@ PRIOR = {"front_stiffness": 15e3, "rear_stiffness": 15e3}
 IDENTIFYING: dict[str, Callable[[], Any]] = {
     "extended": lambda: Ekf(Dense(Augmented(SingleTrack(), dict.fromkeys(PRIOR, 0.0)), [IMU], _rest())),
     "unscented": lambda: Ukf(Augmented(SingleTrack(), dict.fromkeys(PRIOR, 0.0)), [IMU], _rest()),
-    "separate": lambda: SeparateBias(Ekf(Dense(SingleTrack(), [IMU], SALOON)), dict.fromkeys(PRIOR, 0.0)),
 }
 
 
@@ -131,7 +129,7 @@ def test_innovations_are_white_and_of_unit_deviation() -> None:
 def test_errors_are_as_large_as_the_continuous_filter_says_where_measurements_are_frequent() -> None:
     """Its measurements act for all of the period that follows them, so that they are used one period later."""
     case, found = LINEAR["heading"], []
-    filter = Cekf(case.system, case.measurements, periods={"course": EVERY * case.h}, longest_step=case.h)
+    filter = continuous(case, ContinuousSettings(longest_step=case.h))
     truth = Truth(case)
     for seed in range(SEEDS):
         state = followed(truth, seed, filter, 60)

@@ -37,11 +37,11 @@ _CHECKED = 1e-3  # [s], step with which a state space is tried at start
 
 
 class Dense:
-    """Of a state space and its measurements, with numbers for its parameters, by name or in their order.
+    """A state space and its measurements, with numbers for its parameters, by name or in their order.
 
-    `memory` is one array: mean (n,), covariance (e, e), inputs (k,), parameters (p,). It may be given, as a part of
-    another's, and so may `functions` that were made before of the same state space. Raises `InputError` where the
-    state space does not fit itself, its measurements or the parameters.
+    `memory` is one array: mean (n,), covariance (e, e), inputs (k,), parameters (p,), and `extra` numbers of a filter
+    that needs some. It may be given, as a part of another's, and so may `functions` that were made before of the same
+    state space. Raises `InputError` where the state space does not fit itself, its measurements or the parameters.
     """
 
     def __init__(
@@ -51,21 +51,25 @@ class Dense:
         parameters: Mapping[str, float] | Sequence[float] | Array = (),
         memory: Array | None = None,
         functions: Jacobians | None = None,
+        extra: int = 0,
     ) -> None:
         self.system = system
         self.measurements = by_name(measurements, COMPONENTS)
         self.names, self.sensors = system.names, tuple(self.measurements)
         values = parameter_values(system, parameters)
-        self.memory, self.mean, self.covariance, self.inputs, self.parameters = laid_out(system, memory)
+        self.components: Mapping[str, int] = {name: len(one.deviations) for name, one in self.measurements.items()}
+        self.memory, self.mean, self.covariance, self.inputs, self.parameters, self.extra = laid_out(
+            system, memory, extra
+        )
         self.parameters[:] = values
         self._kernels = _Kernels(self, functions or Jacobians(system, measurements))
         self._operations = _compiled(self, self._kernels)
 
     def at(self, memory: Array) -> Dense:
-        """The same, with its memory in this array (s,)."""
+        """This system with its memory in another array (s,)."""
         memory[:] = self.memory
         sensors, functions = tuple(self.measurements.values()), self._kernels.functions
-        return Dense(self.system, sensors, self.parameters.copy(), memory, functions)
+        return Dense(self.system, sensors, self.parameters.copy(), memory, functions, len(self.extra))
 
     @property
     def operations(self) -> Operations | None:
@@ -158,13 +162,15 @@ class Dense:
         return bool(within.all() and (self.covariance.diagonal() >= 0).all())
 
 
-def laid_out(system: StateSpace, memory: Array | None) -> tuple[Array, Array, Array, Array, Array]:
-    """Memory, and the parts of it: mean, covariance, inputs, parameters."""
+def laid_out(
+    system: StateSpace, memory: Array | None, extra: int = 0
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Memory, and the parts of it: mean, covariance, inputs, parameters and `extra` numbers."""
     check_names(system)
     n, e, k, p = (len(s) for s in (system.names, system.error_names, system.inputs, system.parameters))
-    memory = np.zeros(n + e * e + k + p) if memory is None else memory
-    mean, covariance, inputs, parameters = np.split(memory, np.cumsum([n, e * e, k]).tolist())
-    return memory, mean, covariance.reshape(e, e), inputs, parameters
+    memory = np.zeros(n + e * e + k + p + extra) if memory is None else memory
+    mean, covariance, inputs, parameters, rest = np.split(memory, np.cumsum([n, e * e, k, p]).tolist())
+    return memory, mean, covariance.reshape(e, e), inputs, parameters, rest
 
 
 class Jacobians:

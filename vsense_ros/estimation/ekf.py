@@ -8,24 +8,27 @@ and a third of Joseph's work (docs/covariance.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Course, Followed, Gaussian, Given, Innovation, Measured, Step
-from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, check_variances, whiten
+from vsense_ros.estimation.gaussian import COMPONENTS, GaussianFilter, Whitened, check_variances, whiten
 from vsense_ros.estimation.linearised import Linearised
 
 
 class Ekf(GaussianFilter):
-    """Of any linearised system: compiled where the system is, else in NumPy."""
+    """The extended Kalman filter of any linearised system: compiled where the system is, else in NumPy."""
+
+    in_c: ClassVar[bool] = True  # operations.c knows the step
 
     def __init__(self, system: Linearised) -> None:
         self.system = system
         self.memory, self.inputs = system.memory, system.inputs
         self.mean, self.covariance = system.mean, system.covariance
         self.names, self.sensors = system.names, system.sensors
-        self._operations = system.operations
+        self._operations = system.operations if self.in_c else None
         if self._operations is None:
             self._whitened, self._factor = np.full(COMPONENTS, np.nan), np.zeros(COMPONENTS**2)
         else:
@@ -33,7 +36,7 @@ class Ekf(GaussianFilter):
         self._views = [_views(self._whitened, self._factor, m) for m in range(COMPONENTS + 1)]
 
     def at(self, memory: Array) -> Ekf:
-        """The same, with its memory in this array (s,): for filters that contain others.
+        """This filter with its memory in another array (s,): for filters that contain others.
 
         Raises `InputError` if its system cannot do that.
         """
@@ -72,14 +75,18 @@ class Ekf(GaussianFilter):
 
     def _correct(self, sensor: str, value: Array, variance: Array, limit: float, scale: float) -> float:
         """What algebra.c does, in NumPy."""
+        innovation = self._innovation(sensor, value, variance, scale)
+        innovation.write(self._whitened, self._factor)
+        if 0.0 <= innovation.nis <= limit:
+            self.covariance -= innovation.projected.T @ innovation.projected
+            self.system.retract(innovation.error)
+        return innovation.nis
+
+    def _innovation(self, sensor: str, value: Array, variance: Array, scale: float) -> Whitened:
+        """Innovation of a measurement with its covariance scale (H P Hᵀ + R), in independent units."""
         residual, by_error = self.system.sense(sensor, value)
         across = by_error @ self.covariance
-        found = whiten(residual, scale * (across @ by_error.T + np.diag(variance)), across)
-        found.write(self._whitened, self._factor)
-        if 0.0 <= found.nis <= limit:
-            self.covariance -= found.projected.T @ found.projected
-            self.system.retract(found.error)
-        return found.nis
+        return whiten(residual, scale * (across @ by_error.T + np.diag(variance)), across)
 
     def is_valid(self) -> bool:
         """Whether the state is finite and within its bounds, and the variances positive."""

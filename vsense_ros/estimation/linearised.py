@@ -6,6 +6,7 @@ large to be written out and whose transition has a structure worth using.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from vsense_ros.estimation.filter import Array, Gaussian
@@ -13,14 +14,21 @@ from vsense_ros.estimation.operations import Operations
 
 
 class Linearised(Protocol):
-    """`memory` (s,) holds all that changes, of which `mean` (n,), `covariance` (e, e) and `inputs` (k,) are parts."""
+    """A system at numbers.
+
+    `memory` (s,) holds all that changes, of which `mean` (n,), `covariance` (e, e), `inputs` (k,) and `extra` are
+    parts; `extra` belongs to a filter that keeps further numbers. `components` are the numbers of components of the
+    sensors that correct, by name.
+    """
 
     names: tuple[str, ...]
     sensors: tuple[str, ...]
+    components: Mapping[str, int]
     memory: Array
     mean: Array
     covariance: Array
     inputs: Array
+    extra: Array
 
     def start(self, belief: Gaussian) -> None:
         """Begin anew at a mean and a covariance."""

@@ -54,7 +54,7 @@ class Ukf(GaussianFilter):
         self.system, self.measurements = system, by_name(measurements, COMPONENTS)
         self.names, self.sensors = system.names, tuple(self.measurements)
         values = parameter_values(system, parameters)
-        self.memory, self.mean, self.covariance, self.inputs, self.parameters = laid_out(system, memory)
+        self.memory, self.mean, self.covariance, self.inputs, self.parameters, _ = laid_out(system, memory)
         self.parameters[:] = values
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
         e = len(self.covariance)

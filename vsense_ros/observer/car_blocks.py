@@ -13,6 +13,7 @@ Without a compiler the same is done here with full matrices.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -181,6 +182,9 @@ class CarBlocks:
                 kernel = Kernel(sensing[sensor.kind], bound)
                 self.sensed[name] = Sensed(i, kernel, biases, sensor.uses_acceleration, mounting)
         names = car.parameter_names
+        self.components: Mapping[str, int] = {
+            name: len(self.sensor_list[one.index].deviations()) for name, one in self.sensed.items()
+        }
         self._distances = np.array([names.index(f"chassis.cog_to_{axle}_axle") for axle in ("front", "rear")])
 
     def process(self, h: float) -> Process:

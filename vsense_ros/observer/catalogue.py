@@ -6,10 +6,11 @@ from typing import Protocol
 
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
+from vsense_ros.estimation.cekf import numbers_held
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import CarBlocks
-from vsense_ros.observer.cekf import Cekf, numbers_held
+from vsense_ros.observer.cekf import CarCekf
 from vsense_ros.observer.dekf import WholeCar
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
 from vsense_ros.observer.full_car import FullCarBlocks
@@ -38,7 +39,8 @@ def dekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None =
 
 def cekf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
     """The EKF in continuous form."""
-    return Cekf(WholeCar(vehicle, sensors, extra=numbers_held(sensors.values()), prior=prior))
+    held = numbers_held(len(sensor.deviations()) for sensor in sensors.values())
+    return CarCekf(WholeCar(vehicle, sensors, extra=held, prior=prior))
 
 
 def ukf(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
