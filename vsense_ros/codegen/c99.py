@@ -15,8 +15,9 @@ import casadi as ca
 from vsense_ros import codegen
 from vsense_ros.codegen import native
 from vsense_ros.codegen.corner_loops import CornerLoops
-from vsense_ros.codegen.forms import SCALAR, zeros
-from vsense_ros.codegen.side_by_side import Packing, packed
+from vsense_ros.codegen.forms import SCALAR
+from vsense_ros.codegen.instructions import Instruction, MatrixPrinter, instructions, multiplies
+from vsense_ros.codegen.side_by_side import CORNERS, Packing, packed
 from vsense_ros.codegen.values import values_of
 
 _OPERATIONS = SCALAR | {
@@ -50,8 +51,8 @@ def c_function(
     Matrices are column-major and have the elements that CasADi stores. Raises `NotImplementedError` for an operation
     that C's library lacks.
     """
-    operations = {function.instruction_id(k) for k in range(function.n_instructions())}
-    if ca.OP_MTIMES in operations and native.multiplies(function):
+    operations = {one.operation for one in instructions(function)}
+    if ca.OP_MTIMES in operations and multiplies(function, CORNERS):
         return _matrices(function, results, name or function.name(), corners)
     return _scalars(function, results, name or function.name(), corners)
 
@@ -101,61 +102,58 @@ def _shape(name: str, sparsity: ca.Sparsity) -> str:
     return f"{name}[{rows}]" if columns == 1 else f"{name}[{rows} x {columns}]"
 
 
-def _matrices(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None = None) -> str:
+class _Matrices(MatrixPrinter):
+    """Function calls with plain arguments, and products as loops; the functions that are called stand in `before`."""
+
+    def __init__(
+        self, function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None
+    ) -> None:
+        self._function, self._results, self._name, self._corners = function, results, name, corners
+        self.known = {} if corners is None else corners.known_of(function)
+        self.before: list[str] = []
+
+    def argument(self, place: int) -> str:
+        """The parameter of this place; one that is known is none."""
+        return _KNOWN if place in self.known else str(self._function.name_in(place))
+
+    def output(self, result: int, name: str, size: int) -> str:
+        """A copy, element by element."""
+        return f"for (int i = 0; i < {size}; i++) {self._results[result]}[i] = {f'{name}[i]' if name else '0'};"
+
+    def call(self, instruction: Instruction, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
+        """The results, and a call with all that is not known."""
+        called, name = instruction.matrix.which_function(), f"{self._name}_{instruction.position}"
+        outs = [called.name_out(k) for k in range(called.n_out())]
+        self.before.append(c_function(called, outs, name, self._corners))
+        given = [argument or "0" for argument in arguments if argument != _KNOWN]
+        return [
+            *(f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(results)),
+            f"{name}({', '.join([*given, *results])});",
+        ]
+
+    def product(self, matrix: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
+        """Column by column, in plain loops."""
+        rows, columns = matrix.shape
+        sparsity = matrix.dep(2).sparsity()
+        return [
+            f"static const short {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
+            f"static const short {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
+            f"double {name}[{rows * columns}];",
+            f"for (int j = 0; j < {columns}; j++) {{",
+            f"double sum[{rows}];",
+            f"for (int i = 0; i < {rows}; i++) sum[i] = {f'{begin}[{rows} * j + i]' if begin else '0'};",
+            f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++)",
+            f"    for (int i = 0; i < {rows}; i++) sum[i] += {left}[{rows} * {name}_rows[k] + i] * {right}[k];",
+            f"for (int i = 0; i < {rows}; i++) {name}[{rows} * j + i] = sum[i];",
+            "}",
+        ]
+
+
+def _matrices(function: ca.Function, results: Sequence[str], name: str, corners: native.Corners | None) -> str:
     """A function that calls others and multiplies what they make."""
-    known = {} if corners is None else corners.known_of(function)
-    before: list[str] = []
-    body: list[str] = []
-    names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
-    for i in range(function.n_instructions()):
-        operation, read = function.instruction_id(i), function.instruction_input(i)
-        write, made = function.instruction_output(i), [f"m{i}_{k}" for k in range(len(function.instruction_output(i)))]
-        given = [names[k] for k in read] if operation != ca.OP_INPUT else []
-        if operation == ca.OP_OUTPUT:
-            body.append(
-                f"for (int i = 0; i < {function.nnz_out(write[0])}; i++) "
-                f"{results[write[0]]}[i] = {f'{given[0]}[i]' if given[0] else '0'};"
-            )
-            continue
-        if operation == ca.OP_INPUT:
-            made = [function.name_in(read[0])] if read[0] not in known else [_KNOWN]
-        elif operation == ca.OP_CONST:
-            made = [""]
-        elif operation == ca.OP_HORZSPLIT:
-            ends = [function.instruction_MX(i).get_output(k).nnz() for k in range(len(made))]
-            made = [f"({given[0] or zeros(sum(ends))} + {sum(ends[:k])})" for k in range(len(ends))]
-        elif operation == ca.OP_CALL:
-            called = function.instruction_MX(i).which_function()
-            outs = [called.name_out(k) for k in range(called.n_out())]
-            before.append(c_function(called, outs, f"{name}_{i}", corners))
-            given = [x for x in given if x != _KNOWN]
-            body += [f"double {result}[{max(called.nnz_out(k), 1)}];" for k, result in enumerate(made)]
-            body.append(f"{name}_{i}({', '.join([x or '0' for x in given] + made)});")
-        else:
-            product = function.instruction_MX(i)
-            begin, left, right = given
-            left, right = left or zeros(product.dep(1).nnz()), right or zeros(product.dep(2).nnz())
-            body += _product(product, begin, left, right, made[0])
-        names |= dict(zip(write, made, strict=True))
-    used = {name for line in body for name in re.findall(r"\w+", line)}
+    printer = _Matrices(function, results, name, corners)
+    body, known = printer.statements(function), printer.known
+    used = {word for line in body for word in re.findall(r"\w+", line)}
     unused = (function.name_in(i) for i in range(function.n_in()) if i not in known and function.name_in(i) not in used)
     text = _written(function, results, name, [*body, *(f"(void){word};" for word in unused)], known)
-    return "\n".join([*before, text])
-
-
-def _product(result: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
-    """A dense matrix times one that may be sparse, plus what is there to `begin` with, column by column."""
-    rows, columns = result.shape
-    sparsity = result.dep(2).sparsity()
-    return [
-        f"static const short {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
-        f"static const short {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
-        f"double {name}[{rows * columns}];",
-        f"for (int j = 0; j < {columns}; j++) {{",
-        f"double sum[{rows}];",
-        f"for (int i = 0; i < {rows}; i++) sum[i] = {f'{begin}[{rows} * j + i]' if begin else '0'};",
-        f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++)",
-        f"    for (int i = 0; i < {rows}; i++) sum[i] += {left}[{rows} * {name}_rows[k] + i] * {right}[k];",
-        f"for (int i = 0; i < {rows}; i++) {name}[{rows} * j + i] = sum[i];",
-        "}",
-    ]
+    return "\n".join([*printer.before, text])

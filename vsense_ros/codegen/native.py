@@ -9,19 +9,18 @@ a quarter of the time to compile, a fifth less to run. Corners that are computed
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 
 import casadi as ca
 
 from vsense_ros.codegen.forms import SCALAR, VECTOR, number, zeros
+from vsense_ros.codegen.instructions import Instruction, MatrixPrinter, multiplies
 from vsense_ros.codegen.side_by_side import CORNERS, Alike, Four, Kind, Packing, Step, packed
 from vsense_ros.codegen.values import CONSTANT, INPUT, values_of
 
 PART = 1000  # statements in one C function: compilers take more than twice the time for twice as many
-
-_MATRIX = frozenset((ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CALL, ca.OP_MTIMES, ca.OP_HORZSPLIT))
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class _Written:
         if key not in self._names:
             name = f"{function.name()}_{len(self._names)}"
             self._names[key] = function, name
-            make = _matrices if multiplies(function) else _straight
+            make = _matrices if multiplies(function, CORNERS) else _straight
             self.texts.append(make(function, name, self))
         return self._names[key][1]
 
@@ -72,29 +71,12 @@ def can_write(function: ca.Function) -> bool:
     """Whether `source` takes a function: others solve equations, say, or repeat a function in a loop, which is better
     left to CasADi than written out."""
     try:
-        if function.is_a("SXFunction", False) or multiplies(function):
+        if function.is_a("SXFunction", False) or multiplies(function, CORNERS):
             _Written(None).name(function)
             return True
     except (ValueError, RuntimeError):
         pass
     return False
-
-
-def multiplies(function: ca.Function) -> bool:
-    """Whether it is a sequence of calls and products of matrices, each with a dense one on the left."""
-    if not function.is_a("MXFunction", False):
-        return False
-    for i in range(function.n_instructions()):
-        operation = function.instruction_id(i)
-        if operation not in _MATRIX:
-            return False
-        if operation == ca.OP_MTIMES:
-            left = function.instruction_MX(i).dep(1)
-            if not left.is_dense() or left.size1() < CORNERS or not function.instruction_MX(i).is_dense():
-                return False
-        if operation == ca.OP_CONST and not function.instruction_MX(i).is_zero():
-            return False
-    return True
 
 
 def _known(function: ca.Function, corners: Corners | None) -> dict[int, Sequence[float]]:
@@ -228,73 +210,63 @@ def _form(forms: Mapping[int, str], operation: int) -> str:
     return forms[operation]
 
 
+class _Matrices(MatrixPrinter):
+    """Function calls on arrays of pointers, and products by vector operations."""
+
+    def __init__(self, written: _Written, known: Container[int]) -> None:
+        self._written, self._known = written, known
+
+    def argument(self, place: int) -> str:
+        """An element of the arguments; one that is known is none."""
+        return "0" if place in self._known else f"in[{place}]"
+
+    def output(self, result: int, name: str, size: int) -> str:
+        """A copy of the whole."""
+        return f"memcpy(out[{result}], {name or zeros(size)}, {size} * sizeof(double));"
+
+    def call(self, instruction: Instruction, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
+        """The results, and a call with pointers to everything."""
+        called = instruction.matrix.which_function()
+        name = self._written.name(called)
+        sizes = [max(called.nnz_out(k), 1) for k in range(called.n_out())]
+        given = ", ".join(argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments))
+        return [
+            *(f"double {result}[{size}];" for result, size in zip(results, sizes, strict=True)),
+            f"{name}_of((const double *const[]){{{given}}}, (double *const[]){{{', '.join(results)}}});",
+        ]
+
+    def product(self, matrix: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
+        """Column by column, of which four rows at a time.
+
+        The last rows overlap with those before where four do not divide their number.
+        """
+        rows, columns = matrix.shape
+        sparsity = matrix.dep(2).sparsity()
+        blocks = [*range(0, rows - CORNERS, CORNERS), rows - CORNERS]
+        declared = [
+            f"static const int {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
+            f"static const int {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
+            f"double {name}[{rows * columns}];",
+            f"for (int j = 0; j < {columns}; j++) {{",
+        ]
+        at = (f"*(const apart *)({begin} + {rows} * j + {block})" if begin else "all(0)" for block in blocks)
+        sums = [f"lanes s{block} = {value};" for block, value in zip(blocks, at, strict=True)]
+        add = [f"s{block} += *(const apart *)(x + {block}) * all({right}[k]);" for block in blocks]
+        stores = [f"*(apart *)({name} + {rows} * j + {block}) = s{block};" for block in blocks]
+        loop = [
+            f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++) {{",
+            f"const double *x = {left} + {rows} * {name}_rows[k];",
+            *add,
+            "}",
+        ]
+        return [*declared, *sums, *loop, *stores, "}"]
+
+
 def _matrices(function: ca.Function, name: str, written: _Written) -> str:
     """A function that calls others and multiplies what they make."""
-    known = _known(function, written.corners)
-    lines: list[str] = []
-    names: dict[int, str] = {}  # of what CasADi's variables hold; "" is a matrix of zeros
-    for i in range(function.n_instructions()):
-        operation, read = function.instruction_id(i), function.instruction_input(i)
-        write, made = function.instruction_output(i), [f"m{i}_{k}" for k in range(len(function.instruction_output(i)))]
-        if operation == ca.OP_OUTPUT:
-            size = function.nnz_out(write[0])
-            lines.append(f"memcpy(out[{write[0]}], {names[read[0]] or zeros(size)}, {size} * sizeof(double));")
-            continue
-        if operation == ca.OP_INPUT:
-            made = [f"in[{read[0]}]" if read[0] not in known else "0"]
-        elif operation == ca.OP_CONST:
-            made = [""]
-        elif operation == ca.OP_HORZSPLIT:
-            whole = function.instruction_MX(i)
-            ends = [whole.get_output(k).nnz() for k in range(len(made))]
-            whole_name = names[read[0]] or zeros(sum(ends))
-            made = [f"({whole_name} + {sum(ends[:k])})" for k in range(len(ends))]
-        elif operation == ca.OP_CALL:
-            called = function.instruction_MX(i).which_function()
-            lines += _call(called, written.name(called), [names[k] for k in read], made)
-        else:
-            product = function.instruction_MX(i)
-            begin, left, right = (names[k] for k in read)
-            left, right = left or zeros(product.dep(1).nnz()), right or zeros(product.dep(2).nnz())
-            lines += _product(product, begin, left, right, made[0])
-        names |= dict(zip(write, made, strict=True))
+    lines = _Matrices(written, _known(function, written.corners)).statements(function)
     text = "\n".join((*lines, "(void)in;\n}\n"))
     return f"static void {name}_of(const double *const *in, double *const *out) {{\n{text}"
-
-
-def _call(called: ca.Function, name: str, arguments: Sequence[str], results: Sequence[str]) -> list[str]:
-    sizes = [max(called.nnz_out(k), 1) for k in range(called.n_out())]
-    given = (argument or zeros(called.nnz_in(k)) for k, argument in enumerate(arguments))
-    names = f"{', '.join(given)}", f"{', '.join(results)}"
-    return [
-        *(f"double {result}[{size}];" for result, size in zip(results, sizes, strict=True)),
-        f"{name}_of((const double *const[]){{{names[0]}}}, (double *const[]){{{names[1]}}});",
-    ]
-
-
-def _product(result: ca.MX, begin: str, left: str, right: str, name: str) -> list[str]:
-    """A dense matrix times one that may be sparse, plus what is there to `begin` with: column by column, of which four
-    rows at a time. The last rows overlap with those before where four do not divide their number."""
-    rows, columns = result.shape
-    sparsity = result.dep(2).sparsity()
-    blocks = [*range(0, rows - CORNERS, CORNERS), rows - CORNERS]
-    declared = [
-        f"static const int {name}_ends[] = {{{', '.join(map(str, sparsity.colind()))}}};",
-        f"static const int {name}_rows[] = {{{', '.join(map(str, sparsity.row()))}}};",
-        f"double {name}[{rows * columns}];",
-        f"for (int j = 0; j < {columns}; j++) {{",
-    ]
-    at = (f"*(const apart *)({begin} + {rows} * j + {block})" if begin else "all(0)" for block in blocks)
-    sums = [f"lanes s{block} = {value};" for block, value in zip(blocks, at, strict=True)]
-    add = [f"s{block} += *(const apart *)(x + {block}) * all({right}[k]);" for block in blocks]
-    stores = [f"*(apart *)({name} + {rows} * j + {block}) = s{block};" for block in blocks]
-    loop = [
-        f"for (int k = {name}_ends[j]; k < {name}_ends[j + 1]; k++) {{",
-        f"const double *x = {left} + {rows} * {name}_rows[k];",
-        *add,
-        "}",
-    ]
-    return [*declared, *sums, *loop, *stores, "}"]
 
 
 def _interface(function: ca.Function, inner: str, corners: Corners | None) -> str:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from vsense_ros.codegen.instructions import instructions
+
 INPUT, CONSTANT = -1, -2  # operations of values that nothing is computed for
 COMMUTATIVE = frozenset((ca.OP_ADD, ca.OP_MUL, ca.OP_FMIN, ca.OP_FMAX, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR))
 _UNARY_TWICE = frozenset((ca.OP_SQ, ca.OP_TWICE))  # CasADi lists their operand twice
@@ -54,11 +56,10 @@ def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None
         return numbers[key]
 
     divided = _divided(function)
-    for i in range(function.n_instructions()):
-        operation, read = function.instruction_id(i), tuple(function.instruction_input(i))
-        write = function.instruction_output(i)[0]
+    for one in instructions(function):
+        operation, read, write = one.operation, one.read, one.write[0]
         if operation == ca.OP_OUTPUT:
-            made.results.append((write, function.instruction_output(i)[1], present[read[0]]))
+            made.results.append((write, one.write[1], present[read[0]]))
         elif operation == ca.OP_ASSIGN:
             present[write] = present[read[0]]
         elif operation == ca.OP_INPUT and read[0] in known:
@@ -70,13 +71,13 @@ def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None
             made.places[value] = (read[0], read[1])
             present[write] = value
         elif operation == ca.OP_CONST:
-            constant = function.instruction_constant(i)
+            constant = one.constant
             value = number((CONSTANT, constant, math.copysign(1, constant)), CONSTANT)
             made.constants[value] = constant
             present[write] = value
         else:
             operands = tuple(present[k] for k in read[: 1 if operation in _UNARY_TWICE else None])
-            if operation == ca.OP_DIV and divided[i] > 1:
+            if operation == ca.OP_DIV and divided[one.position] > 1:
                 operation = ca.OP_MUL
                 operands = operands[0], number((ca.OP_INV, operands[1:]), ca.OP_INV, operands[1:])
             order = tuple(sorted(operands)) if operation in COMMUTATIVE else operands
@@ -85,14 +86,13 @@ def values_of(function: ca.Function, known: Mapping[int, Sequence[float]] | None
 
 
 def _divided(function: ca.Function) -> dict[int, int]:
-    """How many values the divisor of each division divides."""
+    """How many values the divisor of each division divides, by the index of the division."""
     written: dict[int, int] = {}  # instructions that made what CasADi's variables hold
     divisors: dict[int, int] = {}
-    for i in range(function.n_instructions()):
-        operation = function.instruction_id(i)
-        if operation == ca.OP_DIV:
-            divisors[i] = written[function.instruction_input(i)[1]]
-        if operation != ca.OP_OUTPUT:
-            written[function.instruction_output(i)[0]] = i
+    for one in instructions(function):
+        if one.operation == ca.OP_DIV:
+            divisors[one.position] = written[one.read[1]]
+        if one.operation != ca.OP_OUTPUT:
+            written[one.write[0]] = one.position
     counts = Counter(divisors.values())
     return {i: counts[divisor] for i, divisor in divisors.items()}
