@@ -24,6 +24,7 @@ from vsense_ros.codegen.c99 import c_function
 from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c, check
+from vsense_ros.export.same_calls import relative
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.friction_change import FrictionChange
@@ -346,8 +347,8 @@ def test_parameters_are_estimated_as_in_python(kind: str, vehicle: Vehicle, tmp_
 
 def test_a_difference_that_is_no_number_is_infinite() -> None:
     nan, one = np.array([np.nan]), np.array([1.0])
-    assert check.relative(nan, one) == check.relative(one, nan) == np.inf
-    assert check.relative(nan, nan) == 0
+    assert relative(nan, one) == relative(one, nan) == np.inf
+    assert relative(nan, nan) == 0
 
 
 # Bad input

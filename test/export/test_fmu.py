@@ -19,6 +19,7 @@ from vsense_ros import codegen
 from vsense_ros.bag import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.export import fmu, fmu_check
+from vsense_ros.export.same_calls import moments as moments_of
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
@@ -89,7 +90,7 @@ def test_a_saved_state_goes_on_to_the_same_bits_in_another_process(
 ) -> None:
     import pickle
 
-    moments = list(fmu_check.moments(vehicle, drive))[:200]
+    moments = moments_of(vehicle, drive)[:200]
     unit = running(units, vehicle, version)
     whole = list(fmu_check.drive_unit(unit, vehicle, moments))
     unit.close()
@@ -107,7 +108,7 @@ def test_a_saved_state_goes_on_to_the_same_bits_in_another_process(
 def test_two_instances_do_not_know_each_other(
     units: dict[int, Path], vehicle: Vehicle, drive: Recording, version: int
 ) -> None:
-    moments = list(fmu_check.moments(vehicle, drive))[:60]
+    moments = moments_of(vehicle, drive)[:60]
     alone, one, other = (running(units, vehicle, version) for _ in range(3))
     expected = list(fmu_check.drive_unit(alone, vehicle, moments))
     both = zip(

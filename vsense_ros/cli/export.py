@@ -79,6 +79,7 @@ def export_c(
         return
     from vsense_ros.bag.importers import import_recording
     from vsense_ros.export import check as checking
+    from vsense_ros.export.measuring import measure
 
     recording = import_recording(check)
     if single:
@@ -96,7 +97,7 @@ def export_c(
     for line in difference.in_words():
         console().print(line, soft_wrap=True)
     with waiting("measuring"):
-        c.write(car, output, checking.measure(output))
+        c.write(car, output, measure(output))
     say(f"Size and time of a step: {output / 'README.md'}.")
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +16,12 @@ from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.reading import Map
+from vsense_ros.export.entries import FIELDS, INPUT_ENTRIES, STATE_ENTRIES, Entry
+from vsense_ros.export.sources import identifier, in_single_precision, packaged, templates, write_all
 from vsense_ros.files.names import harmless
 from vsense_ros.model.car import steps
 from vsense_ros.model.car.car import Car, car_of
-from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS, WHEELS
+from vsense_ros.model.coordinates import COORDINATES, DISTURBANCES, INPUTS
 from vsense_ros.model.effects.base import SPACING, RoadEffect
 from vsense_ros.model.parameter import units
 from vsense_ros.model.sensors import SensorBase
@@ -76,41 +75,6 @@ _RESULTS = {
     "internal_state": ("filter->remembered",),
 }
 _SENSED = ("expected", "by_q", "by_u", "by_udot", "by_disturbances")
-
-_FIELDS = {
-    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
-    "inputs": "what drives the model",
-    "covariance": "of the errors of the state, row-major",
-    "effects": "what physical effects remember of the past",
-    "udot": "the last linearisation: derivatives of the velocities",
-    "by_q": "... by z, roll, pitch and the travels, column-major",
-    "by_u": "... by the velocities",
-    "by_disturbances": "... by the disturbances",
-    "by_q_rates": "by_q times the rates of these coordinates by the velocities",
-    "parameters": "of the vehicle",
-    "estimates": "of parameters, which stand in `parameters` too",
-    "parameter_covariance": "of their errors",
-    "sensitivity": "of the estimated state to them, column-major",
-    "information": "on them in the measurements since the start",
-    "by_estimates": "the accelerations by them, column-major",
-    "reversion_mean": "what the states behind the velocities go back to; a map may tell slopes and their changes",
-    "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
-    "process_length": "for which decay and noise were made [10 us]",
-    "decay": "of the states behind the velocities in a step",
-    "noise": "variance added to them in a step",
-}
-
-
-_PLAIN = str.maketrans({"²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": " ", "×": "x", "–": "-", "…": "..."})
-
-
-@dataclass(frozen=True)
-class Entry:
-    """An element of a vector in words."""
-
-    name: str
-    unit: str
-    meaning: str
 
 
 @dataclass(frozen=True)
@@ -214,63 +178,29 @@ def with_filter(vehicle: Vehicle, name: str) -> Vehicle:
     return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update={"parameters": {}})})
 
 
-def identifier(name: str) -> str:
-    """A name as C allows it behind a prefix; without two underscores in a row, which CasADi refuses."""
-    return re.sub(r"[\W_]+", "_", name.lower(), flags=re.ASCII).strip("_")
-
-
-def plain(text: str) -> str:
-    """A text as compilers take it that know nothing but ASCII."""
-    return text.translate(_PLAIN).encode("ascii", "replace").decode()
-
-
 def write(
     vehicle: Vehicle, folder: Path, measured: dict[str, str] | None = None, *, single: bool = False
 ) -> list[Path]:
     """Write the sources into `folder`, which is made where it is missing; returns the files.
 
-    `measured` are the figures for the README, as `check.measure` returns them. With `single` every number is binary32.
+    `measured` are the figures for the README, as `measuring.measure` returns them. With `single` every number is
+    binary32.
     """
-    contents = _Contents(Observer.of(vehicle))
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vsense_ros.export", "templates"),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
+    contents = Contents(Observer.of(vehicle))
+    environment = templates()
     values = contents.values() | {"measured": measured}
     texts = {name: environment.get_template(f"{name}.j2").render(values) for name in _TEMPLATES}
-    for source in ("estimation/algebra.c", "observer/car_blocks.c"):
-        texts[Path(source).name] = resources.files("vsense_ros").joinpath(source).read_text(encoding="utf-8")
+    texts |= packaged(("estimation/algebra.c", "observer/car_blocks.c"))
     texts["model.c"] = contents.model()
     if single:
         texts = {name: text if name == "Makefile" else in_single_precision(text) for name, text in texts.items()}
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        (folder / name).write_text(text if name.endswith(".md") else plain(text), encoding="utf-8")
-    return [folder / name for name in texts]
-
-
-_MATHEMATICS = (
-    "sqrt|sin|cos|tan|asin|acos|atan|atan2|sinh|cosh|tanh|asinh|acosh|atanh|exp|log|pow|fabs|fmin|fmax|fmod|copysign|"
-    "hypot|floor|ceil|erf|log1p|expm1"
-)
-_LITERAL = re.compile(r"(?<![\w.%])(\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)(?![\w.])")
-
-
-def in_single_precision(text: str) -> str:
-    """The sources with `float` for `double`, in types, constants and functions of libm."""
-    text = text.replace("1e-300", "1e-30")  # below which a pivot is taken for zero
-    text = re.sub(r"\bdouble\b", "float", text)
-    text = re.sub(rf"\b({_MATHEMATICS})\(", r"\1f(", text)
-    text = _LITERAL.sub(r"\1f", text)
-    return text.replace("#define STATES", "#define SINGLE 1\n#define STATES", 1)
+    return write_all(folder, texts)
 
 
 _TEMPLATES = ("vsense.h", "vsense.c", "example.c", "Makefile", "README.md")
 
 
-class _Contents:
+class Contents:
     """What stands in the sources."""
 
     def __init__(self, observer: Observer) -> None:
@@ -310,14 +240,14 @@ class _Contents:
         tables += [np.array(effect.profile) for effect in self.observer.profiles]
         return {
             "vehicle": harmless(self.vehicle.name),
-            "states": self._states(),
-            "inputs": _INPUT_ENTRIES,
+            "states": self.states(),
+            "inputs": INPUT_ENTRIES,
             "parameters": [
                 Entry(identifier(name).upper(), unit, description)
                 for name, unit, description in units(self.vehicle.physics)
             ],
-            "estimates": self._estimates(),
-            "fields": [{"name": k, "size": size, "meaning": _FIELDS[k]} for k, size in fields.items()],
+            "estimates": self.estimates(),
+            "fields": [{"name": k, "size": size, "meaning": FIELDS[k]} for k, size in fields.items()],
             "sensors": [self._sensor(name) for name in self.observer.correcting],
             "latencies": [
                 {"name": identifier(name), "latency": number(sensor.latency)}
@@ -374,8 +304,8 @@ class _Contents:
             "joined": number(JOINED),
         }
 
-    def _states(self) -> list[Entry]:
-        entries = list(_STATE_ENTRIES)
+    def states(self) -> list[Entry]:
+        entries = list(STATE_ENTRIES)
         for name, sensor in self.observer.sensors.items():
             for bias in sensor.biases():
                 c_name = identifier(name)
@@ -386,7 +316,7 @@ class _Contents:
         """Where the biases of a sensor stand in the state."""
         return self.layout.biases[list(self.observer.sensors).index(name)]
 
-    def _estimates(self) -> dict[str, Any] | None:
+    def estimates(self) -> dict[str, Any] | None:
         """What the templates refer to where parameters are estimated."""
         if self.filter is None:
             return None
@@ -495,38 +425,3 @@ def _table(values: Array) -> str:
             line = "   "
         line += text
     return "\n".join(["{", *lines, line, "}"])
-
-
-def _state_entries() -> tuple[Entry, ...]:
-    axes = ("x", "y", "z")
-    entries = [Entry(a.upper(), "m", f"position of cog in the map, {a}") for a in axes]
-    entries += [Entry(a.upper(), "rad", f"{a} angle, z-y-x sequence") for a in ("roll", "pitch", "yaw")]
-    entries += [Entry(f"TRAVEL_{w.upper()}", "m", "compression of the suspension") for w in WHEELS]
-    entries += [Entry(f"SPIN_{w.upper()}", "rad", "angle of the wheel about its axle") for w in WHEELS]
-    entries += [Entry(f"VELOCITY_{a.upper()}", "m/s", f"of cog along the body's {a}") for a in axes]
-    entries += [Entry(f"RATE_{a.upper()}", "rad/s", f"about the body's {a}") for a in axes]
-    entries += [Entry(f"TRAVEL_RATE_{w.upper()}", "m/s", "of the suspension") for w in WHEELS]
-    entries += [Entry(f"SPIN_RATE_{w.upper()}", "rad/s", "of the wheel") for w in WHEELS]
-    entries += [Entry(f"MISSING_FORCE_{a.upper()}", "N", f"beyond the model's, along the body's {a}") for a in axes]
-    entries += [Entry(f"MISSING_MOMENT_{a.upper()}", "N m", f"beyond the model's, about the body's {a}") for a in axes]
-    entries += [Entry(f"MISSING_TRAVEL_FORCE_{w.upper()}", "N", "beyond the model's, on the travel") for w in WHEELS]
-    entries += [Entry(f"MISSING_TORQUE_{w.upper()}", "N m", "beyond the model's, on the wheel") for w in WHEELS]
-    around = {
-        "grade": ("rad", "slope of the road along the car, positive uphill"),
-        "bank": ("rad", "slope across, positive where the left side is higher"),
-        "grade_change": ("rad/m", "of the grade along the way: the road is bent upwards where it is positive"),
-        "bank_change": ("rad/m", "of the bank along the way"),
-        "road_height": ("m", "of the road below cog over the map's origin"),
-        "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
-        "radius_error": ("-", "relative error of the tyre radius"),
-    }
-    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
-
-
-_STATE_ENTRIES = _state_entries()
-_INPUT_ENTRIES = tuple(
-    Entry(name.upper(), "rad", "mean angle of the front wheels, positive to the left")
-    if name == "steering"
-    else Entry(name.upper(), "N m", "on the wheel, drive minus brake; 0 where unknown")
-    for name in INPUTS
-)

@@ -8,12 +8,10 @@ Python, element by element.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import jinja2
 import numpy as np
 
 from vsense_ros.codegen.c99 import c_function
@@ -24,7 +22,7 @@ from vsense_ros.estimation.dense import UNLIMITED, Jacobians
 from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.filter import largest_nis
 from vsense_ros.estimation.state_space import Measurement
-from vsense_ros.export.c import identifier, plain
+from vsense_ros.export.sources import identifier, packaged, templates, write_all
 from vsense_ros.files.names import harmless
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
@@ -49,22 +47,12 @@ def write(vehicle: Vehicle, name: str, folder: Path) -> list[Path]:
     sensors = used_sensors(vehicle)
     filter: Aided = FILTERS[name].make(vehicle, sensors)
     contents = _Contents(FILTERS[name].name, vehicle, filter, sensors)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vsense_ros.export", "templates"),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
+    environment = templates()
     values = contents.values()
     texts = {f"{name}.{end}": environment.get_template(f"filter.{end}.j2").render(values) for end in ("h", "c")}
     for part in values["parts"]:
         texts[part["file"]] = environment.get_template("part.c.j2").render(values | {"part": part})
-    for file in (*_INCLUDED, _READINGS):
-        texts[Path(file).name] = resources.files("vsense_ros").joinpath(file).read_text(encoding="utf-8")
-    folder.mkdir(parents=True, exist_ok=True)
-    for file, text in texts.items():
-        (folder / file).write_text(plain(text), encoding="utf-8")
-    return [folder / file for file in texts]
+    return write_all(folder, texts | packaged((*_INCLUDED, _READINGS)))
 
 
 def sources(name: str, folder: Path) -> list[Path]:

@@ -13,7 +13,6 @@ import hashlib
 import platform
 import re
 import shutil
-import subprocess
 import tempfile
 import zipfile
 from dataclasses import dataclass
@@ -22,11 +21,12 @@ from xml.etree import ElementTree
 
 import jinja2
 
-from vsense_ros import codegen
 from vsense_ros.codegen.forms import number
 from vsense_ros.errors import InputError
 from vsense_ros.export import c
-from vsense_ros.export.c import Entry, Observer, _Contents, identifier, plain
+from vsense_ros.export.c import Contents, Observer
+from vsense_ros.export.entries import INPUT_ENTRIES, Entry
+from vsense_ros.export.sources import compile_library, identifier, plain, templates
 from vsense_ros.files.names import harmless
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.vehicle import Vehicle
@@ -36,7 +36,7 @@ FIRST_INTEGER = 900000
 START_SPEED = 20.0  # [m/s] where nothing else is set
 PLANT_STEP = 0.002  # [s] longest step of a plant
 OPTIMISED = "-O3"
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-fPIC", "-shared")
+FLAGS = ("-std=c99", "-Wall", "-Wextra")
 _WHEEL_ROWS = (
     ("force_x", "N"), ("force_y", "N"), ("force_z", "N"), ("moment", "N m"), ("slip", "-"), ("angle", "rad"),
     ("camber", "rad"),
@@ -80,7 +80,7 @@ class Unit:
 
     def __init__(self, vehicle: Vehicle, *, plant: bool = False) -> None:
         self.vehicle, self.plant = vehicle, plant
-        self.contents = _Contents(Observer.of(vehicle))
+        self.contents = Contents(Observer.of(vehicle))
         self.observer = self.contents.observer
         self.sensors: list[Sensor] = []
         first = 0
@@ -92,7 +92,7 @@ class Unit:
         self.variables = self._variables()
 
     def _variables(self) -> list[Variable]:
-        states = self.contents._states()
+        states = self.contents.states()
         given = [
             Variable("time", "time", "TIME", (Entry("time", "s", "time"),)),
             Variable("start_speed", "speed", "PARAMETER", (Entry("", "m/s", "speed at the start"),), START_SPEED),
@@ -100,7 +100,7 @@ class Unit:
             Variable("start_y", "start_y", "PARAMETER", (Entry("", "m", "position at the start, north"),), 0.0),
             Variable("start_yaw", "start_yaw", "PARAMETER", (Entry("", "rad", "heading at the start"),), 0.0),
         ]
-        steering, *torques = [Entry(e.name.lower(), e.unit, e.meaning) for e in c._INPUT_ENTRIES]
+        steering, *torques = [Entry(e.name.lower(), e.unit, e.meaning) for e in INPUT_ENTRIES]
         if self.plant:
             slopes = tuple(
                 Entry(n, "rad", f"slope of the road, {how}")
@@ -131,7 +131,7 @@ class Unit:
             elements = tuple(Entry(wheel, unit, f"{name} of the wheel {wheel}") for wheel in WHEELS)
             given.append(Variable(f"wheel_{name}", f"wheels[{4 * row}]", "OUTPUT", elements))
         if self.observer.estimated and not self.plant:
-            known = self.contents._estimates()
+            known = self.contents.estimates()
             assert known is not None
             given.append(Variable("estimate", "v.estimates", "OUTPUT", tuple(known["entries"])))
         return given
@@ -147,12 +147,7 @@ class Unit:
         c.write(self.vehicle, folder)
         for name in ("example.c", "Makefile", "README.md"):
             (folder / name).unlink()
-        environment = jinja2.Environment(
-            loader=jinja2.PackageLoader("vsense_ros.export", "templates"),
-            undefined=jinja2.StrictUndefined,
-            keep_trailing_newline=True,
-            autoescape=False,
-        )
+        environment = templates()
         values = {
             "title": f"{'The car' if self.plant else 'Observer of'} {harmless(self.vehicle.name)}",
             "token": self.token(version),
@@ -220,13 +215,8 @@ def write(
 
 def compile_sources(sources: Path, version: int, target: Path, optimised: str = OPTIMISED) -> None:
     """The library of a unit from its own sources. Raises `InputError` where that fails."""
-    compiler = codegen.compiler()
-    if compiler is None:
-        raise InputError("no C compiler here (cc, gcc or clang; CC names another); --no-binary writes sources alone")
-    command = [compiler, optimised, *FLAGS, f"-I{sources}", str(sources / f"fmi{version}.c"), str(sources / "vsense.c")]
-    done = subprocess.run([*command, "-o", str(target), "-lm"], capture_output=True, text=True)
-    if done.returncode or done.stderr:
-        raise InputError(f"{' '.join(command)}:\n{done.stderr}")
+    parts = [sources / f"fmi{version}.c", sources / "vsense.c"]
+    compile_library(parts, target, (optimised, *FLAGS, f"-I{sources}"), "; --no-binary writes sources alone")
 
 
 def _headers() -> Path:

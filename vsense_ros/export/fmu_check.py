@@ -6,34 +6,24 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.errors import InputError
-from vsense_ros.estimation.filter import largest_nis
-from vsense_ros.estimation.intake import Intake, by_topic
-from vsense_ros.estimation.reading import Map
 from vsense_ros.export import check
-from vsense_ros.export.fmu import FIRST_INTEGER, OPTIMISED, Unit
+from vsense_ros.export.fmu import FIRST_INTEGER, OPTIMISED, START_SPEED, Unit
+from vsense_ros.export.same_calls import Moment, drive_together, moments, relative, start_of
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.coordinates import YAW
+from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import default_filter
 from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.state import FORCE
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Moment:
-    """What was measured at one time [s since the first], values by the name of the sensor."""
-
-    time: float
-    measured: dict[str, Array]
 
 
 @dataclass
@@ -56,39 +46,10 @@ class Agreement:
         ]
 
 
-def moments(vehicle: Vehicle, recording: Recording) -> Iterator[Moment]:
-    """What the sensors of a vehicle measured, in order of time: as if nothing came late."""
-    sensors = sensors_of(vehicle)
-    names, listening = list(sensors), by_topic(tuple(sensors.values()))
-    intake = Intake(sensors, Map(recording.map_origin), 1e9, lambda: True)
-    events = []
-    for sample in recording.samples(tuple(t for t in listening if t in recording)):
-        for index in listening[sample.topic]:
-            event = intake.read(index, sample)
-            if event is not None:
-                events.append((event.stamp, index, event.value.copy()))
-    if not events:
-        raise InputError(f"{recording.name or 'recording'} has none of the sensors of {vehicle.name}")
-    events.sort(key=lambda e: e[:2])
-    first = events[0][0]
-    for stamp, together in groupby(events, key=lambda e: e[0]):
-        yield Moment((stamp - first) * 1e-9, {names[index]: value for _, index, value in together})
-
-
-def start_of(vehicle: Vehicle, drive: list[Moment]) -> tuple[float, float]:
-    """Speed [m/s] and heading [rad] at the start, from the first velocity on the map, else 20 m/s towards east."""
-    kinds = {name: sensor.kind for name, sensor in sensors_of(vehicle).items()}
-    for moment in drive:
-        for name, value in moment.measured.items():
-            if kinds[name] == "gnss_velocity" and np.all(np.isfinite(value[:2])):
-                return float(np.hypot(*value[:2])), float(np.arctan2(value[1], value[0]))
-    return 20.0, 0.0
-
-
 class Running:
     """One instance of a unit, by FMPy."""
 
-    def __init__(self, path: Path, unit: Unit, version: int, speed: float = 20.0, yaw: float = 0.0) -> None:
+    def __init__(self, path: Path, unit: Unit, version: int, speed: float = START_SPEED, yaw: float = 0.0) -> None:
         import fmpy
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
@@ -198,55 +159,46 @@ def compare(
     import fmpy
     from fmpy.validation import validate_fmu
 
-    found = Agreement(version, list(validate_fmu(str(path))))
-    unit = Unit(vehicle)
-    drive = list(moments(vehicle, recording))
+    agreement = Agreement(version, list(validate_fmu(str(path))))
+    sensors, drive = sensors_of(vehicle), moments(vehicle, recording)
     speed, yaw = start_of(vehicle, drive)
-    sensors = sensors_of(vehicle)
-    own = default_filter(vehicle)(vehicle, sensors)
-    belief = own.car.rolling(speed)
-    belief.mean[YAW] = yaw
-    own.car.forget()
-    own.start(belief)
-    own.linearize()
+    own = _InPython(vehicle, sensors, speed, yaw)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(fmpy.extract(str(path), place))
         library = check.build(folder / "sources", (optimised, "-std=c99"))
         exported = check.Exported(vehicle, library)
-        exported.start(speed)
-        exported.parts["state"][YAW] = yaw
-        exported.linearize()
-        running = Running(path, unit, version, speed, yaw)
+        exported.start(speed, yaw)
+        running = Running(path, Unit(vehicle), version, speed, yaw)
+        together = drive_together(vehicle, sensors, drive, (exported, own), _as_a_unit_gets)
         try:
-            for i, state in enumerate(drive_unit(running, vehicle, drive)):
-                now, later = drive[i], drive[i + 1]
-                for name, value in now.measured.items():  # inputs first, as a unit gets all before it steps
-                    if (part := sensors[name].inputs) is not None:
-                        own.inputs[part] = exported.parts["inputs"][part] = np.nan_to_num(value)
-                for name, value in now.measured.items():
-                    sensor = sensors[name]
-                    if sensor.is_input:
-                        continue
-                    variance = sensor.deviations() ** 2
-                    limit = largest_nis(sensor.gate, len(variance))
-                    # Offsets go on and off again, so that both get what the unit gets.
-                    given = (value + sensor.offsets()) - sensor.offsets()
-                    exported.correct(name, given, variance, limit)
-                    own.correct(name, given, variance, limit)
-                h = later.time - now.time
-                count = max(1, int(np.ceil(h / vehicle.observer.longest_step - 1e-9)))
-                for _ in range(count):
-                    exported.predict(h / count)
-                    exported.linearize()
-                    own.predict(h / count)
-                found.steps += 1
-                found.bitwise &= bool(np.array_equal(state, exported.parts["state"]))
-                mean = own.belief().mean[: len(state)]
+            for i, (state, _) in enumerate(zip(drive_unit(running, vehicle, drive), together, strict=True)):
+                agreement.steps += 1
+                agreement.bitwise &= bool(np.array_equal(state, exported.parts["state"]))
+                mean = own.filter.belief().mean[: len(state)]
                 size = np.maximum(1.0, np.abs(mean))
-                size[28:42] = max(1.0, float(np.abs(mean[28:42]).max()))
-                found.python = max(found.python, float(np.max(np.abs(state - mean) / size)))
+                size[FORCE] = max(1.0, float(np.abs(mean[FORCE]).max()))
+                agreement.python = max(agreement.python, relative(state, mean, size))
                 if progress is not None and i % 50 == 0:
                     progress(i / len(drive))
         finally:
             running.close()
-    return found
+    return agreement
+
+
+class _InPython:
+    """The vehicle's own filter, as `drive_together` drives it."""
+
+    def __init__(self, vehicle: Vehicle, sensors: dict[str, SensorBase], speed: float, yaw: float) -> None:
+        self.filter = default_filter(vehicle)(vehicle, sensors)
+        self.inputs = self.filter.inputs
+        self.correct, self.advance = self.filter.correct, self.filter.predict
+        belief = self.filter.car.rolling(speed)
+        belief.mean[YAW] = yaw
+        self.filter.car.forget()
+        self.filter.start(belief)
+        self.filter.linearize()
+
+
+def _as_a_unit_gets(sensor: SensorBase, value: Array) -> Array:
+    """Offsets go on and off again, as in a unit, so that all get the same bits."""
+    return (value + sensor.offsets()) - sensor.offsets()

@@ -1,0 +1,74 @@
+"""The elements of the exported vectors in words: what the headers, the units and their descriptions say of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsense_ros.model.coordinates import DISTURBANCES, INPUTS, WHEELS
+
+FIELDS = {
+    "state": "coordinates, velocities, forces beyond the model's, disturbances, biases",
+    "inputs": "what drives the model",
+    "covariance": "of the errors of the state, row-major",
+    "effects": "what physical effects remember of the past",
+    "udot": "the last linearisation: derivatives of the velocities",
+    "by_q": "... by z, roll, pitch and the travels, column-major",
+    "by_u": "... by the velocities",
+    "by_disturbances": "... by the disturbances",
+    "by_q_rates": "by_q times the rates of these coordinates by the velocities",
+    "parameters": "of the vehicle",
+    "estimates": "of parameters, which stand in `parameters` too",
+    "parameter_covariance": "of their errors",
+    "sensitivity": "of the estimated state to them, column-major",
+    "information": "on them in the measurements since the start",
+    "by_estimates": "the accelerations by them, column-major",
+    "reversion_mean": "what the states behind the velocities go back to; a map may tell slopes and their changes",
+    "surveyed": "where the road was last looked up, and whether its slopes along and across were known there",
+    "process_length": "for which decay and noise were made [10 us]",
+    "decay": "of the states behind the velocities in a step",
+    "noise": "variance added to them in a step",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An element of a vector in words."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+def _state_entries() -> tuple[Entry, ...]:
+    axes = ("x", "y", "z")
+    entries = [Entry(a.upper(), "m", f"position of cog in the map, {a}") for a in axes]
+    entries += [Entry(a.upper(), "rad", f"{a} angle, z-y-x sequence") for a in ("roll", "pitch", "yaw")]
+    entries += [Entry(f"TRAVEL_{w.upper()}", "m", "compression of the suspension") for w in WHEELS]
+    entries += [Entry(f"SPIN_{w.upper()}", "rad", "angle of the wheel about its axle") for w in WHEELS]
+    entries += [Entry(f"VELOCITY_{a.upper()}", "m/s", f"of cog along the body's {a}") for a in axes]
+    entries += [Entry(f"RATE_{a.upper()}", "rad/s", f"about the body's {a}") for a in axes]
+    entries += [Entry(f"TRAVEL_RATE_{w.upper()}", "m/s", "of the suspension") for w in WHEELS]
+    entries += [Entry(f"SPIN_RATE_{w.upper()}", "rad/s", "of the wheel") for w in WHEELS]
+    entries += [Entry(f"MISSING_FORCE_{a.upper()}", "N", f"beyond the model's, along the body's {a}") for a in axes]
+    entries += [Entry(f"MISSING_MOMENT_{a.upper()}", "N m", f"beyond the model's, about the body's {a}") for a in axes]
+    entries += [Entry(f"MISSING_TRAVEL_FORCE_{w.upper()}", "N", "beyond the model's, on the travel") for w in WHEELS]
+    entries += [Entry(f"MISSING_TORQUE_{w.upper()}", "N m", "beyond the model's, on the wheel") for w in WHEELS]
+    around = {
+        "grade": ("rad", "slope of the road along the car, positive uphill"),
+        "bank": ("rad", "slope across, positive where the left side is higher"),
+        "grade_change": ("rad/m", "of the grade along the way: the road is bent upwards where it is positive"),
+        "bank_change": ("rad/m", "of the bank along the way"),
+        "road_height": ("m", "of the road below cog over the map's origin"),
+        "steering_offset": ("rad", "by which the measured road-wheel angle is too large"),
+        "radius_error": ("-", "relative error of the tyre radius"),
+    }
+    return (*entries, *(Entry(name.upper(), *around[name]) for name in DISTURBANCES))
+
+
+STATE_ENTRIES = _state_entries()
+INPUT_ENTRIES = tuple(
+    Entry(name.upper(), "rad", "mean angle of the front wheels, positive to the left")
+    if name == "steering"
+    else Entry(name.upper(), "N m", "on the wheel, drive minus brake; 0 where unknown")
+    for name in INPUTS
+)
