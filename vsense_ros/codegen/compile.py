@@ -57,7 +57,7 @@ def cache_folder() -> Path:
 
 
 def _own(folder: Path) -> bool:
-    """Whether a folder is made, or there, and nobody else can put code into it that would run here."""
+    """True if a folder could be made or exists, and nobody else can put code into it that would run here."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     if not hasattr(os, "getuid"):
         return True
@@ -122,12 +122,12 @@ def _processor() -> str:
 
 
 def expanded(function: ca.Function) -> ca.Function:
-    """The same function as straight code on scalars, common subexpressions computed once."""
+    """A function as straight code on scalars, with common subexpressions computed once."""
     return function if function.is_a("SXFunction", False) else function.expand(function.name(), {"cse": True})
 
 
 def compiled(name: str, functions: Sequence[ca.Function]) -> list[ca.Function]:
-    """The same functions, compiled together into one library where that is possible, else as they are."""
+    """Functions compiled together into one library where that is possible, else as they are."""
     if compiler() is None:
         return list(functions)
     ours: list[ca.Function] = []

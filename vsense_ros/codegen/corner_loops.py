@@ -78,19 +78,19 @@ class CornerLoops:
         return step.vector is not None and self.packing.kinds[step.vector] is Kind.OPERATION
 
     def _is_computed(self, step: Step) -> bool:
-        """Whether a statement makes it; the others are read where they are needed."""
+        """True if a statement makes it; the others are read where they are needed."""
         if step.vector is None:
             return self.values.computed(step.scalar) and step.scalar not in self.packing.lanes
         return self._is_looped(step) or self._is_gathered(step.vector)
 
     def _is_gathered(self, four: Four) -> bool:
-        """Whether it is put together before the loop."""
+        """True if it is put together before the loop."""
         return self.packing.kinds[four] is Kind.GATHERED or (
             self.packing.kinds[four] is Kind.INPUTS and self._input(four) is None
         )
 
     def _waits(self, step: Step, need: Step) -> bool:
-        """Whether a step needs the results of other corners than its own, and so the end of their loop."""
+        """True if a step needs the results of other corners than its own, and so the end of their loop."""
         return self._is_looped(need) and not self._is_looped(step)
 
     def _read_by(self, step: Step) -> Iterator[tuple[Step, bool]]:

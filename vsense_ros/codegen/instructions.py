@@ -42,7 +42,7 @@ def instructions(function: ca.Function) -> Iterator[Instruction]:
 
 
 def multiplies(function: ca.Function, least_rows: int) -> bool:
-    """Whether a function is a sequence of calls and products of matrices, each with a dense one of at least
+    """True if a function is a sequence of calls and products of matrices, each with a dense one of at least
     `least_rows` on the left."""
     if not function.is_a("MXFunction", False):
         return False

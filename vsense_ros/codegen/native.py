@@ -68,7 +68,7 @@ class _Written:
 
 
 def can_write(function: ca.Function) -> bool:
-    """Whether `source` takes a function: others solve equations, say, or repeat a function in a loop, which is better
+    """True if `source` takes a function: others solve equations, say, or repeat a function in a loop, which is better
     left to CasADi than written out."""
     try:
         if function.is_a("SXFunction", False) or multiplies(function, CORNERS):

@@ -68,7 +68,7 @@ class Packing:
             yield from map(Step, self.operands.get(step.vector, ()))
 
     def is_at_hand(self, step: Step) -> bool:
-        """Whether it is read where it is needed, and nothing computes it."""
+        """True if it is read where it is needed, and nothing computes it."""
         if step.vector is None:
             return not self.values.computed(step.scalar)
         return self.kinds[step.vector] in (Kind.CONSTANTS, Kind.INPUTS)

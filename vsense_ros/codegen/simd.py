@@ -40,7 +40,7 @@ class _Value:
 
     @property
     def again(self) -> bool:
-        """Whether it is read once more, rather than kept, where another part needs it."""
+        """True if it is read once more, rather than kept, where another part needs it."""
         return not self.operands
 
 

@@ -31,7 +31,7 @@ class Values:
     results: list[tuple[int, int, int]] = field(default_factory=list)
 
     def computed(self, value: int) -> bool:
-        """Whether an operation makes it."""
+        """True if an operation computes a value."""
         return self.operations[value] >= 0
 
 

@@ -20,7 +20,7 @@ def product(p: ca.SX, q: ca.SX) -> ca.SX:
 
 
 def inverse(q: ca.SX) -> ca.SX:
-    """Of a unit quaternion (4,)."""
+    """Inverse of a unit quaternion (4,)."""
     return ca.vertcat(q[0], -q[1:])
 
 

@@ -36,7 +36,7 @@ class Augmented(StateSpace):
 
     @property
     def is_flat(self) -> bool:
-        """Whether ⊞ is +."""
+        """True if ⊞ is +."""
         return self.system.is_flat
 
     def seen(self, x: Named, theta: Named) -> tuple[Named, Named]:

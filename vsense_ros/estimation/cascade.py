@@ -35,7 +35,7 @@ class Part(Protocol):
     sensors: tuple[str, ...]
 
     def at(self, memory: Array) -> Any:
-        """The same, with its memory in this array (s,)."""
+        """This cascade with its memory in another array (s,)."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Cascade(Filter):
         }
 
     def at(self, memory: Array) -> Cascade:
-        """The same, with its memory in this array (s,)."""
+        """This cascade with its memory in another array (s,)."""
         memory[:] = self.memory
         inputs = tuple(one.link for one in self.passed_inputs)
         return Cascade(self.filters, inputs, tuple(one.link for one in self.passed_measurements), memory)
@@ -190,7 +190,7 @@ class Cascade(Filter):
         return Gaussian(np.concatenate([b.mean for b in every]), block_diag(*(b.covariance for b in every)))
 
     def is_valid(self) -> bool:
-        """Whether each filter is."""
+        """True if each filter is valid."""
         return all(one.is_valid() for one in self.filters.values())
 
     def inflate(self) -> None:
@@ -206,7 +206,7 @@ def _system(filter: Any) -> StateSpace:
 
 
 def _is_fed(key: str, sensor: str, links: Any) -> bool:
-    """Whether a link makes this measurement of this filter, under another name than it has outside."""
+    """True if a link makes this measurement of this filter, under another name than it has outside."""
     return any(one.target == key and one.measurement == sensor for one in links)
 
 
@@ -262,7 +262,7 @@ class MeasurementLink:
 
 
 def _variances(by_error: Array, covariance: Array) -> Array:
-    """Of what depends on an error by this Jacobian (m, e), (m,)."""
+    """Variances (m,) of what depends on an error by this Jacobian (m, e)."""
     return np.asarray(((by_error @ covariance) * by_error).sum(axis=1))
 
 

@@ -157,7 +157,7 @@ class Dense:
         return np.array(self._kernels.functions.difference(to, mean))[:, 0]
 
     def is_valid(self) -> bool:
-        """Whether the mean is finite and within its bounds, and no variance below zero."""
+        """True if the mean is finite and within its bounds, and no variance below zero."""
         within = np.abs(self.mean) < self._kernels.largest
         return bool(within.all() and (self.covariance.diagonal() >= 0).all())
 
@@ -227,7 +227,7 @@ class _Sense:
 
     @property
     def used(self) -> bool:
-        """Whether its condition held at the last call."""
+        """True if the sensor's condition held at the last call."""
         return bool(self._used[0, 0] != 0)
 
     def measured(self, value: Array) -> None:

@@ -89,7 +89,7 @@ class Ekf(GaussianFilter):
         return whiten(residual, scale * (across @ by_error.T + np.diag(variance)), across)
 
     def is_valid(self) -> bool:
-        """Whether the state is finite and within its bounds, and the variances positive."""
+        """True if the state is finite and within its bounds, and the variances are positive."""
         return self.system.is_valid()
 
     def advance(self, step: Step) -> bool:

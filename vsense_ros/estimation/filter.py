@@ -131,7 +131,7 @@ class Filter(ABC):
 
     @abstractmethod
     def is_valid(self) -> bool:
-        """Whether the state is finite and within its bounds, and the covariance definite."""
+        """True if the state is finite and within its bounds, and the covariance is definite."""
 
     @abstractmethod
     def inflate(self) -> None:

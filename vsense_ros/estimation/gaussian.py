@@ -74,7 +74,7 @@ class Whitened:
 
     @property
     def error(self) -> Array:
-        """Of the state, as the measurement has it (e,)."""
+        """Error of the state according to the measurement (e,)."""
         return self.whitened[self.present] @ self.projected
 
     def write(self, whitened: Array, factor: Array) -> None:
@@ -116,7 +116,7 @@ def check_variances(sensor: str, value: Array, variance: Array) -> None:
 
 
 def is_definite(covariance: Array) -> bool:
-    """Whether a covariance (e, e) is finite and positive definite."""
+    """True if a covariance (e, e) is finite and positive definite."""
     if not np.isfinite(covariance).all():
         return False
     try:

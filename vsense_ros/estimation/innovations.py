@@ -18,7 +18,7 @@ MOST_OUTLIERS = 0.05  # of the messages of a sensor
 
 @dataclass(frozen=True)
 class Innovations:
-    """Of one sensor on one recording, in order of measurement.
+    """Innovations of one sensor on one recording, in order of measurement.
 
     `whitened` (n, m): each component, less what those before it in the same message tell, in units of its standard
     deviation, `deviation` (n, m) [units of the sensor]; both NaN where a component was absent. `used` (n,) is False

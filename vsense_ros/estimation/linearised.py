@@ -49,8 +49,8 @@ class Linearised(Protocol):
         """mean ← mean ⊞ error (e,); what `linearize` found is carried on to first order."""
 
     def is_valid(self) -> bool:
-        """Whether the mean is finite and within its bounds, and the variances positive."""
+        """True if the mean is finite and within its bounds, and the variances are positive."""
 
     @property
     def operations(self) -> Operations | None:
-        """The same in C, where it is compiled."""
+        """These operations in C; None where they are not compiled."""

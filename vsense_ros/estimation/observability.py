@@ -88,7 +88,7 @@ class Observability:
 
 
 def observability(record: Record) -> Observability:
-    """Of a recorded run. Raises `InputError` if nothing was recorded."""
+    """Observability of the states in a recorded run. Raises `InputError` if nothing was recorded."""
     if not record.instants:
         raise InputError("nothing was recorded: the filter has not been started")
     names = record.system.system.error_names

@@ -50,7 +50,7 @@ class _Call(NamedTuple):
 
     @classmethod
     def of(cls, live: int, sensor: int, components: int) -> _Call:
-        """Of corrections by this sensor."""
+        """The structure for corrections by this sensor."""
         numbers = np.zeros(5 + 2 * COMPONENTS)
         numbers[:2].view(np.int64)[:] = live, sensor
         value, variance = np.split(numbers[5:], 2)
@@ -58,7 +58,7 @@ class _Call(NamedTuple):
 
 
 class Operations:
-    """Of one filter, `live`, whose arrays must stay where they are.
+    """Compiled operations of one filter, `live`, whose arrays must stay where they are.
 
     `sensors` have a structure and a number of components m. `h` (1,) is the length of a step, an argument of the
     filter's functions. What the last correction found stands in `whitened` (16,) and `factor` (256,), as in

@@ -32,7 +32,7 @@ _LEAST = 1e-12  # variance below which a state does not move at random
 
 
 class ParticleFilter(GaussianFilter):
-    """Of a state space, with `count` particles. Raises `InputError` where ⊞ of the system is not +."""
+    """Filter of a state space with `count` particles. Raises `InputError` where ⊞ of the system is not +."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class ParticleFilter(GaussianFilter):
         self.covariance[:] = off * weights @ off.T
 
     def is_valid(self) -> bool:
-        """Whether all particles are finite."""
+        """True if all particles are finite."""
         return bool(np.isfinite(self.cloud).all())
 
     def inflate(self) -> None:

@@ -89,12 +89,12 @@ class StateSpace(ABC):
 
     @property
     def error_names(self) -> tuple[str, ...]:
-        """Of the elements of the error, (e,)."""
+        """Names of the elements of the error, (e,)."""
         return self.errors or self.names
 
     @property
     def is_flat(self) -> bool:
-        """Whether ⊞ is +."""
+        """True if ⊞ is +."""
         return type(self).retract is StateSpace.retract and type(self).difference is StateSpace.difference
 
 
@@ -132,7 +132,7 @@ class Measurement:
 
 
 class Symbols:
-    """Of a state space: state, inputs, parameters by name, and the length `h` of a step."""
+    """Symbols of a state space: state, inputs, parameters by name, and the length `h` of a step."""
 
     def __init__(self, system: StateSpace) -> None:
         check_names(system)

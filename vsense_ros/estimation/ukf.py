@@ -34,7 +34,7 @@ _ROUNDS = 20  # at most, of the search for the mean of points that are no vector
 
 
 class Ukf(GaussianFilter):
-    """Of a state space. `alpha`, `beta` and `kappa` place and weigh the points: λ = α² (e + κ) - e.
+    """Filter of a state space. `alpha`, `beta` and `kappa` place and weigh the points: λ = α² (e + κ) - e.
 
     With the defaults the point in the middle has no weight and all others the same, and a covariance stays positive
     definite; κ = 3 - e makes fourth moments of a normal distribution right, with a negative weight for e > 3.
@@ -70,7 +70,7 @@ class Ukf(GaussianFilter):
         self._operations = self._points.operations()
 
     def at(self, memory: Array) -> Ukf:
-        """The same, with its memory in this array (s,)."""
+        """This filter with its memory in another array (s,)."""
         memory[:] = self.memory
         weights = {"alpha": self.alpha, "beta": self.beta, "kappa": self.kappa}
         sensors = tuple(self.measurements.values())
@@ -144,7 +144,7 @@ class Ukf(GaussianFilter):
         return self._operations.follow(course, self.memory.size, every)
 
     def is_valid(self) -> bool:
-        """Whether the mean is finite and within its bounds, and no variance below zero."""
+        """True if the mean is finite and within its bounds, and no variance below zero."""
         return bool((np.abs(self.mean) < self._largest).all() and (self.covariance.diagonal() >= 0).all())
 
     def _measurement(self, sensor: str, value: Array, variance: Array) -> Measurement:

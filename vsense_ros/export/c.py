@@ -337,7 +337,7 @@ class Contents:
         }
 
     def _learning_calls(self) -> dict[str, str]:
-        """Of the functions of the parameter filter, but for those of single sensors."""
+        """Calls of the functions of the parameter filter, but for those of single sensors."""
         if self.filter is None:
             return {}
         predicted = "v->sensitivity, v->parameter_covariance, v->by_estimates, drift, to->gain"

@@ -56,7 +56,7 @@ def write(vehicle: Vehicle, name: str, folder: Path) -> list[Path]:
 
 
 def sources(name: str, folder: Path) -> list[Path]:
-    """Of the files that `write` made, those that are compiled."""
+    """Those of the files made by `write` that are compiled."""
     return sorted(folder.glob(f"{name}.c")) + sorted(folder.glob(f"{name}_part_*.c"))
 
 
@@ -118,7 +118,7 @@ class _Contents:
         }
 
     def _part(self, key: str, system: NavigationSpace, measurements: tuple[Measurement, ...]) -> dict[str, Any]:
-        """Of one state space."""
+        """What the templates refer to for one state space."""
         made = Jacobians(system, measurements)
         transition, retract, *sense = made.written
         start = system.start(self.numbers)
@@ -250,7 +250,7 @@ class _Contents:
 
 
 def _name(key: str) -> str:
-    """Of a part, in C."""
+    """Name of a part in C."""
     return identifier(key) or _ALONE
 
 

@@ -122,7 +122,7 @@ class Runner(Protocol):
 
     @property
     def started(self) -> bool:
-        """Whether its filter has begun."""
+        """True once its filter has begun."""
 
     def add(self, sample: Sample) -> Any:
         """Take a message."""

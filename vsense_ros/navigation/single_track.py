@@ -1,38 +1,47 @@
-"""The linear single-track model in side slip and yaw rate (Leung 2010, eq. 3.20, sign of b² C_R corrected).
-
-    β̇ = (F_f + F_r) / (m V) - r,  ṙ = (a F_f - b F_r) / J
-    F_f = C_f (δ - β - a r / V),  F_r = C_r (b r / V - β)
+"""The single-track model in side slip and yaw rate, `model.handling.Bicycle2Dof`, as filters take it.
 
 Stiffnesses are those of an axle, positive. A step is taken to second order in its length: the model is stiff at low
-speeds, where the first order of the thesis is unstable.
+speeds, where the first order of Leung 2010 is unstable.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import casadi as ca
 
 from vsense_ros.estimation.state_space import Named
+from vsense_ros.model.handling.bicycle_2dof import SLOWEST, Bicycle2Dof
+from vsense_ros.model.parameter import Scalar
 
-PARAMETERS = ("mass", "yaw_inertia", "to_front", "to_rear", "front_stiffness", "rear_stiffness")
-SLOWEST = 2.0  # [m/s] below it the model goes on as at this speed
+_MODEL = Bicycle2Dof()
+PARAMETERS = _MODEL.parameters
+
+
+class _State(NamedTuple):
+    side_slip: ca.SX
+    yaw_rate: ca.SX
+
+
+class _Inputs(NamedTuple):
+    steering: ca.SX
+    speed: ca.SX
 
 
 def speed_of_model(speed: ca.SX) -> ca.SX:
-    """With which equations that divide by it are evaluated [m/s]."""
+    """Speed [m/s] with which the model evaluates equations that divide by it: not less than its slowest."""
     return ca.fmax(speed, SLOWEST)
 
 
-def axle_forces(side_slip: ca.SX, yaw_rate: ca.SX, steer: ca.SX, speed: ca.SX, theta: Named) -> tuple[ca.SX, ca.SX]:
-    """Of both wheels of the front and of the rear axle [N]."""
-    front = theta.front_stiffness * (steer - side_slip - theta.to_front * yaw_rate / speed)
-    return front, theta.rear_stiffness * (theta.to_rear * yaw_rate / speed - side_slip)
+def axle_forces(side_slip: ca.SX, yaw_rate: ca.SX, steer: ca.SX, speed: ca.SX, theta: Named) -> tuple[Scalar, Scalar]:
+    """Lateral forces of both wheels of the front and of the rear axle [N]."""
+    return _MODEL.axle_forces(_State(side_slip, yaw_rate), _Inputs(steer, speed), theta)
 
 
-def rates(side_slip: ca.SX, yaw_rate: ca.SX, steer: ca.SX, speed: ca.SX, theta: Named) -> tuple[ca.SX, ca.SX]:
+def rates(side_slip: ca.SX, yaw_rate: ca.SX, steer: ca.SX, speed: ca.SX, theta: Named) -> tuple[Scalar, Scalar]:
     """β̇ [rad/s] and ṙ [rad/s²]."""
-    front, rear = axle_forces(side_slip, yaw_rate, steer, speed, theta)
-    turning = (theta.to_front * front - theta.to_rear * rear) / theta.yaw_inertia
-    return (front + rear) / (theta.mass * speed) - yaw_rate, turning
+    slipping, turning = _MODEL.rates(_State(side_slip, yaw_rate), _Inputs(steer, speed), theta)
+    return slipping, turning
 
 
 def second_order(x: ca.SX, rate: ca.SX, h: ca.SX) -> ca.SX:

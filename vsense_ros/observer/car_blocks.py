@@ -384,13 +384,13 @@ class CarBlocks:
     # What the car is told by
 
     def is_valid(self) -> bool:
-        """Whether the mean is a car's."""
+        """True if the mean can be a car's."""
         within = np.count_nonzero(np.abs(self.mean) < self.largest)
         return bool(self.covariance.item(FORWARD, FORWARD) > 0 and within == len(self.mean))
 
     @property
     def axle_distances(self) -> Array:
-        """Of the front and the rear axle from cog, (2,) [m]."""
+        """Distances of the front and the rear axle from the centre of gravity, (2,) [m]."""
         return self.parameters.take(self._distances)
 
     def present(self) -> tuple[Array, Array]:

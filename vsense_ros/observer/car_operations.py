@@ -119,7 +119,7 @@ class Learned:
 
 
 class CarOperations(Operations):
-    """Of a car whose functions are compiled."""
+    """Operations of a car whose functions are compiled."""
 
     def __init__(
         self,
@@ -250,7 +250,7 @@ def _sensor(sensed: Sensed) -> _Sensor:
 
 
 def _entries(kernels: Sequence[Kernel | None]) -> ctypes.Array[Entry] | None:
-    """Of each sensor one, empty where it has none; None if one is not compiled."""
+    """Entries of the kernels, one for each sensor, empty where it has none; None if one is not compiled."""
     entries = [Entry() if kernel is None else kernel.entry() for kernel in kernels]
     made = [entry for entry in entries if entry is not None]
     return (Entry * len(made))(*made) if len(made) == len(entries) else None

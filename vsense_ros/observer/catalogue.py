@@ -61,7 +61,7 @@ def spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = 
 
 
 def full_spi(vehicle: Vehicle, sensors: dict[str, SensorBase], prior: Prior | None = None) -> CarFilter:
-    """The same on the car with all its bodies."""
+    """The SPI whose model is the car with all its bodies."""
     room = room_for_parameters(vehicle, sensors)
     car = FullCarBlocks(vehicle, sensors, extra=room, prior=prior)
     return FullCarSpi(car, FULL_CAR_FILTERS[vehicle.observer.parameter_filter])

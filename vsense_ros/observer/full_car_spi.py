@@ -39,7 +39,7 @@ class OnFullCars(ParameterFilter):
 
     @abstractmethod
     def deviations(self) -> tuple[ca.SX, ca.SX]:
-        """Of these cars from the filter's: parameters (k×p), state (n×p), by S and M."""
+        """Deviations of these cars from the filter's: parameters (k×p), state (n×p), by S and M."""
 
 
 class FullCarParameterEkf(ParameterEkf, OnFullCars):
@@ -110,7 +110,7 @@ class FullCarNumbers:
         self._coefficients = np.linalg.solve(np.array([self._powers(place) for place in places]), np.array(numbers))
 
     def at(self, values: Array) -> Array:
-        """Of the car with these parameters (k,)."""
+        """Numbers of the car with these parameters (k,)."""
         return self._powers(values) @ self._coefficients
 
     def _powers(self, values: Array) -> Array:

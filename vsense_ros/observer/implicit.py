@@ -193,7 +193,7 @@ def work_with(
 
 
 def outside_with(client: Client, kernels: Collection[str], at: Callable[[float], None] | None = None) -> Outside:
-    """The same for the full car."""
+    """The observer's filter of a vehicle whose model is the full car."""
     _refuse_others(kernels, FULL_KERNELS)
     solve = client.solve if FULL_KERNELS[0] in kernels else in_double
     return Outside(solve, turned_by(client) if FULL_KERNELS[1] in kernels else None, at)

@@ -59,7 +59,7 @@ def turned_by(client: Client) -> Callable[[Array], Array]:
 
 
 def _is_of_body(body: Array, result: NDArray[np.float32]) -> bool:
-    """Whether R J Rᵀ and m R s (9,) may be those of a body (19,): turned, they keep trace and size."""
+    """True if R J Rᵀ and m R s (9,) may be those of a body (19,): turned, they keep trace and size."""
     xx, xy, xz, yy, yz, zz, *moment = result.astype(float).tolist()
     own, size = body[9:12], float((body[9:12] ** 2).sum() + 2 * (body[12:15] ** 2).sum())
     found = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
@@ -159,7 +159,7 @@ class _Sum:
         self._allowed = ROUNDING * np.array([sizes @ w for w in (np.ones(len(sizes)), order, order * (order - 1) / 2)])
 
     def agrees(self, given: Array, along: float, across: float) -> bool:
-        """Whether value, slope and half curvature (3,) are those of the sum at ξ and η."""
+        """True if value, slope and half curvature (3,) are those of the sum at ξ and η."""
         rows = self._sum @ across ** np.arange(self._sum.shape[1])
         value, slope, half = rows[-1], 0.0, 0.0
         for row in rows[-2::-1]:
@@ -169,7 +169,7 @@ class _Sum:
 
 
 def _is_inertia(result: NDArray[np.float32], turn: Array, across: float, along: float) -> bool:
-    """Whether xx xy xz yy yz zz and m R s (9,) belong to a wheel with axes `turn` (3×3) and its centre of gravity in
+    """True if xx xy xz yy yz zz and m R s (9,) belong to a wheel with axes `turn` (3×3) and its centre of gravity in
     its middle."""
     xx, xy, xz, yy, yz, zz = result[:6].astype(float)
     matrix, axle = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), turn[:, 1]

@@ -27,7 +27,7 @@ class ParameterUkf(ParameterFilter):
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the sigma points (p,): the mean, then above and below it along each column of the root."""
+        """Weights of the sigma points (p,): the mean, then above and below it along each column of the root."""
         return np.array([KAPPA, *[0.5] * (2 * self.count)]) / (self.count + KAPPA)
 
     @property
@@ -40,13 +40,13 @@ class ParameterUkf(ParameterFilter):
         return ca.horzcat(ca.SX.zeros(self.count, 1), step, -step)
 
     def _deviations(self, arguments: list[ca.MX]) -> tuple[ca.MX, ca.MX]:
-        """Of all sigma points: deviations of the parameters (k×p) and of the state (n×p)."""
+        """Deviations of all sigma points from the mean: of the parameters (k×p) and of the state (n×p)."""
         m = ca.SX.sym("m", self.count, self.count)
         deviation = ca.Function("points", [m], [ca.densify(self.points(m))])(arguments[11])
         return deviation, arguments[10] @ deviation
 
     def accelerations(self, arguments: list[ca.MX], deviation: ca.MX, of_state: ca.MX) -> ca.MX:
-        """Of the cars of all sigma points (14×p), without what errors of the forces add."""
+        """Accelerations of the cars of all sigma points (14×p), without what errors of the forces add."""
         p = self.width
         names = ca.DM.zeros(self.car.p.numel(), self.count)
         for i, column in enumerate(self.columns):

@@ -38,8 +38,7 @@ class Mekf2a(NavigationSpace):
         return u.steer_angle
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        speed = single_track.speed_of_model(u.speed)
-        moving = single_track.rates(x.side_slip, x.yaw_rate, self.steer(x, u), speed, theta)
+        moving = single_track.rates(x.side_slip, x.yaw_rate, self.steer(x, u), u.speed, theta)
         still = ca.SX.zeros(len(self.names) - 3)
         return single_track.second_order(x.vector, ca.vertcat(*moving, x.yaw_rate, still), h)
 

@@ -32,8 +32,7 @@ class SingleTrack(NavigationSpace):
         return 0.0, 0.0
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        speed = single_track.speed_of_model(u.speed)
-        model = single_track.rates(x.side_slip, x.yaw_rate, u.steer_angle, speed, theta)
+        model = single_track.rates(x.side_slip, x.yaw_rate, u.steer_angle, u.speed, theta)
         rate = ca.vertcat(*(own + more for own, more in zip(model, self.correction(x, u), strict=True)))
         return single_track.second_order(x.vector, rate, h)
 
@@ -71,9 +70,8 @@ class ModelAndIns(SingleTrack):
     prior: Mapping[str, float] = {"side_slip": 0.02, "model_slip": 0.02, "model_rate": 0.05}
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
-        speed = single_track.speed_of_model(u.speed)
-        model = single_track.rates(x.model_slip, x.model_rate, u.steer_angle, speed, theta)
-        felt = u.acceleration_y / speed - u.yaw_rate
+        model = single_track.rates(x.model_slip, x.model_rate, u.steer_angle, u.speed, theta)
+        felt = u.acceleration_y / single_track.speed_of_model(u.speed) - u.yaw_rate
         rate = ca.vertcat(felt + (x.model_slip - x.side_slip) / CROSSOVER, *model)
         return single_track.second_order(x.vector, rate, h)
 
@@ -87,8 +85,7 @@ class ModelAndIns(SingleTrack):
 
 def lateral_force(x: Named, z: Named, u: Named, p: Named) -> ca.SX:
     """What an accelerometer feels across the car: the axles' forces, and the body's roll."""
-    speed = single_track.speed_of_model(u.speed)
-    front, rear = single_track.axle_forces(x.side_slip, x.yaw_rate, u.steer_angle, speed, p)
+    front, rear = single_track.axle_forces(x.side_slip, x.yaw_rate, u.steer_angle, u.speed, p)
     return (1 + p.roll_gain) * (front + rear) / p.mass
 
 
