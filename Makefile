@@ -24,7 +24,7 @@ help: ## this list
 
 venv: ## the virtual environment that the other targets use
 	@mkdir -p out "$(HOME)"
-	@.ci/venv $(VENV) "$(PYTHON)" $(addprefix -r requirements/,core.txt ros.txt test.txt dev.txt)
+	@.ci/venv $(VENV) "$(PYTHON)" $(addprefix -r requirements/,all.txt ros.txt test.txt dev.txt)
 
 test: venv ## within ten minutes: lint, types, contracts, tests, colcon build, and a part again with numpy 1.26
 	@mkdir -p out && .ci/test

@@ -9,11 +9,19 @@ PACKAGE = "vsense_ros"
 ROOT = Path(__file__).parent
 
 
-def requirement_names() -> list[str]:
+EXTRAS = ("explain", "fleet", "fmu", "formats", "foxglove", "reports", "all")  # each a file in requirements/
+
+
+def requirement_names(file: str) -> list[str]:
     """Names without versions: those are pinned in requirements/ for environments of our own, while a vehicle PC keeps
-    the versions its distribution brings."""
-    lines = (ROOT / "requirements" / "core.txt").read_text(encoding="utf-8").splitlines()
-    return [match.group(1) for line in lines if (match := re.match(r"([A-Za-z0-9._-]+)", line))]
+    the versions its distribution brings. Includes the names of the files that this one refers to, except the core's."""
+    names: list[str] = []
+    for line in (ROOT / "requirements" / f"{file}.txt").read_text(encoding="utf-8").splitlines():
+        if match := re.match(r"-r (\w+)\.txt", line):
+            names += requirement_names(match.group(1)) if match.group(1) != "core" else []
+        elif match := re.match(r"[A-Za-z0-9._-]+(\[\w+\])?", line):
+            names.append(match.group())
+    return list(dict.fromkeys(names))
 
 
 def nodes() -> list[str]:
@@ -53,7 +61,8 @@ setup(
         *shared_files("bags"),
         *shared_files("hw/rtl"),
     ],
-    install_requires=requirement_names(),
+    install_requires=requirement_names("core"),
+    extras_require={extra: requirement_names(extra) for extra in EXTRAS},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -16,8 +16,9 @@ from synthetic_drives import channel, odometry, recording, slalom
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.metrics import SignalScore
 from vsense_ros.evaluate.picture import compose, draw
-from vsense_ros.evaluate.report import named, score_cells, write_report
+from vsense_ros.evaluate.report import write_report
 from vsense_ros.evaluate.signals import SIGNALS, thin
+from vsense_ros.evaluate.wording import named, score_cells
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
 from vsense_ros.accelerator.kernels.base import Kernel, Words
+from vsense_ros.cache import compiled_folder, one_builder
 from vsense_ros.errors import InputError
 
 NEEDED = ("verilator", "make", "g++")
@@ -89,11 +88,6 @@ class Rtl:
             self.close()
 
 
-def _cache() -> Path:
-    folder = os.environ.get("VSENSE_CACHE")
-    return Path(folder) if folder else user_cache_path("vsense_ros")
-
-
 def _built(kernel: Kernel, parameters: dict[str, int]) -> Path:
     """The kernel's library in the cache, made where it is not there yet."""
     if lacking := missing():
@@ -108,11 +102,11 @@ def _built(kernel: Kernel, parameters: dict[str, int]) -> Path:
     content = [version, _FLAGS, wrapper, kernel.top, repr(sorted(parameters.items()))]
     content += [file.read_text(encoding="utf-8") for file in files]
     key = hashlib.sha256("\n".join(content).encode()).hexdigest()
-    target = _cache() / f"rtl-{kernel.name}-{key[:20]}.so"
+    target = compiled_folder() / f"rtl-{kernel.name}-{key[:20]}.so"
     if target.exists():
         return target
     target.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(target.with_suffix(".lock")):
+    with one_builder(target):
         if not target.exists():
             with tempfile.TemporaryDirectory(dir=target.parent) as place:
                 _build(kernel, parameters, folder, files, wrapper, Path(place))

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import quote
 
+from vsense_ros.cache import user_folder
 from vsense_ros.errors import InputError
 
 _REPOSITORY = Path(__file__).resolve().parents[2]
@@ -179,9 +180,7 @@ def data_dir() -> Path:
     neighbour = (_REPOSITORY / _NEIGHBOUR).resolve()
     if neighbour.is_dir():
         return neighbour
-    import pooch
-
-    return Path(pooch.os_cache("vsense_ros"))
+    return user_folder()
 
 
 def find(name: str) -> Path | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from vsense_ros.errors import InputError
+from vsense_ros.extras import explained
 from vsense_ros.files.names import printable
 
 if TYPE_CHECKING:  # at run time it would load the whole model before the first line of help
@@ -81,7 +82,8 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with explained():
+                return super().invoke(ctx)
         except InputError as error:
             click.echo(f"{self.program}: {printable(str(error))}", err=True)
         except OSError as error:

@@ -135,8 +135,8 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
     import time
 
     from vsense_ros import codegen
+    from vsense_ros.cache import compiled_folder
     from vsense_ros.cli.common import load_car
-    from vsense_ros.codegen.compile import cache_folder
     from vsense_ros.errors import InputError
     from vsense_ros.estimation.catalogue import Catalogue
     from vsense_ros.evaluate.terminal import say, waiting
@@ -157,7 +157,7 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
                 Navigator(car, str(chosen))
             else:
                 Observer(car, None, Catalogue([*FILTERS, *NAVIGATION])[chosen].make if chosen else None)
-        say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {cache_folder()}.")
+        say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {compiled_folder()}.")
 
 
 COMMANDS = (tyres, suspension, schema, urdf, compile_models)

@@ -23,10 +23,9 @@ from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
+from vsense_ros.cache import compiled_folder, one_builder
 from vsense_ros.codegen import native
 
 # Below -O2 GCC leaves the upper halves of vector registers dirty, after which the functions of libm run at a quarter of
@@ -48,12 +47,6 @@ def compiler() -> str | None:
         if name and (found := shutil.which(name)):
             return found
     return None
-
-
-def cache_folder() -> Path:
-    """Where compiled functions are kept: `$VSENSE_CACHE`, else the user's cache folder."""
-    folder = os.environ.get("VSENSE_CACHE")
-    return Path(folder) if folder else user_cache_path("vsense_ros")
 
 
 def _own(folder: Path) -> bool:
@@ -79,7 +72,7 @@ def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
     if cc is None or cc in _broken:
         return None
     key = hashlib.sha256("\n".join((cc, *FLAGS, *flags, _processor(), source)).encode()).hexdigest()
-    target = cache_folder() / f"{name}-{key[:20]}.so"
+    target = compiled_folder() / f"{name}-{key[:20]}.so"
     try:
         if not _own(target.parent):
             _broken.add(cc)
@@ -91,7 +84,7 @@ def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
             return None
         if target.exists():
             return target
-        with FileLock(target.with_suffix(".lock")):
+        with one_builder(target):
             if not target.exists():
                 with tempfile.TemporaryDirectory(dir=target.parent) as folder:
                     (Path(folder) / "source.c").write_text(source, encoding="utf-8")

@@ -14,8 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vsense_ros.evaluate.drive import Drive
-from vsense_ros.evaluate.report import balance_in_words, named, score_cells
 from vsense_ros.evaluate.signals import SIGNALS
+from vsense_ros.evaluate.wording import balance_in_words, named, score_cells
 from vsense_ros.files.names import printable
 from vsense_ros.messages.inspect import Inspection
 

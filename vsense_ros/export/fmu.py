@@ -27,6 +27,7 @@ from vsense_ros.export import c
 from vsense_ros.export.c import Contents, Observer
 from vsense_ros.export.entries import INPUT_ENTRIES, Entry
 from vsense_ros.export.sources import compile_library, identifier, plain, templates
+from vsense_ros.extras import explained
 from vsense_ros.files.names import harmless
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.vehicle import Vehicle
@@ -144,6 +145,7 @@ class Unit:
 
     def sources(self, version: int, folder: Path) -> None:
         """Write the C of the unit into `folder`."""
+        headers = _headers()
         c.write(self.vehicle, folder)
         for name in ("example.c", "Makefile", "README.md"):
             (folder / name).unlink()
@@ -163,7 +165,6 @@ class Unit:
             ],
             "rest": _rest_of_fmi3(environment) if version == 3 else "",
         }
-        headers = _headers()
         for name, source in (("fmu.c", "fmu.c.j2"), (f"fmi{version}.c", f"fmi{version}.c.j2")):
             (folder / name).write_text(plain(environment.get_template(source).render(values)), encoding="utf-8")
         for header in headers.glob(f"fmi{version}*.h"):
@@ -220,10 +221,8 @@ def compile_sources(sources: Path, version: int, target: Path, optimised: str = 
 
 
 def _headers() -> Path:
-    try:
+    with explained():
         import fmpy
-    except ImportError:
-        raise InputError("the headers of FMI come with FMPy, which is not installed; pip install fmpy") from None
     return Path(fmpy.__file__).parent / "c-code"
 
 

@@ -30,6 +30,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from vsense_ros.errors import InputError
+from vsense_ros.extras import explained
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
@@ -220,7 +221,8 @@ class SensingNode(LifecycleNode, Generic[Params]):
     def _guarded(self, job: Any, then: Any, state: LifecycleState) -> TransitionCallbackReturn:
         """rclpy swallows what a transition raises: input faults refuse the transition, anything else is shown."""
         try:
-            job()
+            with explained():
+                job()
         except InputError as error:
             self.fault = error
             self.get_logger().error(str(error))

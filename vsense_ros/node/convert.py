@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
 from vsense_ros.bag.mcap import RELIABLE_QOS, TopicDescription
 from vsense_ros.errors import InputError
 from vsense_ros.messages import definitions
@@ -37,6 +35,8 @@ def message_type(kind: str, type_hash: str = "") -> Any:
 
 @cache
 def _typestore() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -56,6 +56,8 @@ def _read_installed(kind: str) -> bool:
             break
     else:
         return False
+    from rosbags.typesys import get_types_from_msg
+
     found = get_types_from_msg(file.read_text(encoding="utf-8"), kind)
     store.register(found)
     needed = {word for _, fields in found.values() for word in _types_in(fields)}

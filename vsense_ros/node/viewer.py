@@ -7,7 +7,7 @@ way that the car came, and at each tyre its force in the circle of what it could
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 from rclpy.qos import DurabilityPolicy
@@ -20,10 +20,11 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import FIELDS
 from vsense_ros.node.base import SensingNode, is_between_nodes, run_node
 from vsense_ros.node.convert import describe, message_type
-from vsense_ros.node.foxglove_scene import PATH, Scene
-from vsense_ros.node.foxglove_server import PORT, FoxgloveServer
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import Reader
+
+if TYPE_CHECKING:  # at run time only once it is configured: they need an optional package
+    from vsense_ros.node.foxglove_server import FoxgloveServer
 
 _OF_ALL = ("/tf", "/tf_static", "/diagnostics", "/diagnostics_agg")
 _NOT_SHOWN = ("/clock", "/parameter_events")
@@ -33,7 +34,7 @@ class ViewerParameters(NodeParameters):
     """What and where."""
 
     host: str = Field("127.0.0.1", description="address to serve at; 0.0.0.0 lets other machines look")
-    port: int = parameter(PORT, "", "TCP port; 0: any that is free", ge=0, le=65535)
+    port: int = parameter(8765, "", "TCP port; 0: any that is free", ge=0, le=65535)
     vehicle: str = path_parameter("vehicle file, or the name of one; empty: no friction circles")
     frame_prefix: str = Field("", description="before the frames of the car, as that of the observer")
 
@@ -45,12 +46,16 @@ class Viewer(SensingNode[ViewerParameters]):
     _timers_of_viewing: tuple[Any, ...] = ()
 
     def configure(self) -> None:
+        from vsense_ros.node.foxglove_scene import PATH, Scene
+        from vsense_ros.node.foxglove_server import FoxgloveServer
+
         p = self.parameters
         self._inputs: dict[str, Reader] = {}
         self._unknown: set[str] = set()
         self.shown = 0
         car = load_vehicle(vehicle_path(p.vehicle)) if p.vehicle else None
         self._scene = Scene(car, p.frame_prefix)
+        self._latched_scene = PATH
         self._server = FoxgloveServer(self.get_fully_qualified_name(), p.host, p.port)
         self.get_logger().info(f"serving at {self._server.url}; {self._server.app_url}")
 
@@ -129,7 +134,7 @@ class Viewer(SensingNode[ViewerParameters]):
             return
         namespace = self.get_namespace().strip("/")
         for name, scene in self._scene.add(sample):
-            server.draw(f"{namespace}/{name}", scene, now, latched=name == PATH)
+            server.draw(f"{namespace}/{name}", scene, now, latched=name == self._latched_scene)
 
     def diagnostics(self) -> list[Diagnostic]:
         if self._server is None:

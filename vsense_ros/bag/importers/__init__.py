@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any
 
 from vsense_ros.errors import InputError
+from vsense_ros.extras import MissingExtra, explained
 from vsense_ros.messages.recording import Recording
 
 _MOST_MEMORY, _MOST_OF_FILE = 768 << 20, 24  # [byte], and times the size of a file, that reading it may take
@@ -37,13 +39,24 @@ class Importer:
 def importers() -> list[Importer]:
     """The importers of this folder in the order in which they are asked: by name, some before the
     others (FIRST = True), and those that judge by a file's ending alone (LAST = True) after them."""
-    modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
-    formats = [module for module in modules if hasattr(module, "NAME")]
+    formats = [module for module in _modules()[0] if hasattr(module, "NAME")]
     formats.sort(key=lambda module: (getattr(module, "LAST", False), not getattr(module, "FIRST", False)))
     return [
         Importer(module.NAME, module.DESCRIPTION, module.matches, module.read, getattr(module, "NEEDS", ()))
         for module in formats
     ]
+
+
+def _modules() -> tuple[list[ModuleType], set[str]]:
+    """The modules of this folder that can be imported, and for the others which extra of the installation they lack."""
+    modules, lacking = [], set()
+    for module in iter_modules(__path__):
+        try:
+            with explained():
+                modules.append(import_module(f"{__name__}.{module.name}"))
+        except MissingExtra as error:
+            lacking.add(str(error))
+    return modules, lacking
 
 
 def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
@@ -65,7 +78,8 @@ def find_importer(path: str | Path, options: Collection[str] = ()) -> Importer:
     if matching:
         return matching[0]
     names = "; ".join(f"{importer.name}: {importer.description}" for importer in known)
-    raise InputError(f"{path}: no importer knows this. Known: {names}")
+    lacking = "".join(f"; {sentence}" for sentence in sorted(_modules()[1]))
+    raise InputError(f"{path}: no importer knows this. Known: {names}{lacking}")
 
 
 def _matches(importer: Importer, path: Path) -> bool:
@@ -88,7 +102,8 @@ def import_recording(path: str | Path, **options: Any) -> Recording:
         raise InputError(f"{path}: importer {importer.name} has no option {unknown[0]!r}; it has: {allowed}")
     with bounded_memory(Path(path)):
         try:
-            return importer.read(Path(path), **options)
+            with explained():
+                return importer.read(Path(path), **options)
         except (InputError, MemoryError):
             raise
         except Exception as error:  # of a library, that a damaged file has led where nobody expected it
