@@ -62,7 +62,7 @@ def coefficients(vehicle: Vehicle) -> Words:
 
 
 def bit_exact(kernel: Kernel, vehicle: Vehicle, count: int, progress: Callable[[float], None]) -> tuple[int, int]:
-    """Of so many systems, how many the hardware and the mock give the same bits and clocks for; and the clocks."""
+    """Number of systems out of `count` for which hardware and mock give the same bits and clocks; and the clocks."""
     given = requests(kernel, count)
     own = coefficients(vehicle) if kernel.table_words else None
     rtl = Rtl(kernel)

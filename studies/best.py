@@ -64,12 +64,12 @@ UNFITTED = ("speed", "lateral_velocity", "yaw_rate", "roll")
 
 @dataclass(frozen=True)
 class Identified:
-    """One drive, identified by one filter: what it began with, its passes, and what was told."""
+    """One drive, identified by one filter: what it began with, its passes, and the information in the drive."""
 
     drive: Drive
     start: Array
     rinsed: Rinsed
-    told: Information
+    information: Information
 
     @property
     def curve_errors(self) -> Array:
@@ -91,7 +91,7 @@ class HPlus:
 
     @property
     def detected(self) -> bool:
-        """Whether it was called unidentifiable before pass 20."""
+        """True if it was called unidentifiable before pass 20."""
         return bool(self.refused) and self.detected_at < 20
 
 
@@ -127,8 +127,8 @@ def identify(drive: Drive, start: Mapping[str, float], kind: Kind = "extended") 
     """One drive by one filter."""
     one = best.identifier(start, FREE, kind=kind)
     rinsed = rinse(one, [drive])
-    told = information(best.identifier(start, FREE), [drive], rinsed.values, best.prior(PAPER, FREE))
-    return Identified(drive, one.begin(), rinsed, told)
+    of_drive = information(best.identifier(start, FREE), [drive], rinsed.values, best.prior(PAPER, FREE))
+    return Identified(drive, one.begin(), rinsed, of_drive)
 
 
 def repeat(
@@ -138,31 +138,31 @@ def repeat(
     jobs = 2 * len(seeds) + len(literal) + 3
     done = iter(range(1, jobs + 1))
 
-    def tell() -> None:
+    def report() -> None:
         if progress is not None:
             progress(next(done) / jobs)
 
     twins = {seed: best_twin.drive(best_twin.rich_driver(seed), SECONDS) for seed in seeds}
     drives = {seed: twin.recorded(seed, cut_off=best.CUT_OFF) for seed, twin in twins.items()}
-    tell()
+    report()
     found: dict[str, list[Identified]] = {name: [] for name in KINDS}
     wall = {}
     for name, kind in KINDS.items():
         begun = time.perf_counter()
         for seed in seeds:
             found[name].append(identify(drives[seed], wrong_start(seed), kind))
-            tell()
+            report()
         wall[name] = time.perf_counter() - begun
     first = seeds[0]
     filtered = [identify(twins[seed].recorded(seed), wrong_start(seed)) for seed in seeds]
     as_printed = {}
     for name, passes in literal.items():
         as_printed[name] = literally(twins[first].recorded(first), FREE, KINDS[name], passes)
-        tell()
+        report()
     h_plus = free_heights(drives[first], twins[first].recorded(first), first)
-    tell()
+    report()
     validation = validate(found["iekf"][0].rinsed.values)
-    tell()
+    report()
     return Repeated(
         twins, found, filtered, as_printed, h_plus, validation, peer_pass(drives[first], wrong_start(first)),
         wall["iekf"],
@@ -193,9 +193,9 @@ def free_heights(drive: Drive, low_passed: Drive, seed: int) -> HPlus:
     at, direction = 0, ""
     for made in rinsed.passes:
         at += 1
-        told = information(one, [drive], made.values, best.prior(PAPER, free))
-        refused = refusals(told, best_4dof.JUDGED_BY_CURVE)
-        direction = str(told.weakest(best_4dof.JUDGED_BY_CURVE))
+        of_drive = information(one, [drive], made.values, best.prior(PAPER, free))
+        refused = refusals(of_drive, best_4dof.JUDGED_BY_CURVE)
+        direction = str(of_drive.weakest(best_4dof.JUDGED_BY_CURVE))
         if refused:
             break
     return HPlus(refused, direction, at, rinsed, literally(low_passed, free), values)
@@ -313,7 +313,7 @@ def content(result: Repeated) -> dict[str, Any]:
 
 
 def write(result: Repeated, path: Path) -> None:
-    """As JSON."""
+    """Write the result as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
         file.write(json.dumps(content(result), indent=2) + "\n")
@@ -353,7 +353,7 @@ def h_plus_in_words(case: HPlus) -> list[str]:
              if case.detected else "h+ (roll centres free, too): not called unidentifiable."]  # fmt: skip
     lines += [f"  {one}." for one in case.refused]
     lines.append(f"  The weakest direction is {case.direction}: roll moves the body about an axis whose height only "
-                 "the load transfer tells apart from that of the centre of gravity.")  # fmt: skip
+                 "the load transfer distinguishes from that of the centre of gravity.")  # fmt: skip
     off = 100 * (case.literal.passes[-1].values / case.values - 1)
     ten = 100 * (case.literal.passes[-1].values / case.literal.passes[-11].values - 1)
     lines.append(
@@ -377,7 +377,7 @@ def _parameters(result: Repeated, made: Mapping[str, Any]) -> Table:
     all_errors = np.array([one.rinsed.values / TRUTH - 1 for one in result.found["iekf"]]) * 100
     filtered = np.array([one.rinsed.values / TRUTH - 1 for one in result.filtered]) * 100
     literal = 100 * (result.literal["iekf"].values / TRUTH - 1)
-    three = 300 * result.found["iekf"][0].told.deviations / TRUTH
+    three = 300 * result.found["iekf"][0].information.deviations / TRUTH
     apart = between(result)
     for i, name in enumerate(FREE):
         symbol = SYMBOLS[name][0]

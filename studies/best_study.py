@@ -79,7 +79,7 @@ def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | N
 
 
 def everyday_drive(seed: int) -> tuple[Information, dict[str, float]]:
-    """What an everyday drive tells, and the wrong parameters that it started from."""
+    """Information in an everyday drive, and the wrong parameters that it started from."""
     driver = best_twin.rich_driver(1000 + seed, EVERYDAY_LEVEL)
     drive = best_twin.drive(driver, EVERYDAY_SECONDS).recorded(seed, cut_off=best.EVERYDAY_CUT_OFF)
     start = wrong_start(seed)
@@ -122,7 +122,7 @@ def _of(values: Array, like: Information) -> Information:
 
 
 def content(found: Study) -> dict[str, Any]:
-    """As JSON."""
+    """Contents of the file of results."""
     inside = np.abs(found.errors) < WITHIN
     return {
         "starts": len(found.filter),
@@ -141,7 +141,7 @@ def content(found: Study) -> dict[str, Any]:
 
 
 def write(found: Study, path: Path) -> None:
-    """As JSON."""
+    """Write the study as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
         file.write(json.dumps(content(found), indent=2) + "\n")
@@ -162,4 +162,6 @@ def show(found: Study, out: Console) -> None:
                  f"{row['mean_error_in_deviations']:+.2f}")  # fmt: skip
         table.add_row(axle, *cells)
     out.print(table)
-    out.print("Refused as not told: " + ", ".join(f"{n} {100 * share:.0f} %" for n, share in made["refused"].items()))
+    out.print(
+        "Refused as not determined: " + ", ".join(f"{n} {100 * share:.0f} %" for n, share in made["refused"].items())
+    )

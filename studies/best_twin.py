@@ -90,8 +90,8 @@ def drive(driver: Driver, seconds: float, values: Mapping[str, float] = PAPER, s
 
 
 def _torques(force: float, x: Array, radius: float) -> Array:
-    """Of the four wheels [N m]: driven at the rear, braked at all, by a driver who lets go where a wheel locks or
-    spins."""
+    """Torques of the four wheels [N m]: rear-wheel drive, brakes at all four, released by the driver where a wheel
+    locks or spins."""
     wanted = np.zeros(4)
     if force > 0:
         wanted[2:] = min(force * radius / 2, 2600.0)

@@ -26,7 +26,7 @@ def main() -> None:
 @click.option("--identify", metavar="FILE", type=NEW_FILE, help="Identify the car instead, and write FILE.")
 @click.option("--start", metavar="FILE", default="genesis_start", show_default=True, help="Where that search begins.")
 @click.option(
-    "--reference", metavar="FILE", help="Vehicle file that tells place and mounting of the reference instead."
+    "--reference", metavar="FILE", help="Vehicle file from which to take place and mounting of the reference."
 )
 def genesis(out: Path, vehicle: str, identify: Path | None, start: str, reference: str | None) -> None:
     """Examine the observer on the third Genesis lap, or identify the car from the two others.

@@ -146,8 +146,8 @@ def examine(folder: Path, vehicle: Vehicle, progress: Progress | None = None) ->
 
 def side_slip(folder: Path, vehicle: Vehicle, stated: Reference, progress: Progress | None = None) -> dict[str, float]:
     """Error of the side slip on the third lap [deg], at 10 Hz and within the outage: with the reference where it is
-    `stated` to be, and without its constant, where it is by the lap at 10 Hz itself. A place is told from the centre of
-    gravity, which is another for another vehicle file."""
+    `stated` to be, and without its constant, where it is by the lap at 10 Hz itself. A place is measured from the
+    centre of gravity, which is another for another vehicle file."""
     path = folder / EXAMINED_ON
     lap = genesis.read(path)
     window = fastest_corner(lap)

@@ -184,8 +184,8 @@ def iterations_ratio(rows: Sequence[Implementation]) -> float:
 
 
 def shares(vehicle: Vehicle, rows: Sequence[Implementation]) -> dict[str, dict[str, float]]:
-    """Of errorEKF and SPI, simplified and full, the shares of the thesis's kernels in the operations of a step of 4 ms
-    at his finest tolerance, in percent."""
+    """Shares of the thesis's kernels in the operations of a step of 4 ms at his finest tolerance [%], for errorEKF and
+    SPI, simplified and full."""
     found = {}
     for row in rows:
         if (row.kernels, row.step, row.tolerance) == ("none", 4, 1e-5):

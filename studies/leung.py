@@ -62,7 +62,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Of the thesis; `printed` has a figure for each column by row, None where it prints none."""
+    """Table of the thesis; `printed` has a figure for each column by row, None where it prints none."""
 
     title: str
     columns: tuple[Column, ...]
@@ -72,7 +72,7 @@ class Table:
 
 
 def _columns(*texts: str) -> tuple[Column, ...]:
-    """Of lines `title filter quantity kind`, with a | between."""
+    """Columns from lines `title filter quantity kind`, with a | between."""
     return tuple(Column(*(part.strip() for part in text.split("|"))) for text in texts)
 
 
@@ -85,7 +85,7 @@ def _dual(filter: str) -> tuple[Column, ...]:
 
 
 def _printed(*rows: str) -> dict[str, tuple[float | None, ...]]:
-    """Of lines `row figure figure …`; `-` stands for none."""
+    """Printed figures from lines `row figure figure …`; `-` stands for none."""
     split = (row.split() for row in rows)
     return {name: tuple(None if f == "-" else float(f) for f in figures) for name, *figures in split}
 
@@ -153,7 +153,7 @@ TABLES = {
         ),
     ),
     "4.9": Table(
-        "lateral velocity with extrapolated side slip, 5 m/s (its unit is not told: R here; LC at 20 km/h)",
+        "lateral velocity with extrapolated side slip, 5 m/s (its unit is not stated: R here; LC at 20 km/h)",
         _columns(
             "dual R|dual_kkf|lateral_velocity|R", "line R|side_slip_kkf_1|lateral_velocity|R",
             "parabola R|side_slip_kkf_2|lateral_velocity|R", "ours R|inertial|lateral_velocity|R",
@@ -305,8 +305,8 @@ def _figure(result: Mapping[str, Any], column: Column) -> float:
 
 
 def side_slips(results: Results) -> dict[str, dict[str, dict[str, float]]]:
-    """Of what the study has, by row: the side slip of the integrated filter and of the observers with their normalized
-    error squared, and the `bound`."""
+    """Side slip of the integrated filter and of the observers with their normalized error squared, and the `bound`, by
+    row of what the study has."""
     found: dict[str, dict[str, dict[str, float]]] = {}
     for name in ("integrated", "error_ekf", "spi"):
         for row, manoeuvre in ROWS.items():
@@ -427,7 +427,8 @@ def _cell(figure: Mapping[str, float | None] | None) -> str:
 
 
 def write(found: Found, results: Results, path: Path) -> None:
-    """As JSON: `{table: {row: {column: {printed, ours, spread}}}}`, and side slip of the integrated filter by row."""
+    """Write as JSON: `{table: {row: {column: {printed, ours, spread}}}}`, and side slip of the integrated filter by
+    row."""
     path.parent.mkdir(parents=True, exist_ok=True)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     with atomic_write(path) as file:

@@ -132,8 +132,8 @@ def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     # Inputs of a kept instant are those of the millisecond that begins there: their mean is that of both ends.
     held = (driven_by[:-1] + driven_by[1:]) / 2
     states = response.drive(start, held, STEP)
-    told = response.told(states, driven_by)
-    found = {output: told[:, i] for i, output in enumerate(model.outputs)}
+    outputs = response.told(states, driven_by)
+    found = {output: outputs[:, i] for i, output in enumerate(model.outputs)}
     speed = states[:, 0] if "forward_velocity" in model.states else driven_by[:, model.inputs.index("speed")]
     return {"forward": speed, "lateral": found["lateral_velocity"], "yaw_rate": found["yaw_rate"]}
 
@@ -155,8 +155,8 @@ def table_3_4(store: Path, manoeuvre: str) -> Table:
 
 
 def sensitivities(speed: float, numbers: Mapping[str, float] = CAR_5_1) -> dict[str, Array]:
-    """Of the model in Euler's steps of 10 ms: A (2, 2), B (2, 1), and their derivatives by each of `SENSITIVE_TO`,
-    "dA" (5, 2, 2) and "dB" (5, 2, 1); that by `to_front` keeps b, and is by a/b."""
+    """Matrices of the model in Euler's steps of 10 ms: A (2, 2), B (2, 1), and their derivatives by each of
+    `SENSITIVE_TO`, "dA" (5, 2, 2) and "dB" (5, 2, 1); that by `to_front` keeps b, and is by a/b."""
     names = Bicycle2Dof().parameters
     p = ca.SX.sym("p", len(names))
     a, b = system_matrices(Values(names, p), speed)
@@ -177,7 +177,7 @@ def sensitivities(speed: float, numbers: Mapping[str, float] = CAR_5_1) -> dict[
 
 def table_5_2() -> Table:
     """Frobenius norms of A, B and their derivatives; besides, what the thesis does not print: relative sensitivities
-    p |dA/dp|, which can be compared, and the largest eigenvalue, which tells whether it is stable (|A| does not)."""
+    p |dA/dp|, which can be compared, and the largest eigenvalue, which shows whether it is stable (|A| does not)."""
     found: Table = {}
     for speed, (norm_a, norm_b, by_a, by_b) in PRINTED_5_2.items():
         ours = sensitivities(speed)

@@ -80,7 +80,7 @@ def car_of_study(plant: str, errors: Errors, observer: str) -> Vehicle:
     return car.model_copy(update={"sensors": sensors, "observer": known.model_copy(update=settings)})
 
 
-# Of a model without errors: what wheels are driven with is still told by nobody.
+# For a model without errors: no sensor measures the torques that drive the wheels.
 _PERFECT = dict.fromkeys(("longitudinal", "lateral", "vertical", "roll", "pitch", "yaw", "suspension"), 1e-3)
 
 

@@ -100,7 +100,7 @@ FIGURES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Estimates:
-    """Of one recording, at `RATE`."""
+    """Estimates of one recording at `RATE`."""
 
     t: Array  # (n,) [s] after the first
     stamp: NDArray[np.int64]  # (n,) [ns]
@@ -235,6 +235,6 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def write(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """As JSON."""
+    """Write the results as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")

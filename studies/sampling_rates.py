@@ -117,7 +117,7 @@ def draw(results: list[Result], path: Path) -> Path:
 
 
 def write(results: list[Result], path: Path) -> None:
-    """As JSON: {filter: {period in ms: {signal: RMSE}}}."""
+    """Write the results as JSON: {filter: {period in ms: {signal: RMSE}}}."""
     content: dict[str, dict[str, dict[str, float]]] = {}
     for one in results:
         content.setdefault(one.filter, {})[f"{one.period}ms"] = one.rmse

@@ -1,4 +1,4 @@
-"""One picture of a manoeuvre with the full and the simplified cars: what they do, and what tells them apart."""
+"""One picture of a manoeuvre with the full and the simplified cars: their motion, and how they differ."""
 
 from __future__ import annotations
 

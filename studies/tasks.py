@@ -20,13 +20,14 @@ class Task(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-# Tasks, and what is told of the share that is done → their results, in the same order.
+# Tasks, and a function that gets the share that is done → their results, in the same order.
 DoTasks = Callable[[Sequence[Task], Callable[[float], None]], list[Any]]
 
 
 @contextmanager
 def pool(processes: int | None = None) -> Iterator[DoTasks]:
-    """What does tasks, the longest first, in so many processes: by default one for each core, with 1 in this one."""
+    """Yield a function that does tasks, the longest first, in `processes`: by default one for each core; 1 is this
+    one."""
     if processes == 1:
         yield in_turn
         return
@@ -35,13 +36,13 @@ def pool(processes: int | None = None) -> Iterator[DoTasks]:
 
 
 def in_turn(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Any]:
-    """One after the other, in this process."""
-    found, whole, done = [], sum(task.seconds for task in tasks), 0.0
+    """Do tasks one after the other in this process."""
+    results, whole, done = [], sum(task.seconds for task in tasks), 0.0
     for task in tasks:
-        found.append(task.function(*task.arguments))
+        results.append(task.function(*task.arguments))
         done += task.seconds
         progress(done / whole)
-    return found
+    return results
 
 
 def _side_by_side(tasks: Sequence[Task], progress: Callable[[float], None], client: Client) -> list[Any]:
@@ -50,10 +51,10 @@ def _side_by_side(tasks: Sequence[Task], progress: Callable[[float], None], clie
     whole, done = sum(task.seconds for task in tasks), 0.0
     longest_first = sorted(range(len(tasks)), key=lambda i: -tasks[i].seconds)
     places = {client.submit(tasks[i].function, *tasks[i].arguments, pure=False): i for i in longest_first}
-    found: dict[int, Any] = {}
+    results: dict[int, Any] = {}
     for future in as_completed(list(places)):
         place = places[future]
-        found[place] = future.result()
+        results[place] = future.result()
         done += tasks[place].seconds
         progress(done / whole)
-    return [found[i] for i in range(len(tasks))]
+    return [results[i] for i in range(len(tasks))]

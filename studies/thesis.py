@@ -69,7 +69,7 @@ class Kind:
 
     @property
     def once(self) -> bool:
-        """Whether it is slow, and so is run with one seed."""
+        """True if it is slow, and so is run with one seed."""
         return self.reference or self.full
 
 
@@ -292,8 +292,8 @@ def _costs(results: Results) -> Table:
 
 
 def write(results: Results, path: Path) -> None:
-    """The same as JSON: {manoeuvre: {observer: {step: {fx_percent, fy_percent, fz_percent, position_rmse_m, mass_kg,
-    friction, step_us_median}}}}."""
+    """Write the results as JSON: {manoeuvre: {observer: {step: {fx_percent, fy_percent, fz_percent, position_rmse_m,
+    mass_kg, friction, step_us_median}}}}."""
     content: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
     for i, manoeuvre in enumerate(MANOEUVRES):
         for kind, step in _columns(results):

@@ -50,7 +50,7 @@ def _as_topics(_: Path, recording: Recording, scratch: Path) -> dict[str, Any]:
 def _as_bytes(source: Path, recording: Recording, scratch: Path) -> dict[str, Any]:
     """The raw CAN frames on a bus, IMU and GNSS as the bytes that such sensors send.
 
-    Their drivers are told how good these sensors are in this car, where a phone on the windscreen shakes.
+    Their drivers get the noise levels of these sensors in this car, where a phone on the windscreen shakes.
     """
     sensors = load_vehicle(vehicle_path("rav4")).sensors
     imu_noise, speed_noise = sensors["imu"].model_dump(), sensors["velocity"].model_dump()["noise"]
@@ -113,7 +113,7 @@ def manoeuvre(name: str) -> Path:
 
 
 def raw_signals(source: Path, recording: Recording) -> Baselines:
-    """What the RAV4's wheel speeds and the gyro alone tell."""
+    """Scores of the RAV4's wheel speeds and of the gyro alone."""
     radius = float(recording.metadata.get("wheel_rolling_radius_m", comma2k19.ROLLING_RADIUS))
     uncalibrated = comma2k19.read(source, calibrated_gyro=False)
     return baselines.by_label(
@@ -124,7 +124,7 @@ def raw_signals(source: Path, recording: Recording) -> Baselines:
 
 
 def handling_formulas(source: Path, recording: Recording) -> Baselines:
-    """What formulas of yaw rate and speed tell of a lap: one fitted to the other laps, one of geometry alone."""
+    """Scores of formulas of yaw rate and speed on a lap: one fitted to the other laps, one of geometry alone."""
     others = [import_recording(source.with_name(name)) for name in ("cpg_slow_lap.mat", "cpg_fast_lap.mat")]
     fitted = baselines.regression(recording, baselines.fit_regression(others))
     car = load_vehicle(vehicle_path("genesis"))

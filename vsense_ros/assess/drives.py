@@ -1,4 +1,4 @@
-"""Drives of a study, as its filters get them: what the plant did, and what its sensors read with the errors of a case.
+"""Simulated drives for a comparison of filters: the true motion of the plant, and the readings of its sensors.
 
 The plant is the car of a vehicle file with all its degrees of freedom. Its sensors are those of Leung 2010, appendix B:
 all at cog, at 100 Hz, with white noise and a constant bias; a fix each second.
@@ -33,17 +33,17 @@ Array = NDArray[np.float64]
 PLANT = "jaguar_saloon"
 STEP = 0.01  # [s] between readings
 KEPT = 10  # steps between estimates that are scored
-STEERING_RATIO = 17.58  # steering-wheel over road-wheel angle (table A.1), in which table B.2 tells errors
-LEVEL = (
-    1e-3  # [rad] by which the road may lean: the plant's is level, which every filter of the thesis takes for granted
-)
+STEERING_RATIO = 17.58  # steering-wheel over road-wheel angle (table A.1); errors of table B.2 are of the former
+# [rad] by which the road may lean: the plant's is level, which every filter of the thesis takes for granted.
+LEVEL = 1e-3
 # Share by which the tyres may be stiffer or softer. The filters of the thesis take them for known; 15 % is what
 # `car_numbers` says of a car from its file, and costs `integrated` most where side slip is small.
 TYRES_KNOWN = 0.02
-SCALE_KNOWN = 1e-5  # the gyro of appendix B has noise and a bias, no error of scale, which filters are told
-# Likewise: the plant's links do not yield [rad], and its road does not shake it [m/s²/√Hz].
+# Errors that the plant does not have, as filters assume here: the gyro of appendix B has no error of scale [-], the
+# links do not yield [rad], and the road does not shake the body [m/s²/√Hz].
+SCALE_KNOWN = 1e-5
 SLIP_KNOWN, SHAKING_KNOWN = 5e-5, 1e-4
-SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not tell its window
+SETTLED = 20.0  # [s] after which estimates are scored: the thesis does not say which window it takes
 _DEGREE = np.pi / 180
 
 
@@ -60,7 +60,7 @@ _STEERING = Error(1.0 * _DEGREE / STEERING_RATIO, 5.0 * _DEGREE / STEERING_RATIO
 
 @dataclass(frozen=True)
 class Errors:
-    """Of the sensors (tables B.1 and B.2), at cog: standard deviations of the noise, and biases."""
+    """Errors of the sensors (Leung 2010, tables B.1 and B.2), at cog: standard deviations of the noise, and biases."""
 
     gyro: Error = _GYRO  # [rad/s]
     force: Error = _FORCE  # [m/s²]
@@ -81,12 +81,12 @@ class Case:
     errors: Errors = Errors()
     outage: tuple[float, float] | None = None
     plant: str = PLANT
-    noise: float = 1.0  # of all sensors, as a share of what they have; with 0 what is left is the models' error
+    noise: float = 1.0  # factor on the noise of all sensors; with 0 only the errors of the models remain
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the plant did, n readings."""
+    """True motion of the plant at n instants."""
 
     t: Array
     yaw: Array
@@ -112,7 +112,7 @@ def receiver(name: str, errors: Errors | None = None) -> Errors:
 
 
 def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
-    """What the plant does in a manoeuvre, as `trajectory`."""
+    """True motion of the plant in a manoeuvre. `store` is the folder that `trajectory` keeps it in."""
     s = trajectory(manoeuvre, plant, store)
     roll, pitch = s.q[:, ROLL], s.q[:, PITCH]
     gravity = GRAVITY * np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch)])
@@ -125,7 +125,7 @@ def drive_plant(manoeuvre: str, plant: str, store: Path) -> Truth:
 
 
 def trajectory(manoeuvre: str, plant: str, store: Path) -> Trajectory:
-    """What the plant does in a manoeuvre, all its coordinates; kept in `store`, since it takes long to drive."""
+    """Trajectory of the plant in a manoeuvre, all its coordinates; kept in `store`, since it takes long to drive."""
     own = digest(plant, manoeuvre, *sources("vsense_ros", "model", "manoeuvre", "assess/drives*"))
     file = store / f"plant_{manoeuvre}_{own}.npz"
     if not file.exists():
@@ -160,7 +160,7 @@ def sensors_of(errors: Errors) -> dict[str, SensorBase]:
 
 @dataclass(frozen=True)
 class Readings:
-    """Of one case, one row for each reading; `fixes` (n, 2) are NaN where there is none."""
+    """Readings of one case, a row each; `fixes` (n, 2) are NaN where there is none."""
 
     imu: Array  # (n, 6)
     wheels: Array  # (n, 4)
@@ -170,7 +170,7 @@ class Readings:
 
 
 def readings(truth: Truth, case: Case) -> Readings:
-    """With the noise of the case's seed."""
+    """Readings of a drive, with the errors of the case and the noise of its seed."""
     errors, n = case.errors, len(truth.t)
     random = np.random.default_rng([case.seed, 2010])
     noise = case.noise * random.standard_normal((n, 11))

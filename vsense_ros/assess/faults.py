@@ -1,6 +1,6 @@
 """What the observer does when sensors fail: each fault put into a recording, the observer run on it, and looked at.
 
-Of each case is told the largest error of the lateral velocity from the fault on, that error over the standard deviation
+Each case reports the largest error of the lateral velocity from the fault on, that error over the standard deviation
 that the observer states, beside the same of the drive without the fault, what was said of the sensor and after which
 time, and how long after the fault the error was more than `LATERAL` still.
 """
@@ -136,7 +136,7 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        """Whether all is as it should be."""
+        """True if every requirement is met."""
         return not self.failed
 
 
@@ -307,7 +307,7 @@ def table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def write(outcomes: Sequence[Outcome], path: Path) -> None:
-    """As JSON."""
+    """Write the outcomes as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [{**asdict(one), "holds": one.holds} for one in outcomes]
     path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

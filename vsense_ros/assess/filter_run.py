@@ -26,7 +26,8 @@ from vsense_ros.navigation.motion import Motions, Readout
 
 
 def follow(name: str, truth: Truth, case: Case, read: Readings) -> tuple[Motions, NDArray[np.int64]]:
-    """What a filter makes of the readings of a case, at each tenth of them, whose places (n,) come with it."""
+    """Estimates of a filter on the readings of a case, at each tenth of them, and the indices (n,) of these
+    readings."""
     sensors = sensors_of(case.errors)
     known = {
         "road_bank": LEVEL, "stiffness_deviation": TYRES_KNOWN, "gyro_scale_deviation": SCALE_KNOWN,

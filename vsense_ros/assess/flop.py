@@ -26,7 +26,8 @@ BODY_FLOP = 93  # of R J Rᵀ and m R s
 
 
 def flop_of_filter(vehicle: Vehicle) -> float:
-    """The same but for what moves the car itself: linearisation, covariance, corrections."""
+    """Operations of a step of the errorEKF with every sensor once, without those that move the car itself:
+    linearisation, covariance, corrections."""
     car, sensors = car_of(vehicle), sensors_of(vehicle)
     functions = [steps.linearize_function(car), steps.kinematics_function(car), steps.force_function(car)]
     correcting = [s for s in sensors.values() if not s.is_input]
@@ -55,12 +56,12 @@ class Operations:
     factor: float  # of the matrix, in a step
     solve: float  # in an iteration
     mass_matrix: float  # in an evaluation
-    update_motion: float  # likewise
+    update_motion: float  # in an evaluation
     check_mass: float
     check_motion: float
 
     def processor(self, iterations: float, evaluations: float, kernels: Collection[str] = ()) -> float:
-        """Of the processor in a step."""
+        """Operations of the processor in a step."""
         found = self.once + iterations * self.iteration
         if "solve" not in kernels:
             found += self.factor + iterations * self.solve
@@ -68,7 +69,7 @@ class Operations:
         return found + evaluations * (self.check_motion if "suspension_motion" in kernels else self.update_motion)
 
     def shares(self, iterations: float, evaluations: float) -> dict[str, float]:
-        """Of the whole step, in percent, by the thesis's names."""
+        """Shares of parts of the whole step [%], by the names of Rodríguez 2020."""
         parts = {
             "mass matrix": evaluations * self.mass_matrix,
             "update motion": evaluations * self.update_motion,
@@ -78,8 +79,8 @@ class Operations:
 
 
 def flop_of_simplified(vehicle: Vehicle) -> Operations:
-    """Of a step by the implicit rule, counted in the expressions and the algebra; of an SPI where the vehicle lists
-    parameters."""
+    """Operations of a step by the implicit rule, counted in the expressions and the algebra; of an SPI where the
+    vehicle lists parameters."""
     parts, n = CarInParts(vehicle), COORDINATES
     columns, inertias = operations(parts.columns_function()), operations(parts.inertias_function())
     dynamics = operations(parts.dynamics_function())
@@ -98,7 +99,7 @@ def flop_of_simplified(vehicle: Vehicle) -> Operations:
 
 
 def flop_of_parameters(vehicle: Vehicle) -> float:
-    """Of the parameter filter of a vehicle that lists parameters, in a step with every sensor once."""
+    """Operations of the parameter filter of a vehicle that lists parameters, in a step with every sensor once."""
     car, sensors = car_of(vehicle), sensors_of(vehicle)
     biases = tuple((where.start, where.stop) for where in layout(sensors).biases)
     columns = tuple(car.parameter_names.index(name) for name in vehicle.observer.parameters)
@@ -107,7 +108,7 @@ def flop_of_parameters(vehicle: Vehicle) -> float:
 
 
 def flop_of_full(vehicle: Vehicle, substeps: int) -> Operations:
-    """Of a step of so many substeps of the full car, whose systems a processor solves by elimination of one branch
+    """Operations of a step of the full car in `substeps`, whose systems a processor solves by elimination of one branch
     after the other."""
     mechanism = FullCar(vehicle).mechanism
     equations = Equations(mechanism)
@@ -135,7 +136,7 @@ def flop_of_full(vehicle: Vehicle, substeps: int) -> Operations:
 
 
 def _moving(linkage: Linkage) -> ca.Function:
-    """Where the bodies of a linkage are and how they move."""
+    """Function for position and motion of the bodies of a linkage."""
     n, g = len(linkage.coordinate_names), len(linkage.guides)
     z, dz, ddz, guides = (
         ca.SX.sym(name, *size) for name, size in (("z", (n,)), ("dz", (n,)), ("ddz", (n,)), ("g", (g, 3)))

@@ -1,4 +1,5 @@
-"""What a drive has told a filter, what it has not, and which motion would tell that."""
+"""Observability of a filter on a drive: the states that it determines, those that it does not, and which motion
+would."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ from vsense_ros.navigation.told import MOTIONS, Told, told
 
 Progress = Callable[[float], None]
 
-# Motions that may tell what a drive has not, by the manoeuvre that shows it.
+# Motions that may determine what a drive has not, by the manoeuvre that shows them.
 WAYS: Mapping[str, str] = {
     "go straight": "plain_straight",
     "accelerate and brake": "accelerate_and_brake",
@@ -42,8 +43,8 @@ _SHADES = ("#d9d9d9", "#ffffff", "#fde3c8", "#d6e8f5")
 
 @dataclass(frozen=True)
 class Report:
-    """Of one filter on one drive; `would` says for a state that was not told which share of its deviation each motion
-    of `WAYS` leaves."""
+    """Observability of the states of one filter on one drive; for a state that the drive did not determine, `would` has
+    the share of its deviation that remains after each motion of `WAYS`."""
 
     filter: str
     drive: str
@@ -59,8 +60,8 @@ def report(
     ask: bool = True,
     progress: Progress = lambda share: None,
 ) -> Report:
-    """`ask`: whether to drive the motions of `WAYS` with this vehicle where something was not told. Raises `InputError`
-    as `told` does."""
+    """Observability of the states of the filter `name` on a recording. With `ask`, the motions of `WAYS` are simulated
+    with this vehicle if the recording leaves a state undetermined. Raises `InputError` as `told` does."""
     found = told(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
     missing = [state.name for state in found.states if state.told_at is None and state.before > 0]
     would: dict[str, dict[str, float]] = {state: {} for state in missing}
@@ -86,7 +87,7 @@ def _shown(manoeuvre: str, vehicle: Vehicle, name: str) -> dict[str, float] | No
 
 
 def advice(found: Report, state: str) -> str:
-    """In words, which motion would tell a state best."""
+    """Words that name the motions which would determine a state best."""
     ways = {way: left for way, left in found.would.get(state, {}).items() if left <= 0.8}
     if not ways:
         return "none of them does" if found.would.get(state) else ""
@@ -95,11 +96,11 @@ def advice(found: Report, state: str) -> str:
 
 
 def show(found: Report, console: Console) -> None:
-    """Print the states, and combinations that were not told."""
+    """Print the states, and the combinations that were not determined."""
     rest = f" on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units"
     console.print(Text.assemble((found.filter, "bold"), rest))
-    headings = ("at start", "at the end", "left", "told after")
-    table = plain_table("state", *headings, "while, or what would tell it", right=headings)
+    headings = ("at start", "at the end", "left", "determined after")
+    table = plain_table("state", *headings, "while, or what would determine it", right=headings)
     for state in found.told.states:
         if state.before <= 0:
             continue
@@ -113,11 +114,11 @@ def show(found: Report, console: Console) -> None:
     if found.told.untold is None:
         console.print("The filter is a cascade: of combinations of its states nothing is said.")
     elif found.told.untold:
-        console.print("Combinations of which little was told, weakest first (in units of deviations at start):")
+        console.print("Combinations that were hardly determined, weakest first (in units of deviations at start):")
         for one in found.told.untold[:5]:
             console.print(f"  {one}: {100 * one.left:.0f} % left", soft_wrap=True)
     else:
-        console.print("Every combination of states was told.")
+        console.print("Every combination of states was determined.")
 
 
 def draw(found: Report, path: Path) -> Path:
@@ -141,7 +142,7 @@ def draw(found: Report, path: Path) -> Path:
             left = found.told.deviations[:, i] / state.before
             panel.plot(t, left, color="#0072B2" if state.told_at is not None else "#D55E00")
             panel.axhline(0.5, color=MUTED, lw=0.6, ls=":")
-            panel.set_title(state.name + ("" if state.told_at is not None else ", not told"))
+            panel.set_title(state.name + ("" if state.told_at is not None else ", not determined"))
             panel.set_yscale("log")
             panel.grid(False)
         for panel in panels[len(shown) :]:
@@ -159,7 +160,7 @@ def draw(found: Report, path: Path) -> Path:
 
 
 def write(found: Report, path: Path) -> None:
-    """As JSON [SI]."""
+    """Write the report as JSON [SI]."""
     path.parent.mkdir(parents=True, exist_ok=True)
     untold = found.told.untold
     content = {

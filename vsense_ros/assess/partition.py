@@ -30,7 +30,7 @@ WORTH = 0.005  # share of a step below which a gain is none: the estimates are n
 
 
 class Device(BaseModel):
-    """What a device has."""
+    """Resources, clocks and link of a device, as its file says."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -72,7 +72,7 @@ def load_device(text: str) -> Device:
 
 @dataclass(frozen=True)
 class Use:
-    """What an observer has to do with a kernel in a step."""
+    """Use that an observer has for a kernel in a step."""
 
     kernel: Kernel
     calls: float  # in a step
@@ -92,7 +92,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Partition:
-    """What is recommended."""
+    """Recommended kernels of an observer on a device."""
 
     device: Device
     step_us: float  # of the whole observer on the processor
@@ -122,7 +122,7 @@ class Profile:
 
     @property
     def flop(self) -> float:
-        """Of a step on the processor alone."""
+        """Operations of a step on the processor alone."""
         return self.operations.processor(self.iterations, self.evaluations)
 
     def uses(self) -> list[Use]:
@@ -140,8 +140,8 @@ class Profile:
 
 
 def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: float = 1.0) -> Profile:
-    """Of the observer with the simplified car or, in steps of 4 ms, with the full one. Raises `InputError` where the
-    vehicle file lacks the tables or linkages for it."""
+    """Step of the observer with the simplified car or, in steps of 4 ms, with the full one. Raises `InputError` where
+    the vehicle file lacks the tables or linkages for it."""
     if full:
         bodies = sum(len(linkage.bodies) for linkage in FullCar(vehicle).mechanism.branches)
         kernels, substeps = {"solve56": iterations, "body_mass": iterations * bodies}, 4
@@ -158,7 +158,7 @@ def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: fl
 
 
 def recorded_resources() -> dict[str, dict[str, int]]:
-    """Of each kernel and variant, as Yosys counted them last (make hw)."""
+    """Resources of each kernel and variant, as Yosys counted them last (make hw)."""
     text = resources.files("vsense_ros").joinpath("accelerator/resources.json").read_text(encoding="utf-8")
     found: dict[str, dict[str, int]] = json.loads(text)
     return found

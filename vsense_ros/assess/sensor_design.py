@@ -42,7 +42,8 @@ _DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Grade:
-    """Of inertial sensors: noise of a sample of 10 ms and bias, of a rate [rad/s] and of a specific force [m/s²]."""
+    """Grade of inertial sensors: noise of a sample of 10 ms and bias, of a rate [rad/s] and of a specific force
+    [m/s²]."""
 
     title: str
     gyro: Error
@@ -61,7 +62,7 @@ GRADES = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A manoeuvre by name, the sensors' errors, how late fixes are without being told so [s], and an outage [s, s]."""
+    """A manoeuvre by name, the sensors' errors, unreported latency of fixes [s], and an outage [s, s]."""
 
     manoeuvre: str
     errors: Errors
@@ -74,7 +75,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Budget:
-    """Standard deviations [°] of the side slip as course less heading, by cause, and how they were found."""
+    """Standard deviations [°] of the side slip as course less heading, by cause, and the quantities that they follow
+    from."""
 
     parts: Mapping[str, float]
     speed: float  # [m/s]
@@ -89,8 +91,8 @@ class Budget:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Of one angle by one filter [°]: what the filter states, the root mean square error over all seeds, and of that
-    the share of the noise and the share that is left without any noise."""
+    """Accuracy of one angle by one filter [°]: the standard deviation that it states, the root mean square error over
+    all seeds, and of that the part caused by noise and the part that remains without any noise."""
 
     stated: float
     rmse: float
@@ -100,8 +102,8 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Follow:
-    """Of one filter: the accuracy of both angles, None where it does not tell one; and over time t (n,) [s] the true
-    and the estimated side slip of the first seed with its stated deviation [°]."""
+    """Results of one filter: the accuracy of both angles, None where it does not estimate one; and over time t (n,) [s]
+    the true and the estimated side slip of the first seed with its stated deviation [°]."""
 
     heading: Accuracy | None
     side_slip: Accuracy | None
@@ -131,7 +133,7 @@ def with_antennas(errors: Errors, distance: float) -> Errors:
 
 
 def budget(plan: Plan, truth: Truth) -> Budget:
-    """By closed forms."""
+    """Error budget of the side slip by closed forms."""
     errors, slip = plan.errors, truth.side_slip
     settled = truth.t > _settled(truth)
     speed = float(np.mean(truth.forward_velocity[settled]))
@@ -165,7 +167,7 @@ def _settled(truth: Truth) -> float:
 
 
 def expect(name: str, plan: Plan, truth: Truth, seeds: int) -> Follow:
-    """What a filter makes of the plan."""
+    """Expected accuracy of a filter with the sensors of the plan."""
     bare = plan.case(0, noise=0.0)
     without, at = follow(name, truth, bare, readings(truth, bare))
     runs = []
@@ -219,21 +221,21 @@ class Choice:
 
 
 def choices(name: str, plan: Plan, truth: Truth, seeds: int, progress: Progress = lambda share: None) -> list[Choice]:
-    """All receivers, rates and grades by one filter, by price. Raises `InputError` if it tells no side slip."""
+    """All receivers, rates and grades by one filter, by price. Raises `InputError` if it estimates no side slip."""
     found = []
     every = [(receiver, rate, grade) for receiver in BY_PRICE for rate in RATES for grade in GRADES]
     for i, (receiver, rate, grade) in enumerate(every):
         errors = with_grade(with_receiver(plan.errors, receiver, rate), grade)
         slip = expect(name, replace(plan, errors=errors), truth, seeds).side_slip
         if slip is None:
-            raise InputError(f"the filter {name!r} tells no side slip: nothing can be chosen by it")
+            raise InputError(f"the filter {name!r} estimates no side slip: nothing can be chosen by it")
         found.append(Choice(receiver, rate, grade, slip.rmse))
         progress((i + 1) / len(every))
     return found
 
 
 def cheapest(found: Sequence[Choice], wanted: float) -> list[Choice]:
-    """Of those that reach the wanted side slip [°], the ones of which no part can be had cheaper or slower."""
+    """Choices that reach the wanted side slip [°] and of which no part can be had cheaper or slower."""
     receivers, grades = list(BY_PRICE), list(GRADES)
 
     def cost(one: Choice) -> tuple[float, ...]:
@@ -251,7 +253,7 @@ def cheapest(found: Sequence[Choice], wanted: float) -> list[Choice]:
 
 @dataclass(frozen=True)
 class Design:
-    """Of a plan: the budget, what filters make of it, and what could be bought, where that was asked."""
+    """Results for a plan: the budget, the accuracy of filters, and what could be bought, where that was asked."""
 
     plan: Plan
     budget: Budget
@@ -290,12 +292,12 @@ def design(
     for i, name in enumerate(names):
         found[name] = expect(name, plan, truth, seeds)
         progress(0.1 + share * (i + 1) / len(names))
-    telling = {name: one.side_slip.rmse for name, one in found.items() if one.side_slip is not None}
-    best = min(telling, key=lambda name: telling[name], default="")
+    estimating = {name: one.side_slip.rmse for name, one in found.items() if one.side_slip is not None}
+    best = min(estimating, key=lambda name: estimating[name], default="")
     every: list[Choice] = []
     if wanted is not None:
         if not best:
-            raise InputError(f"none of the filters {', '.join(names)} tells the side slip")
+            raise InputError(f"none of the filters {', '.join(names)} estimates the side slip")
         every = choices(best, plan, truth, max(1, seeds // 2), lambda part: progress(0.4 + 0.6 * part))
     progress(1.0)
     return Design(plan, budget(plan, truth), found, wanted, every, best)
@@ -363,7 +365,7 @@ def _show_choices(found: Design, wanted: float, console: Console) -> None:
 
 
 def write(found: Design, path: Path) -> None:
-    """As JSON, angles in degrees."""
+    """Write the design as JSON, angles in degrees."""
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "plan": asdict(found.plan),

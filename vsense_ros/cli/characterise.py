@@ -21,8 +21,8 @@ def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: P
 
     Rolling radii, stiffnesses, understeer and roll gradient, steering ratio, frequency response. A VEHICLE file drives
     the tests on the full model: straights at 15 and 50 km/h, a winding drive, a slow ramp of the steering and a sweep.
-    RECORDINGS are taken as they come; what they do not tell is said with the reason. The standard deviations count slow
-    errors, but not wrong ones: an accelerometer takes the bank of a road for roll.
+    RECORDINGS are taken as they come; what they cannot determine is listed with the reason. The standard deviations
+    count slow errors, but not wrong ones: an accelerometer takes the bank of a road for roll.
 
     \b
     Examples:

@@ -38,12 +38,12 @@ class Stretch:
 
     @property
     def name(self) -> str:
-        """Of the file."""
+        """Name of the file."""
         return self.path.name
 
     @property
     def limits(self) -> str:
-        """As they stand behind the path."""
+        """Limits as a user writes them behind the path, such as `@207:310`; empty for the whole recording."""
         if self.begin is None and self.end is None:
             return ""
         return f"@{'' if self.begin is None else f'{self.begin:g}'}:{'' if self.end is None else f'{self.end:g}'}"

@@ -1,4 +1,4 @@
-"""Say which accuracy sensors give, and which sensors an accuracy needs."""
+"""Predict the accuracy that sensors give, and choose sensors for a wanted accuracy."""
 
 from __future__ import annotations
 
@@ -14,18 +14,30 @@ _ABOVE_0 = click.FloatRange(0, min_open=True)
 @click.command()
 @click.argument("manoeuvre", default="lane_change_35")
 @click.option("--filter", "filters", multiple=True, metavar="NAME", help=f"Default: {', '.join(FILTERS)}.")
-@click.option("--receiver", metavar="NAME", default="dg_100", show_default=True, help="Of `vsense manoeuvres`.")
+@click.option(
+    "--receiver",
+    metavar="NAME",
+    default="dg_100",
+    show_default=True,
+    help="survey, mapping, consumer, dg_100_antenna or dg_100.",
+)
 @click.option("--fix-rate", type=click.FloatRange(0.1, 100), default=1.0, show_default=True, metavar="HZ")
 @click.option("--grade", default="cheap", show_default=True, metavar="NAME", help="cheap, industrial or tactical IMU.")
-@click.option("--gyro-noise", type=_ABOVE_0, metavar="DEG/S", help="Of a sample of 10 ms, in place of the grade's.")
-@click.option("--gyro-bias", type=click.FloatRange(0), metavar="DEG/S", help="Likewise.")
-@click.option("--force-noise", type=_ABOVE_0, metavar="M/S2", help="Of a sample of an accelerometer.")
-@click.option("--force-bias", type=click.FloatRange(0), metavar="M/S2", help="Likewise.")
-@click.option("--antennas", type=click.FloatRange(0.1, 20), metavar="M", help="Two, so far apart, tell the heading.")
-@click.option("--latency", type=click.FloatRange(0, 5), default=0.0, metavar="S", help="Of fixes, untold.")
+@click.option(
+    "--gyro-noise", type=_ABOVE_0, metavar="DEG/S", help="Noise of a sample of 10 ms, in place of the grade's."
+)
+@click.option("--gyro-bias", type=click.FloatRange(0), metavar="DEG/S", help="Bias, in place of the grade's.")
+@click.option("--force-noise", type=_ABOVE_0, metavar="M/S2", help="Noise of a sample of an accelerometer.")
+@click.option("--force-bias", type=click.FloatRange(0), metavar="M/S2", help="Bias, in place of the grade's.")
+@click.option(
+    "--antennas", type=click.FloatRange(0.1, 20), metavar="M", help="Two antennas, so far apart, for the heading."
+)
+@click.option("--latency", type=click.FloatRange(0, 5), default=0.0, metavar="S", help="Unreported latency of fixes.")
 @click.option("--outage", type=float, nargs=2, metavar="FROM TO", help="Without fixes, in s; errors are those in it.")
 @click.option("--side-slip", "wanted", type=_ABOVE_0, metavar="DEG", help="Wanted: which sensors give it?")
-@click.option("--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="Of the noise.")
+@click.option(
+    "--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="Number of seeds of the noise."
+)
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/design"), show_default=True,
     help="Where to write, without an ending: a picture and JSON.",
@@ -35,7 +47,7 @@ def design(
     gyro_bias: float | None, force_noise: float | None, force_bias: float | None, antennas: float | None,
     latency: float, outage: tuple[float, float] | None, wanted: float | None, seeds: int, out: Path,
 ) -> None:  # fmt: skip
-    """Say what a receiver and inertial sensors can tell of heading and side slip, before buying them.
+    """Predict how accurately a receiver and inertial sensors determine heading and side slip, before buying them.
 
     A saloon drives MANOEUVRE with all its degrees of freedom; filters follow it with these sensors at its centre of
     gravity. Beside that stand the closed forms of Leung 2010, section 4.6.

@@ -24,9 +24,14 @@ if TYPE_CHECKING:
 @vehicle_option
 @click.option("--out", type=NEW_FOLDER, help="Folder for the results; default: out/run/<name>.")
 @click.option("--filter", "chosen", metavar="NAME", help="Filter, as `vsense filters` lists them.")
-@click.option("--smooth", is_flag=True, help="Each estimate in the light of the whole recording (GNSS/INS filters).")
-@click.option("--lag", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="… or of so much after it.")
-@click.option("--mend", is_flag=True, help="Apply what mends signs, axes and units that cannot be right.")
+@click.option("--smooth", is_flag=True, help="Smoothing by the whole recording (GNSS/INS filters).")
+@click.option(
+    "--lag",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
+    help="Fixed-lag smoothing: seconds of later data used.",
+)
+@click.option("--mend", is_flag=True, help="Correct signs, axes and units that cannot be right.")
 @click.option("--report", is_flag=True, help="Also a picture and an HTML report.")
 def run(
     bag: Path,
@@ -38,7 +43,7 @@ def run(
     mend: bool,
     report: bool,
 ) -> None:
-    """Estimate what BAG does not tell, and compare with its reference where it has one.
+    """Estimate the motion and forces of a car that BAG does not measure, and compare with its reference if it has one.
 
     BAG may also be a recording that `vsense import` understands. Writes an output bag and summary.json, with --report
     also a picture (PNG, SVG) and a report that opens without a network.
@@ -106,7 +111,7 @@ def run(
 
 
 def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recording, Vehicle, Progress], Any]:
-    """How a recording of a vehicle is estimated: by the observer, or a filter of the GNSS/INS family."""
+    """Function that estimates a recording of a vehicle: by the observer, or by a filter of the GNSS/INS family."""
     from vsense_ros import observer
     from vsense_ros.navigation.catalogue import FILTERS
     from vsense_ros.navigation.run import run

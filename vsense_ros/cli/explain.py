@@ -1,4 +1,4 @@
-"""Say what physics a model leaves out, and which test would tell more."""
+"""Name the physics that a model leaves out, and the test that would decide between explanations."""
 
 from __future__ import annotations
 
@@ -34,18 +34,22 @@ from vsense_ros.cli.common import (
 @click.option(
     "--mend",
     is_flag=True,
-    help="Apply what mends signs, axes and units that cannot be right; without it, it is told.",
+    help="Correct signs, axes and units that cannot be right; without it, the correction is reported.",
 )
 @click.option(
     "--observer/--no-observer",
     "observe",
     default=True,
-    help="Run the observer with what was found, and fit its noise levels; on by default.",
+    help="Run the observer with the explained model, and fit its noise levels; on by default.",
 )
 @click.option("--fleet", type=EXISTING, metavar="DIR", help="Explain every vehicle that has a folder in DIR.")
-@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that sees the same files: tcp://host:8786.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that sees the same files: tcp://host:8786."
+)
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core.")
-@click.option("--next", "design", is_flag=True, help="Say which test would tell the answer in --report apart.")
+@click.option(
+    "--next", "design", is_flag=True, help="Suggest the test that would decide between the explanations in --report."
+)
 @click.option("--report", type=NEW_FOLDER, default=Path("out/explain"), show_default=True)
 def explain(
     recordings: tuple[Stretch, ...],
@@ -62,10 +66,10 @@ def explain(
     design: bool,
     report: Path,
 ) -> None:
-    """Say what physics the model of a car leaves out on RECORDINGS.
+    """Name the physics that the model of a car leaves out on RECORDINGS.
 
-    The parameters that a vehicle file is never sure of are fitted first; what is then left over is held against the
-    effects of the library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
+    The uncertain parameters of the vehicle file are fitted first; the residual is then compared with the effects of the
+    library. Writes explain.json, report.html, and where something is named vehicle.extended.yaml,
     which every other command takes as --vehicle.
 
     With --fleet, DIR has one folder for each vehicle: its recordings, vehicle.yaml (or one in DIR for all that have
@@ -75,7 +79,7 @@ def explain(
     folder for each vehicle, fleet.parquet (a row per recording and effect), fleet.csv and fleet.html.
 
     With --next, after an ambiguous answer, generated manoeuvres are driven with each effect of the answer set at its
-    fitted size, and ranked by what they would tell: next.json. With --next and no RECORDINGS that is done for the
+    fitted size, and ranked by how well they would decide: next.json. With --next and no RECORDINGS that is done for the
     answer in the folder of --report.
 
     A recording may be a part of one, as `lap.mcap@207:310` [s since its first stamp]. Recordings whose signs, axes or
@@ -104,7 +108,7 @@ def explain(
         else "ambiguous"
     )
     if verdict == "ambiguous" and not design:
-        click.echo(f"vsense explain --next --vehicle {vehicle} --report {report} says which test would tell more.")
+        click.echo(f"vsense explain --next --vehicle {vehicle} --report {report} suggests the test that would decide.")
     elif verdict == "ambiguous":
         try:
             _design(vehicle, report)
@@ -113,7 +117,7 @@ def explain(
                 raise
             warn(f"no next test could be designed: {type(error).__name__}: {error}")
     elif design:
-        click.echo(f"No next test: it would tell apart what an ambiguous answer leaves open; this one is {verdict}.")
+        click.echo(f"No next test: it would decide what an ambiguous answer leaves open; this one is {verdict}.")
 
 
 def _explain(
@@ -127,7 +131,7 @@ def _explain(
     observe: bool,
     report: Path,
 ) -> str:
-    """The verdict."""
+    """Explain recordings, write and print the answer, and return its verdict."""
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.messages.laps import laps
     from vsense_ros.mismatch.explain import STAGES, explain_recordings
@@ -164,7 +168,7 @@ def _design(vehicle: str, report: Path) -> None:
 
     car = load_car(vehicle)
     design.left_open(read_answer(report), car)  # says what is wrong before a bar begins
-    with progress("driving manoeuvres that may tell it apart") as done:
+    with progress("driving manoeuvres that may decide") as done:
         found = design.designed(report, car, done)
     design.printed(found, console())
     say(f"Results in {report / design.NEXT}.")

@@ -34,9 +34,9 @@ def identify(
 ) -> None:
     """Identify the parameters of a car from RECORDINGS: mass distribution, roll, tyres.
 
-    What the vehicle file says is known to about 30 % before. What the drives do not tell stays as it is, is refused by
-    name, and it is said which driving would tell it. Writes into --report: vehicle.yaml, which every other command
-    takes as --vehicle, report.html and identification.json.
+    The values of the vehicle file are taken to be known to about 30 %. Parameters that the drives cannot determine keep
+    their values and are listed by name, with the driving that would determine them. Writes into --report: vehicle.yaml,
+    which every other command takes as --vehicle, report.html and identification.json.
 
     \b
     Examples:

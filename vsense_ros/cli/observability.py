@@ -1,4 +1,4 @@
-"""Say what a drive has told a filter."""
+"""Report which states of a filter a drive has determined."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from vsense_ros.cli.common import EXISTING, load_car, vehicle_option
 @click.command()
 @click.argument("bag", type=EXISTING)
 @vehicle_option
-@click.option("--filter", "chosen", default="integrated", show_default=True, metavar="NAME", help="Of GNSS and INS.")
-@click.option("--would/--no-would", "ask", default=True, help="Also drive motions that may tell what BAG does not.")
+@click.option("--filter", "chosen", default="integrated", show_default=True, metavar="NAME", help="A GNSS/INS filter.")
+@click.option(
+    "--would/--no-would", "ask", default=True, help="Also simulate motions that may determine what BAG does not."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Without an ending; default: out/observability/<name>.")
 def observability(bag: Path, vehicle: str, chosen: str, ask: bool, out: Path | None) -> None:
-    """Say which states BAG has told a filter, when and by which motion, which it has not, and what would.
+    """Report which states of a filter BAG determines, when and by which motion, which it does not, and what would.
 
-    A state is told once its standard deviation is half of that at start. What was not told is asked of this vehicle in
-    simulation: going straight, accelerating and braking, turning, weaving, half a minute each.
+    A state is determined once its standard deviation is half of that at start. For the others this vehicle is
+    simulated: going straight, accelerating and braking, turning, weaving, half a minute each.
 
     \b
     Examples:

@@ -41,7 +41,7 @@ def import_(
     """Turn a recording from elsewhere into a bag that rosbag2 plays.
 
     The format is found by looking at SOURCE. Several, of one drive by loggers with clocks of their own, become one
-    recording in the time of the first; by how much the clocks differ is found from the motion that they tell.
+    recording in the time of the first; the offset of the clocks is estimated from the motion that both measure.
 
     \b
     Examples:

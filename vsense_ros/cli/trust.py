@@ -68,8 +68,8 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     Innovations of each sensor, generalized forces that the model lacks, and estimated errors are looked at over ten
     seconds. With --calibrate, RECORDINGS are at least two drives with nothing wrong, as different as they come; what
     they have, with a margin that each of them left out would have needed, becomes the limits. What one of them lacks
-    has none, and is told. The observer node takes them as its parameter `monitor` and says in its diagnostics what has
-    left them, and since when.
+    has none, and is reported. The observer node takes them as its parameter `monitor` and says in its diagnostics what
+    has left them, and since when.
 
     \b
     Examples:

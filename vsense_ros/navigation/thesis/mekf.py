@@ -20,7 +20,7 @@ from vsense_ros.navigation import single_track
 from vsense_ros.navigation.car_numbers import STRAIGHT
 from vsense_ros.navigation.space import Definition, NavigationSpace, Remembered, drifting
 
-NOISE = (3e-3, 2e-2)  # of side slip and yaw rate after a second [rad], [rad/s] (thesis: not told)
+NOISE = (3e-3, 2e-2)  # of side slip and yaw rate after a second [rad], [rad/s] (the thesis gives none)
 WINDOW = 10.0  # [s] of the mean of 2c
 
 
@@ -47,8 +47,8 @@ class Mekf2a(NavigationSpace):
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
         across = u.speed * ca.sin(x.side_slip)
-        told = {"side_slip": x.side_slip, "yaw_rate": x.yaw_rate, "yaw": x.yaw}
-        return {**told, "forward_velocity": u.speed * ca.cos(x.side_slip), "lateral_velocity": across}
+        motion = {"side_slip": x.side_slip, "yaw_rate": x.yaw_rate, "yaw": x.yaw}
+        return {**motion, "forward_velocity": u.speed * ca.cos(x.side_slip), "lateral_velocity": across}
 
 
 class Mekf2b(Mekf2a):
@@ -78,7 +78,7 @@ COURSE = Measurement("course", lambda x, z, u, p: x.yaw + x.side_slip, (0.01,), 
 
 
 def running_mean(x: Named, u: Named, theta: Named, value: ca.SX, variance: Named) -> dict[str, ca.SX]:
-    """Of b_δ on the straight."""
+    """Running mean of b_δ on the straight."""
     towards = theta.sample_time / WINDOW * (x.steering_bias - u.held_steering_bias)
     return {"held_steering_bias": u.held_steering_bias + ca.if_else(ca.fabs(x.yaw_rate) < STRAIGHT, towards, 0.0)}
 

@@ -40,8 +40,8 @@ class SingleTrack(NavigationSpace):
         return drifting(h, 5e-3, 3e-2)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
-        told = {"side_slip": x.side_slip, "yaw_rate": x.yaw_rate, "forward_velocity": u.speed * ca.cos(x.side_slip)}
-        return {**told, "lateral_velocity": u.speed * ca.sin(x.side_slip)}
+        motion = {"side_slip": x.side_slip, "yaw_rate": x.yaw_rate, "forward_velocity": u.speed * ca.cos(x.side_slip)}
+        return {**motion, "lateral_velocity": u.speed * ca.sin(x.side_slip)}
 
 
 class Luenberger(SingleTrack):
@@ -79,8 +79,8 @@ class ModelAndIns(SingleTrack):
         return drifting(h, 5e-3, 5e-3, 3e-2)
 
     def motion(self, x: Named, u: Named, theta: Named) -> dict[str, Any]:
-        told = {"side_slip": x.side_slip, "yaw_rate": u.yaw_rate, "forward_velocity": u.speed * ca.cos(x.side_slip)}
-        return {**told, "lateral_velocity": u.speed * ca.sin(x.side_slip)}
+        motion = {"side_slip": x.side_slip, "yaw_rate": u.yaw_rate, "forward_velocity": u.speed * ca.cos(x.side_slip)}
+        return {**motion, "lateral_velocity": u.speed * ca.sin(x.side_slip)}
 
 
 def lateral_force(x: Named, z: Named, u: Named, p: Named) -> ca.SX:

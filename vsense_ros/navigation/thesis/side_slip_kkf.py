@@ -23,7 +23,7 @@ from vsense_ros.navigation.thesis.dual_kkf import TURNED
 from vsense_ros.navigation.thesis.velocity_kkf import HELD, LONGEST_HOLD, VELOCITY, VelocityKkf
 from vsense_ros.navigation.yaw_kkf import straight
 
-EXTRAPOLATED_NOISE = 0.02  # [rad] of β_ext, a hundred times a second (thesis: not told)
+EXTRAPOLATED_NOISE = 0.02  # [rad] of β_ext, a hundred times a second (the thesis gives none)
 
 
 class YawKkfB(NavigationSpace):

@@ -34,7 +34,7 @@ class VelocityKkf(NavigationSpace):
     }
 
     def acceleration(self, x: Named, u: Named) -> ca.SX:
-        """Of the car over ground, in its axes (2,)."""
+        """Acceleration of the car (2,) in its axes."""
         return ca.vertcat(u.acceleration_x - x.acceleration_bias_x, u.acceleration_y - x.acceleration_bias_y)
 
     def transition(self, x: Named, u: Named, theta: Named, h: ca.SX) -> Any:
@@ -67,7 +67,7 @@ def at_antenna(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
 
 
 def less_held(x: Named, z: Named, u: Named, p: Named) -> list[ca.SX]:
-    """The same less the last fix."""
+    """Velocity at the antenna less that of the last fix, in the axes of the car."""
     c, s = ca.cos(u.yaw), ca.sin(u.yaw)
     held = [c * u.held_east + s * u.held_north, c * u.held_north - s * u.held_east]
     return [mine - other for mine, other in zip(at_antenna(x, z, u, p), held, strict=True)]

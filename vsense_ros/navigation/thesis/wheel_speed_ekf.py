@@ -43,17 +43,17 @@ class WheelSpeedEkf(NavigationSpace):
 
 
 def turning_rate(x: Named, u: Named, theta: Named) -> ca.SX:
-    """Of the car, by its rear wheels (eq. 4.15)."""
+    """Yaw rate by the speeds of the rear wheels (eq. 4.15)."""
     return (u.spin_rear_right - u.spin_rear_left) * x.rolling_radius / theta.rear_track
 
 
 def rolling_speed(x: Named, u: Named, theta: Named) -> ca.SX:
-    """Of the middle of the rear axle (eq. 4.14)."""
+    """Speed of the middle of the rear axle (eq. 4.14)."""
     return (u.spin_rear_left + u.spin_rear_right) / 2 * x.rolling_radius
 
 
 def straight(x: Named, u: Named, theta: Named) -> ca.SX:
-    """Whether the car goes straight, as far as the noise of the wheels lets that be known."""
+    """Condition that the car goes straight, as far as the noise of the wheels lets that be known."""
     noise = 2**0.5 * theta.spin_noise * x.rolling_radius / theta.rear_track
     return ca.fabs(turning_rate(x, u, theta)) < theta.straight_rate + noise
 

@@ -1,7 +1,7 @@
 """Velocity by accelerometers that wheel speeds correct (Farrelly & Wellstead 1996; Chen & Hsieh 2008; Leung 2010, eqs.
 2.95 and 2.96).
 
-Where the car hardly turns, the wheels tell nothing of v_y: there a single-track model takes the accelerometer's place.
+Where the car hardly turns, the wheels do not determine v_y: there a single-track model takes the accelerometer's place.
 With the forward velocity alone the biases b_x and b_y are never observable together, so they are not estimated.
 """
 
