@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vsense_ros.bag.importers import build
-from vsense_ros.messages.inspect import TopicInfo, inspect
+from vsense_ros.checks.inspect import TopicInfo, inspect
 from vsense_ros.messages.recording import Channel, Recording
 
 START = 1_600_000_000_000_000_000

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from hidden import driven, prototype
+from vsense_ros.checks.finding import Scale
+from vsense_ros.checks.subject import Subject
+from vsense_ros.checks.units import rolling
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
-from vsense_ros.messages.inspect import doubts
 from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.data_quality import hindrance, misfit, without_spoilt
@@ -288,9 +290,9 @@ def test_small_wheels_that_the_file_knows_of_are_not_taken_for_kilometres_per_ho
     wheels = recording["vehicle/wheel_speeds"]
     by = float(np.mean(rolling_radii(prototype()))) / radius
     turning = changed(wheels.topic, "velocity", lambda values: by * values)(recording)
-    assert "look like km/h" in doubts(turning)[wheels.topic][0]
-    assert wheels.topic not in doubts(turning, radius)
-    assert "look like km/h" in doubts(turning, 0.34)[wheels.topic][0]
+    for known, expected in ((None, True), (radius, False), (0.34, True)):
+        found = [f.mend for f in rolling(Subject(turning, radius=known), ()) if isinstance(f.mend, Scale)]
+        assert [mend.given for mend in found] == ["km/h"] * expected
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,10 @@ from recordings import formats, planted
 from recordings.cases import CASES
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import import_recording
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.driver.can_database import read_database
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate.terminal import progress
-from vsense_ros.messages.inspect import inspect
 
 SECONDS = 1500.0  # of the drive of which the formats are timed: 150,000 rows, 300,000 frames
 

@@ -18,6 +18,7 @@ import pytest
 from recordings import planted
 from vsense_ros.bag import read_bag, write_bag
 from vsense_ros.bag.importers import build, import_recording
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.driver.can import CanDecoder
 from vsense_ros.driver.can_database import read_database
 from vsense_ros.driver.can_log import read_frames
@@ -29,7 +30,6 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.tir import read_tir
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.messages.inspect import inspect
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.windows import build_dataset
 from vsense_ros.model.sensors import unheard

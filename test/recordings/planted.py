@@ -11,11 +11,11 @@ from functools import cache
 
 import numpy as np
 
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES, generate
-from vsense_ros.messages.inspect import inspect
 from vsense_ros.messages.recording import Channel, Recording
 
 IMU, WHEELS, STEERING = "imu/data", "vehicle/wheel_speeds", "vehicle/steering"
@@ -203,7 +203,7 @@ FAULTS = (
 def is_named(fault: Fault, recording: Recording) -> bool:
     """Whether the fault, planted in a recording, is found and called what it is."""
     found = inspect(changed(recording, fault.topic, fault.change))
-    if any(f.topic == fault.topic and f.fault in fault.kinds for f in found.findings):
+    if any(f.topic == fault.topic and f.kind in fault.kinds for f in found.findings):
         return True
     return "duplicates" in fault.kinds and any(p.startswith(fault.topic) and "time stamp" in p for p in found.problems)
 

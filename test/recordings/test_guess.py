@@ -12,9 +12,9 @@ from ruamel.yaml import YAML
 from recordings import planted
 from vsense_ros.bag.importers import import_recording
 from vsense_ros.bag.importers.guess import guess
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.cli import main
 from vsense_ros.errors import InputError
-from vsense_ros.messages.inspect import inspect
 
 HEADER = "Time;GPS Speed [km/h];GPS Heading;YawRate;Lateral acceleration [g];Lenkradwinkel [°];Latitude;Longitude;Gear"
 

@@ -11,10 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vsense_ros.checks.finding import Finding, Kind, Scale
+from vsense_ros.checks.mending import mended, mends
+from vsense_ros.checks.reason import Reason
+from vsense_ros.checks.sentences import mend_in_words
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.messages.mending import Mend, mended, mends
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_straight, simulate
 
@@ -92,7 +95,7 @@ def test_however_an_inertial_sensor_is_turned_its_values_come_back_and_its_clock
 )  # fmt: skip
 def test_what_was_made_wrong_is_named_with_what_mends_it(wrong, words):
     (found,) = mends(wrong(), radius=RADIUS)
-    assert words in str(found)
+    assert words in mend_in_words(found)
     assert mends(mended(wrong(), [found]), radius=RADIUS) == []
 
 
@@ -106,8 +109,9 @@ def test_wheels_of_the_left_that_are_called_those_of_the_right_are_exchanged():
 
 
 def test_a_recording_says_in_its_notes_what_was_mended():
-    mend = Mend("vehicle/steering", "steering_wheel: the sign reversed", factors={"position": -1.0})
-    right = mended(drive(), [mend])
+    mend = Scale("position", -1.0, "steering_wheel")
+    finding = Finding("vehicle/steering", Kind.SIGN, Reason.TURNS_AGAINST, "steering_wheel", "gyro", mend=mend)
+    right = mended(drive(), [finding])
     assert right.notes[-1] == "mended: vehicle/steering: steering_wheel: the sign reversed"
     assert np.array_equal(
         right["vehicle/steering"].columns["position"], -drive()["vehicle/steering"].columns["position"]

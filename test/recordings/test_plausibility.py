@@ -9,9 +9,9 @@ import pytest
 
 from recordings import planted
 from vsense_ros.bag.join import joined
+from vsense_ros.checks.held import period_of_updates
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.errors import InputError
-from vsense_ros.messages.held import period_of_updates
-from vsense_ros.messages.inspect import inspect
 from vsense_ros.messages.recording import Recording
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from recordings import planted
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
+from vsense_ros.checks.watch import PlausibilityWatch
 from vsense_ros.driver.nmea import NmeaDecoder
 from vsense_ros.driver.ubx import UbxDecoder
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Channel, Recording
-from vsense_ros.messages.watch import PlausibilityWatch
 
 
 def drive() -> Recording:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vsense_ros import observer
+from vsense_ros.checks.inspect import inspect
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
-from vsense_ros.messages.inspect import inspect
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import BodyVelocity, known_topics
 from vsense_ros.model.vehicle import Vehicle

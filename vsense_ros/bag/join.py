@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from vsense_ros.checks.offset import clock_offset
 from vsense_ros.errors import InputError
-from vsense_ros.messages.plausibility import clock_offset
 from vsense_ros.messages.recording import Channel, Recording
 
 

@@ -61,12 +61,14 @@ def run(
 
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import import_recording
+    from vsense_ros.checks.examination import findings
+    from vsense_ros.checks.mending import mended, mends
+    from vsense_ros.checks.roles import topics_of
+    from vsense_ros.checks.sentences import mend_in_words, sentences
     from vsense_ros.estimation.reading import noise_at_start
     from vsense_ros.evaluate.drive import Drive
     from vsense_ros.evaluate.reference import at_reference, mounting_in_words
     from vsense_ros.evaluate.terminal import console, progress, say, show_drive, waiting
-    from vsense_ros.messages.mending import mended, mends
-    from vsense_ros.messages.plausibility import findings
     from vsense_ros.model.sensors import unheard
     from vsense_ros.model.simulation.closed_loop import rolling_radii
 
@@ -77,14 +79,14 @@ def run(
     name = recording.name or bag.stem
     for sentence in unheard(recording.channels, car.sensors.values(), car.name):
         warn(sentence)
-    radius = float(np.mean(rolling_radii(car)))
+    topics, radius = topics_of(car.sensors.values()), float(np.mean(rolling_radii(car)))
     if mend:
-        todo = mends(recording, radius)
+        todo = mends(recording, topics, radius)
         recording = mended(recording, todo)
         for one in todo:
-            say(f"Mended: {one}.")
-    for finding in findings(recording, radius):
-        warn(f"{finding.topic}: {finding.text}")
+            say(f"Mended: {mend_in_words(one)}.")
+    for sentence in sentences(findings(recording, topics, radius)):
+        warn(sentence)
     heading = [sensor.topic for sensor in car.sensors.values() if sensor.on_map]
     if heading and not any(topic in recording for topic in heading):
         warn(f"none of {', '.join(heading)} is in the recording: the car's heading on the map stays unknown")

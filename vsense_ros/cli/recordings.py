@@ -55,8 +55,8 @@ def import_(
     from vsense_ros.bag import write_bag
     from vsense_ros.bag.importers import find_importer, import_recording
     from vsense_ros.bag.join import joined
+    from vsense_ros.checks.inspect import inspect
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
-    from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
 
     if proposed:
@@ -115,9 +115,10 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
       vsense info drive.blf --dbc car.dbc --mapping config/can/toyota_rav4_2017.yaml
     """
     from vsense_ros.bag.importers import import_recording
+    from vsense_ros.checks.inspect import inspect
+    from vsense_ros.checks.mending import mends
+    from vsense_ros.checks.sentences import mend_in_words
     from vsense_ros.evaluate.terminal import console, show_inspection, waiting
-    from vsense_ros.messages.inspect import inspect
-    from vsense_ros.messages.mending import mends
     from vsense_ros.model.sensors import known_topics
 
     options = {name: value for name, value in (("mapping", mapping), ("dbc", dbc)) if value is not None}
@@ -126,7 +127,8 @@ def info(bag: Path, mapping: Path | None, dbc: Path | None) -> None:
         inspection = inspect(recording, known_topics())
     show_inspection(inspection, console())
     for mend in mends(recording):
-        click.echo(f"What would mend it: {printable(str(mend))} (`vsense run` and `vsense explain` do it with --mend).")
+        words = printable(mend_in_words(mend))
+        click.echo(f"What would mend it: {words} (`vsense run` and `vsense explain` do it with --mend).")
 
 
 @click.group(invoke_without_command=True, cls=Commands)

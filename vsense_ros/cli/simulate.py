@@ -34,10 +34,10 @@ def simulate(
       vsense simulate double_oval_25 --vehicle jaguar_saloon --receiver dg_100 --gnss-rate 1 --out out/oval
     """
     from vsense_ros.bag import write_bag
+    from vsense_ros.checks.inspect import inspect
     from vsense_ros.evaluate.terminal import console, say, show_inspection, waiting
     from vsense_ros.manoeuvre import generate
     from vsense_ros.manoeuvre.receivers import with_receiver
-    from vsense_ros.messages.inspect import inspect
     from vsense_ros.model.sensors import known_topics
     from vsense_ros.model.vehicle import left_out_of_simulation
 

@@ -15,6 +15,7 @@ from cantools.database import Database, Message
 from cantools.database import Signal as DbcSignal
 from numpy.typing import NDArray
 
+from vsense_ros.checks.watch import PlausibilityWatch
 from vsense_ros.driver import samples
 from vsense_ros.driver.can_checksum import CHECKSUMS
 from vsense_ros.driver.can_database import CanDatabase, read_database
@@ -34,7 +35,6 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
 from vsense_ros.messages.units import contradiction
-from vsense_ros.messages.watch import PlausibilityWatch
 
 
 @dataclass(frozen=True, slots=True)

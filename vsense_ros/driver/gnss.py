@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsense_ros.checks.watch import PlausibilityWatch
 from vsense_ros.driver import samples
 from vsense_ros.driver.monitor import NANO, StreamLimits, StreamMonitor
 from vsense_ros.errors import InputError
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
-from vsense_ros.messages.watch import PlausibilityWatch
 
 DAY = 86400 * NANO
 _MOST_KINDS = 64  # of frames that are counted by name

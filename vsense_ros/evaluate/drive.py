@@ -8,11 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsense_ros.checks.inspect import TopicInfo, inspect
 from vsense_ros.evaluate.balance import Balance, balance
 from vsense_ros.evaluate.metrics import SignalScore, compare, without_reference
 from vsense_ros.evaluate.signals import find_channel
 from vsense_ros.messages.diagnostic import Diagnostic
-from vsense_ros.messages.inspect import TopicInfo, inspect
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import known_topics
 from vsense_ros.model.vehicle import Vehicle

@@ -13,11 +13,11 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from vsense_ros.checks.inspect import Inspection
 from vsense_ros.evaluate.drive import Drive
 from vsense_ros.evaluate.signals import SIGNALS
 from vsense_ros.evaluate.wording import balance_in_words, named, score_cells
 from vsense_ros.files.names import printable
-from vsense_ros.messages.inspect import Inspection
 
 PIPE_WIDTH = 110  # of lines that go into a file or a pipe
 

@@ -14,9 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from vsense_ros.checks.consistency import turning
+from vsense_ros.checks.examination import OF_UNITS, run
+from vsense_ros.checks.finding import Finding
+from vsense_ros.checks.mending import mends
+from vsense_ros.checks.motion import GNSS
+from vsense_ros.checks.roles import topics_of
+from vsense_ros.checks.sentences import mend_in_words, sentence
+from vsense_ros.checks.subject import Subject
 from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
-from vsense_ros.messages.inspect import doubts
-from vsense_ros.messages.mending import Mend, mends
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE, best_lag
 from vsense_ros.mismatch.candidates import BASE
@@ -129,13 +135,14 @@ def _without_margins(window: Window) -> Window:
     return replace(window, readings={name: found for name, found in inside.items() if len(found.t) >= 2})
 
 
-def faults_of(recording: Recording, vehicle: Vehicle) -> list[Mend]:
+def faults_of(recording: Recording, vehicle: Vehicle) -> list[Finding]:
     """What would mend signs, axes and units of a recording that cannot be right, with sensors as the file has them."""
     sensors = vehicle.sensing()
     mounted = {s.topic for s in sensors.values() if recording_turned(recording, s)}
     topics = {s.topic for s in sensors.values() if s.is_compared} - mounted
     radius = float(np.mean(rolling_radii(vehicle)))
-    return [mend for mend in mends(_as_mounted(recording, sensors), radius) if mend.topic in topics]
+    found = mends(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
+    return [finding for finding in found if finding.topic in topics]
 
 
 def recording_turned(recording: Recording, sensor: SensorBase) -> bool:
@@ -144,10 +151,10 @@ def recording_turned(recording: Recording, sensor: SensorBase) -> bool:
     return channel is not None and bool(sensor.message_in_axes_of_car(channel.columns))
 
 
-def faults_in_words(recordings: Sequence[Recording], faults: Sequence[Sequence[Mend]]) -> list[str]:
+def faults_in_words(recordings: Sequence[Recording], faults: Sequence[Sequence[Finding]]) -> list[str]:
     """By recording what would mend it."""
     return [
-        f"what mends {recording.name}: {', '.join(map(str, todo))}"
+        f"what mends {recording.name}: {', '.join(map(mend_in_words, todo))}"
         for recording, todo in zip(recordings, faults, strict=True)
         if todo
     ]
@@ -248,9 +255,11 @@ def _twins(sensors: Mapping[str, SensorBase]) -> Iterator[str]:
 def _units(recordings: Sequence[Recording], sensors: Mapping[str, SensorBase], radius: float) -> Iterator[str]:
     """Units, signs and axes that cannot be right, as `vsense info` finds them, in what the model is compared with."""
     for recording in recordings:
-        for topic, found in doubts(_as_mounted(recording, sensors), radius).items():
-            if found and topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
-                yield f"in {recording.name}, {topic}: {found[0]}"
+        subject = Subject(_as_mounted(recording, sensors), topics_of(sensors.values()), radius)
+        found = [*run(OF_UNITS, subject), *(one for one in run((turning,), subject) if one.against == GNSS)]
+        for finding in found:
+            if finding.topic in {sensor.topic for sensor in sensors.values() if sensor.is_compared}:
+                yield f"in {recording.name}, {finding.topic}: {sentence(finding)}"
 
 
 def _as_mounted(recording: Recording, sensors: Mapping[str, SensorBase]) -> Recording:

@@ -15,9 +15,11 @@ from ruamel.yaml import YAML
 from vsense_ros.bag.importers import mapping as mapping_file
 from vsense_ros.bag.importers import mat, mdf4, text_table
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.checks.examination import findings
+from vsense_ros.checks.finding import Kind
+from vsense_ros.checks.sentences import sentence
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units
-from vsense_ros.messages.plausibility import findings
 from vsense_ros.messages.topics import WHEELS
 
 _START = r"^(?:.*[ ._:])?"
@@ -52,6 +54,7 @@ _NAMES: tuple[tuple[str, str, str], ...] = (
     *(("vehicle/wheel_speeds", f"velocity.wheel_{wheel}", _WHEEL.format(_SIDES[wheel])) for wheel in WHEELS),
 )
 _TIME = re.compile(_START + r"(?:time|timestamp|zeit|t|utc|elapsed(?:[ _]time)?|seconds)" + _END, re.IGNORECASE)
+_MOST_TURNS = 3  # rounds of reversing signs, each of which may show another one
 _RADIUS = 0.32  # [m] of a wheel whose speed is told at its rim
 
 
@@ -222,28 +225,28 @@ def _turn_signs(path: Path, content: dict[str, Any], remarks: list[str]) -> None
     """Reverse what the other sensors contradict."""
     from vsense_ros.bag.importers import import_recording
 
-    turns: Mapping[str, tuple[str, ...]] = {
-        "the yaw rate": ("imu/data", "angular_velocity", "2"),
-        "the lateral acceleration": ("imu/data", "linear_acceleration", "1"),
-        "the longitudinal acceleration": ("imu/data", "linear_acceleration", "0"),
-        "steering_wheel": ("vehicle/steering", "position", "steering_wheel"),
-        "road_wheel_front": ("vehicle/steering", "position", "road_wheel_front"),
-    }
-    for _ in range(3):
-        found = list(findings(import_recording(path, mapping=content)))
+    for _ in range(_MOST_TURNS):
+        found = findings(import_recording(path, mapping=content))
         turned = False
         for finding in found:
-            words = next((w for w in turns if finding.text.startswith(w)), None)
-            if finding.fault != "sign" or words is None:
+            if finding.kind is not Kind.SIGN or not finding.signal:
                 continue
-            topic, field, part = turns[words]
-            fields = content["topics"][topic][field]
-            signal = fields[int(part)] if part.isdigit() else fields[part]
+            signal = _signal_of(content["topics"][finding.topic], finding.signal)
             if signal is None or "sign" in signal:
                 continue
             signal["sign"] = -1
-            remarks.append(f"{signal['column']}: reversed, as {finding.text}")
+            remarks.append(f"{signal['column']}: reversed, as {sentence(finding)}")
             turned = True
         if not turned:
-            remarks += [f"look at {f.topic}: {f.text}" for f in found if f.fault != "sign"]
+            remarks += [f"look at {f.topic}: {sentence(f)}" for f in found if f.kind is not Kind.SIGN]
             return
+
+
+def _signal_of(fields: Mapping[str, Any], name: str) -> dict[str, Any] | None:
+    """The entry of a signal in the fields of a topic: of a component of a vector, or of a joint; None if there is
+    none."""
+    field, _, axis = name.partition(".")
+    if axis:
+        signals = fields.get(field)
+        return signals["xyz".index(axis)] if isinstance(signals, list) else None
+    return next((joints[name] for joints in fields.values() if isinstance(joints, dict) and name in joints), None)

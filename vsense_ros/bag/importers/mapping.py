@@ -42,9 +42,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from vsense_ros.bag.importers import build
 from vsense_ros.bag.importers.build import Array
+from vsense_ros.checks.held import period_of_updates
 from vsense_ros.errors import InputError
 from vsense_ros.messages import units, yaml_text
-from vsense_ros.messages.held import period_of_updates
 from vsense_ros.messages.memory import give_back
 from vsense_ros.messages.recording import FIELDS, Channel, Recording
 from vsense_ros.messages.topics import TOPICS, WHEELS

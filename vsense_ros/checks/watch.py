@@ -3,27 +3,43 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
+from vsense_ros.checks.examination import findings
+from vsense_ros.checks.finding import Finding, Kind
+from vsense_ros.checks.roles import USUAL_TOPICS, Topics
+from vsense_ros.checks.sentences import sentences
+from vsense_ros.checks.setting import JUDGEMENT, setting
 from vsense_ros.messages.diagnostic import Diagnostic, Level
-from vsense_ros.messages.plausibility import Finding, findings
 from vsense_ros.messages.recording import FIELDS, Channel, Recording, Sample
 
-_SPAN = 40.0  # [s] that are looked at
-_LEAST = 15.0  # [s] below which nothing is said
-_EVERY = 10.0  # [s] between two looks
 _NANO = 1_000_000_000
-_STEP = _NANO // 50  # [ns] within which further samples of a topic are left out
-# What a few seconds cannot tell, or the monitor of a stream tells at once.
-_NOT_ASKED = ("cut", "missing", "duplicates", "clock", "frozen", "held", "quantised", "jump")
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """How much of a stream is looked at, and how often."""
+
+    span: float = setting(40.0, "s", "of the stream that are looked at", JUDGEMENT)
+    least: float = setting(15.0, "s", "of a topic, of less of which nothing is said", JUDGEMENT)
+    least_rows: int = setting(20, "-", "samples of a topic, likewise", JUDGEMENT)
+    period: float = setting(10.0, "s", "between two looks", JUDGEMENT)
+    step: float = setting(0.02, "s", "within which further samples of a topic are left out", JUDGEMENT)
+    restart: float = setting(10.0, "s", "between two samples after which the stream begins anew", JUDGEMENT)
+
+
+SETTINGS = WatchSettings()
+# What shows in a few seconds. The rest does not, or the monitor of a stream says it at once.
+_SHOWN = (Kind.SIGN, Kind.AXES, Kind.UNIT, Kind.LAG, Kind.FRAME, Kind.FAILED)
 
 
 class PlausibilityWatch:
     """Keeps the latest samples of a driver, and says in its diagnostics what cannot be true together of them."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, topics: Topics = USUAL_TOPICS) -> None:
+        self.name, self.topics = name, topics
         self._samples: dict[str, deque[Sample]] = {}
         self._last: dict[str, tuple[int, int, tuple[str, ...]]] = {}  # kept: stamp, that of the next, names
         self._last_look: int | None = None
@@ -35,35 +51,34 @@ class PlausibilityWatch:
         stamp = sample.stamp
         if last is not None and last[0] < stamp < last[1] and last[2] == sample.names:
             return
-        self._last[sample.topic] = stamp, stamp + _STEP, sample.names
+        self._last[sample.topic] = stamp, stamp + round(SETTINGS.step * _NANO), sample.names
         kept = self._samples.get(sample.topic)
         if kept is None:
             kept = self._samples[sample.topic] = deque()
         if kept:
-            if abs(stamp - kept[-1].stamp) >= 10 * _NANO:
+            if abs(stamp - kept[-1].stamp) >= SETTINGS.restart * _NANO:
                 kept.clear()  # the clock was set, or the stream begins anew
-            while kept and stamp - kept[0].stamp > _SPAN * _NANO:
+            while kept and stamp - kept[0].stamp > SETTINGS.span * _NANO:
                 kept.popleft()
         kept.append(sample)
 
     def diagnostics(self, now: int) -> list[Diagnostic]:
         """What cannot be true at `now` [ns]; nothing where there is no doubt."""
-        if self._last_look is None or not 0 <= now - self._last_look < _EVERY * _NANO:
+        if self._last_look is None or not 0 <= now - self._last_look < SETTINGS.period * _NANO:
             self._last_look = now
             self._found = self._look()
         if not self._found:
             return []
-        told = "; ".join(f"{finding.topic}: {finding.text}" for finding in self._found)
-        return [Diagnostic(f"{self.name}: plausibility", Level.WARN, told)]
+        return [Diagnostic(f"{self.name}: plausibility", Level.WARN, "; ".join(sentences(self._found)))]
 
     def _look(self) -> list[Finding]:
         channels = {}
         for topic, kept in list(self._samples.items()):
-            if len(kept) > 20 and kept[-1].stamp - kept[0].stamp > _LEAST * _NANO:
+            if len(kept) > SETTINGS.least_rows and kept[-1].stamp - kept[0].stamp > SETTINGS.least * _NANO:
                 channels[topic] = _channel(list(kept))
         if not channels:
             return []
-        return [f for f in findings(Recording(channels)) if f.fault not in _NOT_ASKED]
+        return [f for f in findings(Recording(channels), self.topics) if f.kind in _SHOWN]
 
 
 def _channel(samples: list[Sample]) -> Channel:

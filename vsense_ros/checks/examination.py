@@ -1,0 +1,111 @@
+"""All checks of a recording, one after the other: what later ones make of it depends on what earlier ones found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from vsense_ros.checks import clocks, consistency, units, values
+from vsense_ros.checks.finding import Confidence, Finding, Kind
+from vsense_ros.checks.frames import position_steps
+from vsense_ros.checks.reason import Reason
+from vsense_ros.checks.roles import USUAL_TOPICS, Role, Topics
+from vsense_ros.checks.subject import Subject
+from vsense_ros.messages.recording import Recording
+
+Check = Callable[[Subject, Sequence[Finding]], Iterable[Finding]]
+
+_OF_A_FRAME = (Kind.FRAME, Kind.AXES, Kind.UNIT, Kind.SIGN)
+_OF_A_SIGNAL = (Reason.SIGNAL_JUMPS, Reason.SIGNAL_JUMPS_OFTEN)
+_OF_A_RANGE = (Reason.POSITION_RANGE, Reason.POSITION_ZERO)
+RECORDING = "recording"  # in place of a topic, for what concerns all of it
+
+
+def usable(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
+    """A recording in which there is nothing to be read, or of which something is lost."""
+    recording, certain = subject.recording, Confidence.CERTAIN
+    if not any(len(recording[topic]) for topic in subject.topics.values() if topic in recording):
+        names = {"topics": ", ".join(sorted(recording.channels)) or "nothing"}
+        yield Finding(RECORDING, Kind.MISSING, Reason.NO_KNOWN_TOPIC, confidence=certain, names=names)
+    if recording.messages_lost:
+        evidence = {"count": float(recording.messages_lost)}
+        yield Finding(RECORDING, Kind.CUT, Reason.MESSAGES_LOST, confidence=certain, evidence=evidence)
+    for damage in recording.damage:
+        yield Finding(RECORDING, Kind.CUT, Reason.DAMAGED, confidence=certain, names={"damage": damage})
+
+
+def frames(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
+    """The frame of the GNSS velocity, and the position, against each other and how the car turns."""
+    yield from subject.frame_findings
+    blamed = {finding.topic for finding in subject.frame_findings}
+    if subject.aligned is not None and not blamed & {subject.topics[r] for r in (Role.POSITION, Role.VELOCITY)}:
+        yield from position_steps(subject.aligned)
+    yield from subject.course_findings
+
+
+# Units and sizes of single signals, and of those that GNSS shows.
+OF_UNITS: tuple[Check, ...] = (
+    units.gravity, units.yaw_rate, units.rolling, units.steering_range, units.position_range, values.position_jumps,
+    units.brake_pressure,
+)  # fmt: skip
+OF_MOTION: tuple[Check, ...] = (
+    frames, values.frozen_steering, consistency.turning, consistency.gyro_axes, consistency.axes_in_plane,
+    consistency.wheel_ratios, values.frozen_wheels, clocks.lags,
+)  # fmt: skip
+OF_VALUES: tuple[Check, ...] = (
+    usable, values.held, values.jumps, values.quantised, values.frozen_gnss, clocks.apart, clocks.running,
+    clocks.repeated,
+)  # fmt: skip
+
+
+def findings(recording: Recording, topics: Topics = USUAL_TOPICS, radius: float | None = None) -> list[Finding]:
+    """All that cannot be right in a recording with the `topics` of a vehicle; its rolling `radius` [m], if it is known.
+
+    A check that raises becomes a finding itself, and the others go on.
+    """
+    subject = Subject(recording, topics, radius)
+    of_values = run(OF_VALUES, subject)
+    of_motion = run(OF_MOTION, subject, run(OF_UNITS, subject))
+    return without_repetitions(_consistent([*of_motion, *of_values], subject))
+
+
+def run(checks: Iterable[Check], subject: Subject, earlier: Sequence[Finding] = ()) -> list[Finding]:
+    """The findings of checks after some earlier ones, which come first."""
+    result = list(earlier)
+    for check in checks:
+        try:
+            result += check(subject, tuple(result))
+        except Exception as error:  # whatever a check stumbles over, the others still say something
+            names = {"check": check.__name__, "error": f"{type(error).__name__}: {error}"}
+            result.append(Finding(RECORDING, Kind.FAILED, Reason.CHECK_FAILED, names=names))
+    return result
+
+
+def _consistent(found: Sequence[Finding], subject: Subject) -> Iterator[Finding]:
+    """Findings without those that follow from others: topics by another clock do not go with the rest, what a frozen or
+    repeating source measures is late, and a GNSS velocity in another frame shows no jumps of the position."""
+    gnss = {subject.topics[role] for role in (Role.VELOCITY, Role.POSITION)}
+    other_clock = {f.topic for f in found if f.kind is Kind.CLOCK}
+    frozen = {f.topic for f in found if f.kind is Kind.FROZEN and f.topic in gnss}
+    turned = any(f.topic in gnss and f.kind in _OF_A_FRAME and f.reason not in _OF_A_RANGE for f in found)
+    repeats = bool(other_clock) or any(f.kind is Kind.HELD for f in found)
+    for finding in found:
+        by_gnss = finding.against in gnss and finding.kind in (Kind.UNIT, Kind.SIGN, Kind.JUMP)
+        if finding.kind is Kind.LAG and (repeats or frozen):
+            continue
+        if frozen and finding.kind in (Kind.FRAME, Kind.JUMP) and finding.reason not in _OF_A_SIGNAL:
+            continue
+        if turned and finding.reason is Reason.POSITION_JUMPS:
+            continue
+        if by_gnss and other_clock & {*gnss, finding.topic}:
+            continue
+        yield finding
+
+
+def without_repetitions(found: Iterable[Finding]) -> list[Finding]:
+    """Findings without those that say again of a topic that a sign, a unit or a jump is wrong."""
+    result: list[Finding] = []
+    for finding in found:
+        once = finding.kind in (Kind.SIGN, Kind.UNIT, Kind.JUMP)
+        if not (once and any((f.topic, f.kind) == (finding.topic, finding.kind) for f in result)):
+            result.append(finding)
+    return result

@@ -1,0 +1,48 @@
+"""Values that a faster table repeats until a slower source brings new ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.checks.setting import JUDGEMENT, setting
+
+
+@dataclass(frozen=True)
+class HeldSettings:
+    """By which values that are held are distinguished from those that rest."""
+
+    least_runs: int = setting(12, "-", "of equal values, of fewer of which nothing is said", JUDGEMENT)
+    most_changes: float = setting(0.7, "-", "share of rows that bring a new value, above which none is held")
+    regular: float = setting(0.9, "-", "share of runs that have the usual length, or a multiple of it")
+    usual: float = setting(0.6, "-", "share of runs that have the usual length")
+    exact: int = setting(4, "-", "rows of a run, below which two clocks make no difference of one", JUDGEMENT)
+
+
+SETTINGS = HeldSettings()
+
+
+def period_of_updates(values: NDArray[np.float64]) -> int | None:
+    """In how many rows of (n, m) values each one stands, the same everywhere; None where each row may bring a new one.
+
+    A signal that is quantised, or stands still at times, repeats itself irregularly; one that is held does so by the
+    clock.
+    """
+    if len(values) < 4 * SETTINGS.least_runs:
+        return None
+    changed = (np.diff(np.nan_to_num(values, nan=np.inf), axis=0) != 0).any(axis=1)
+    at = np.flatnonzero(changed)
+    if len(at) < SETTINGS.least_runs or len(at) > SETTINGS.most_changes * len(values):
+        return None
+    runs = np.diff(at)
+    length = int(np.median(runs))
+    if length < 2:
+        return None
+    slack = 0 if length < SETTINGS.exact else 1
+    beside = np.abs(runs - length * np.maximum(np.rint(runs / length), 1))
+    usual = np.abs(runs - length) <= slack
+    if np.mean(beside <= slack) < SETTINGS.regular or np.mean(usual) < SETTINGS.usual:
+        return None
+    return length
