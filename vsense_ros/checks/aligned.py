@@ -55,8 +55,8 @@ def stretches(where: Mask) -> list[tuple[int, int]]:
 
 
 def runs_of_equal_values(value: Array, rounding: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First index and length of each stretch of equal values (n,), or of equal rows (n, m); those that differ by no more
-    than `rounding` from the one before are equal."""
+    """First index and length of each stretch of equal values (n,), or of equal rows (n, m), as far as
+    neighbours that differ by no more than `rounding` are equal."""
     changes = ~(np.abs(np.diff(value, axis=0)) <= rounding)
     first = np.concatenate([[0], np.flatnonzero(changes if value.ndim == 1 else changes.any(axis=1)) + 1])
     return first, np.diff(np.append(first, len(value)))
