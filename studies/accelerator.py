@@ -71,9 +71,9 @@ def bit_exact(kernel: Kernel, vehicle: Vehicle, count: int, progress: Callable[[
     same, size = 0, max(1, count // 100)
     for begin in range(0, count, size):
         part = given[begin : begin + size]
-        found, refused, cycles = rtl.run(part)
+        computed, refused, cycles = rtl.run(part)
         expected, expected_refused = kernel.run(part, own)
-        alike = (found == expected).all(axis=1) & (refused == expected_refused) & (cycles == kernel.cycles())
+        alike = (computed == expected).all(axis=1) & (refused == expected_refused) & (cycles == kernel.cycles())
         same += int(alike.sum())
         progress((begin + len(part)) / count)
     return same, kernel.cycles()
@@ -104,7 +104,7 @@ def under_faults(count: int, progress: Callable[[float], None], share: float = 0
     random = np.random.default_rng(5)
     root = random.standard_normal((50, 14, 14))
     systems = 1500 * (root @ root.transpose(0, 2, 1) / 14 + 0.1 * np.eye(14))
-    found = {}
+    outcomes = {}
     kinds = [field.name for field in fields(Faults) if field.name != "delay_ms"]
     for k, kind in enumerate(kinds):
         device = Device("mock", ("solve14",), faults=Faults(**{kind: share}))
@@ -122,27 +122,27 @@ def under_faults(count: int, progress: Callable[[float], None], share: float = 0
         counted = {name: n for name, n in client.counts.items() if n}
         happened = device.chance.happened[kind]
         longest = client.longest / client.deadline
-        found[kind] = UnderFault(count, happened, worst, longest, client.fallbacks, counted)
+        outcomes[kind] = UnderFault(count, happened, worst, longest, client.fallbacks, counted)
     progress(1.0)
-    return found
+    return outcomes
 
 
 def units(vehicle: Vehicle, progress: Callable[[float], None]) -> dict[str, dict[str, Any]]:
     """The observer of a vehicle as units of FMI 2 and 3 on a lane change: whether FMPy validates them without a remark,
     and whether they have the bits of the exported C."""
     recording = generate("double_lane_change", vehicle)
-    found = {}
+    checked = {}
     for i, version in enumerate((2, 3)):
         with TemporaryDirectory() as folder:
             path = Path(folder) / "observer.fmu"
             fmu.write(vehicle, path, version)
             agreement = fmu_check.compare(vehicle, path, version, recording)
-        found[f"fmi{version}"] = {
+        checked[f"fmi{version}"] = {
             "valid": not agreement.remarks, "bitwise": agreement.bitwise, "steps": agreement.steps,
             "from_python": agreement.python,
         }  # fmt: skip
         progress((i + 1) / 2)
-    return found
+    return checked
 
 
 def implementation_table(

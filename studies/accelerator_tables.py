@@ -81,6 +81,6 @@ def show_implementation(rows: Sequence[Implementation], shares: dict[str, dict[s
     )
     table = plain_table("share of a step's operations", *HIS_SHARES, right=tuple(HIS_SHARES))
     table.add_row("thesis, of computing time", *(f"{value:.1f} %" for value in HIS_SHARES.values()))
-    for name, found in shares.items():
-        table.add_row(name, *(f"{found[part]:.1f} %" for part in HIS_SHARES))
+    for name, percent in shares.items():
+        table.add_row(name, *(f"{percent[part]:.1f} %" for part in HIS_SHARES))
     console().print(table)

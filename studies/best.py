@@ -100,7 +100,7 @@ class Repeated:
     """All that the repetition came to."""
 
     twins: dict[int, Twin]
-    found: dict[str, list[Identified]]  # by filter, one for each seed
+    identified: dict[str, list[Identified]]  # by filter, one for each seed
     filtered: list[Identified]  # by the extended filter, of signals that were low-passed as the paper's
     literal: dict[str, Rinsed]
     h_plus: HPlus
@@ -112,8 +112,8 @@ class Repeated:
 def curve_errors(values: Array) -> Array:
     """Root mean square error of the force curves with these free parameters, of their peaks (4,)."""
     truth = best_4dof.curves(PAPER)
-    found = best_4dof.curves(PAPER | dict(zip(FREE, values.tolist(), strict=True)))
-    return np.asarray(np.sqrt((((found - truth) / truth.max(axis=1)[:, None]) ** 2).mean(axis=1)))
+    curves = best_4dof.curves(PAPER | dict(zip(FREE, values.tolist(), strict=True)))
+    return np.asarray(np.sqrt((((curves - truth) / truth.max(axis=1)[:, None]) ** 2).mean(axis=1)))
 
 
 def wrong_start(seed: int, names: tuple[str, ...] = FREE, by: float = WRONG) -> dict[str, float]:
@@ -145,12 +145,12 @@ def repeat(
     twins = {seed: best_twin.drive(best_twin.rich_driver(seed), SECONDS) for seed in seeds}
     drives = {seed: twin.recorded(seed, cut_off=best.CUT_OFF) for seed, twin in twins.items()}
     report()
-    found: dict[str, list[Identified]] = {name: [] for name in KINDS}
+    identified: dict[str, list[Identified]] = {name: [] for name in KINDS}
     wall = {}
     for name, kind in KINDS.items():
         begun = time.perf_counter()
         for seed in seeds:
-            found[name].append(identify(drives[seed], wrong_start(seed), kind))
+            identified[name].append(identify(drives[seed], wrong_start(seed), kind))
             report()
         wall[name] = time.perf_counter() - begun
     first = seeds[0]
@@ -161,10 +161,10 @@ def repeat(
         report()
     h_plus = free_heights(drives[first], twins[first].recorded(first), first)
     report()
-    validation = validate(found["iekf"][0].rinsed.values)
+    validation = validate(identified["iekf"][0].rinsed.values)
     report()
     return Repeated(
-        twins, found, filtered, as_printed, h_plus, validation, peer_pass(drives[first], wrong_start(first)),
+        twins, identified, filtered, as_printed, h_plus, validation, peer_pass(drives[first], wrong_start(first)),
         wall["iekf"],
     )  # fmt: skip
 
@@ -210,11 +210,11 @@ def validate(values: Array) -> dict[str, tuple[Twin, Array, Array]]:
         "identification": best_twin.drive(best_twin.rich_driver(SEEDS[0]), SECONDS),
     }
     model = OpenLoop(Best4Dof(), PAPER, FREE)
-    found = {}
+    twins = {}
     for name, twin in runs.items():
         drive = twin.recorded(99, name)
-        found[name] = (twin, model.outputs(drive, values), model.states(drive, values))
-    return found
+        twins[name] = (twin, model.outputs(drive, values), model.states(drive, values))
+    return twins
 
 
 def fits(result: Repeated) -> dict[str, dict[str, float]]:
@@ -282,7 +282,7 @@ def peer_pass(drive: Drive, start: Mapping[str, float], steps: int = 150) -> flo
 
 def content(result: Repeated) -> dict[str, Any]:
     """What is written as JSON."""
-    iekf, iukf = (np.array([one.rinsed.values for one in result.found[name]]) for name in KINDS)
+    iekf, iukf = (np.array([one.rinsed.values for one in result.identified[name]]) for name in KINDS)
     errors = np.median(np.abs(iekf / TRUTH - 1), axis=0) * 100
     twin = {
         SYMBOLS[name][0]: {
@@ -291,7 +291,7 @@ def content(result: Repeated) -> dict[str, Any]:
         }
         for i, name in enumerate(FREE)
     }  # fmt: skip
-    curves = np.median([one.curve_errors for one in result.found["iekf"]], axis=0) * 100
+    curves = np.median([one.curve_errors for one in result.identified["iekf"]], axis=0) * 100
     worst: dict[str, float] = {}
     for name, signals in fits(result).items():
         if name != "identification":
@@ -303,10 +303,10 @@ def content(result: Repeated) -> dict[str, Any]:
             name.replace(" ", "_"): float(value) for name, value in zip(REACH, curves, strict=True)
         },
         "pass_s": {
-            name: float(np.median([made.seconds for one in found for made in one.rinsed.passes]))
-            for name, found in result.found.items()
+            name: float(np.median([made.seconds for one in drives for made in one.rinsed.passes]))
+            for name, drives in result.identified.items()
         },
-        "passes": max(len(one.rinsed.passes) for found in result.found.values() for one in found),
+        "passes": max(len(one.rinsed.passes) for drives in result.identified.values() for one in drives),
         "h_plus": {"detected": result.h_plus.detected, "directions": [result.h_plus.direction]},
         "validation": worst,
     }
@@ -374,10 +374,10 @@ def _parameters(result: Repeated, made: Mapping[str, Any]) -> Table:
                 "IUKF to\nIEKF %",
                 "3σ %", "low-\npassed %", "paper's\nsettings %")  # fmt: skip
     table = plain_table("", *headings, right=headings)
-    all_errors = np.array([one.rinsed.values / TRUTH - 1 for one in result.found["iekf"]]) * 100
+    all_errors = np.array([one.rinsed.values / TRUTH - 1 for one in result.identified["iekf"]]) * 100
     filtered = np.array([one.rinsed.values / TRUTH - 1 for one in result.filtered]) * 100
     literal = 100 * (result.literal["iekf"].values / TRUTH - 1)
-    three = 300 * result.found["iekf"][0].information.deviations / TRUTH
+    three = 300 * result.identified["iekf"][0].information.deviations / TRUTH
     apart = between(result)
     for i, name in enumerate(FREE):
         symbol = SYMBOLS[name][0]
@@ -392,7 +392,7 @@ def _parameters(result: Repeated, made: Mapping[str, Any]) -> Table:
 
 def between(result: Repeated) -> Array:
     """How far the two filters end from one another, at most (14,) [%]."""
-    iekf, iukf = (np.array([one.rinsed.values for one in result.found[name]]) for name in KINDS)
+    iekf, iukf = (np.array([one.rinsed.values for one in result.identified[name]]) for name in KINDS)
     return np.asarray(np.abs(iukf / iekf - 1).max(axis=0) * 100)
 
 
@@ -400,8 +400,8 @@ def _curves(result: Repeated) -> Table:
     headings = ("start", "IEKF", "IUKF", "IEKF\nlow-passed", "paper's\nsettings", "IUKF to\nIEKF")
     table = plain_table("force curves, RMS error, % of peak", *headings, right=headings)
     columns = [
-        np.median([curve_errors(one.start) for one in result.found["iekf"]], axis=0),
-        *(np.median([one.curve_errors for one in result.found[name]], axis=0) for name in KINDS),
+        np.median([curve_errors(one.start) for one in result.identified["iekf"]], axis=0),
+        *(np.median([one.curve_errors for one in result.identified[name]], axis=0) for name in KINDS),
         np.median([one.curve_errors for one in result.filtered], axis=0),
         curve_errors(result.literal["iekf"].values),
         curves_between(result),
@@ -414,11 +414,11 @@ def _curves(result: Repeated) -> Table:
 def curves_between(result: Repeated) -> Array:
     """RMS distance of the curves of the two filters, of their peaks, at most (4,)."""
     peak = best_4dof.curves(PAPER).max(axis=1)[:, None]
-    found = []
-    for one, other in zip(*result.found.values(), strict=True):
+    bands = []
+    for one, other in zip(*result.identified.values(), strict=True):
         pair = [best_4dof.curves(PAPER | dict(zip(FREE, o.rinsed.values.tolist(), strict=True))) for o in (one, other)]
-        found.append(np.sqrt((((pair[0] - pair[1]) / peak) ** 2).mean(axis=1)))
-    return np.asarray(np.max(found, axis=0))
+        bands.append(np.sqrt((((pair[0] - pair[1]) / peak) ** 2).mean(axis=1)))
+    return np.asarray(np.max(bands, axis=0))
 
 
 def _times(result: Repeated, made: Mapping[str, Any]) -> Table:

@@ -57,7 +57,7 @@ def _convergence(result: Repeated, figure: Figure) -> None:
     figure.set_size_inches(14, 11)
     figure.suptitle("Convergence: parameters over their true values, by pass; force curves at the start and the end")
     grid = figure.add_gridspec(5, 4)
-    first: dict[str, Identified] = {name: found[0] for name, found in result.found.items()}
+    first: dict[str, Identified] = {name: drives[0] for name, drives in result.identified.items()}
     colours = {"iekf": ESTIMATE, "iukf": OTHER}
     for i, name in enumerate(FREE):
         axes = figure.add_subplot(grid[i // 4, i % 4])
@@ -89,8 +89,8 @@ def _convergence(result: Repeated, figure: Figure) -> None:
         axes.plot(slips, start[i], color=MUTED, linestyle=":", label="start")
         axes.plot(slips, truth[i], color=TRUTH, label="truth")
         for kind, one in first.items():
-            found = best_4dof.curves(PAPER | dict(zip(FREE, one.rinsed.values.tolist(), strict=True))) / 1e3
-            axes.plot(slips, found[i], color=colours[kind], linestyle="--", label=kind.upper())
+            curves = best_4dof.curves(PAPER | dict(zip(FREE, one.rinsed.values.tolist(), strict=True))) / 1e3
+            axes.plot(slips, curves[i], color=colours[kind], linestyle="--", label=kind.upper())
         axes.set_xlabel("slip [-]" if "long" in name else "tangent of the slip angle [-]")
         if i == 0:
             axes.legend()

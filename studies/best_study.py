@@ -64,12 +64,12 @@ def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | N
         if progress is not None:
             progress((seed + 1) / total)
     for seed in range(everyday):
-        found, start = everyday_drive(seed)
-        row = [cornering_stiffness(found, axle, start) for axle in AXLES]
-        truth = [cornering_stiffness(_of(TRUTH, found), axle, PAPER)[0] for axle in AXLES]
+        identified, start = everyday_drive(seed)
+        row = [cornering_stiffness(identified, axle, start) for axle in AXLES]
+        truth = [cornering_stiffness(_of(TRUTH, identified), axle, PAPER)[0] for axle in AXLES]
         errors.append([(value - true) / spread for (value, spread), true in zip(row, truth, strict=True)])
         deviations.append([spread / true for (_, spread), true in zip(row, truth, strict=True)])
-        names = {refusal.name for refusal in refusals(found, best_4dof.JUDGED_BY_CURVE)}
+        names = {refusal.name for refusal in refusals(identified, best_4dof.JUDGED_BY_CURVE)}
         for name in counts:
             counts[name] += name in names
         if progress is not None:
@@ -109,8 +109,8 @@ def output_error(drive: Drive, start: Mapping[str, float]) -> Array:
             return np.zeros((lost.size, len(begin)))
         return (by * weights[:, None] * begin).reshape(-1, len(begin))
 
-    found = least_squares(residuals, np.ones(len(begin)), slopes, bounds=(low / begin, high / begin), max_nfev=40)
-    return np.asarray(found.x * begin)
+    solution = least_squares(residuals, np.ones(len(begin)), slopes, bounds=(low / begin, high / begin), max_nfev=40)
+    return np.asarray(solution.x * begin)
 
 
 def _largest(values: Array) -> float:
@@ -121,42 +121,42 @@ def _of(values: Array, like: Information) -> Information:
     return Information(like.names, values, like.prior, like.scaled)
 
 
-def content(found: Study) -> dict[str, Any]:
+def content(made: Study) -> dict[str, Any]:
     """Contents of the file of results."""
-    inside = np.abs(found.errors) < WITHIN
+    inside = np.abs(made.errors) < WITHIN
     return {
-        "starts": len(found.filter),
-        "wrong_minima": {"filter": int((found.filter > WRONG_MINIMUM).sum()),
-                         "output_error": int((found.peer > WRONG_MINIMUM).sum())},
-        "largest_curve_error_percent": {"filter": float(100 * found.filter.max()),
-                                        "output_error": float(100 * found.peer.max())},
+        "starts": len(made.filter),
+        "wrong_minima": {"filter": int((made.filter > WRONG_MINIMUM).sum()),
+                         "output_error": int((made.peer > WRONG_MINIMUM).sum())},
+        "largest_curve_error_percent": {"filter": float(100 * made.filter.max()),
+                                        "output_error": float(100 * made.peer.max())},
         "everyday": {
             axle: {"inside_90_percent": float(inside[:, i].mean()), "median_deviation_percent":
-                   float(100 * np.median(found.deviations[:, i])), "mean_error_in_deviations":
-                   float(found.errors[:, i].mean())}
+                   float(100 * np.median(made.deviations[:, i])), "mean_error_in_deviations":
+                   float(made.errors[:, i].mean())}
             for i, axle in enumerate(AXLES)
-        } if len(found.errors) else {},
-        "refused": dict(found.refused),
+        } if len(made.errors) else {},
+        "refused": dict(made.refused),
     }  # fmt: skip
 
 
-def write(found: Study, path: Path) -> None:
+def write(made: Study, path: Path) -> None:
     """Write the study as JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
-        file.write(json.dumps(content(found), indent=2) + "\n")
+        file.write(json.dumps(content(made), indent=2) + "\n")
 
 
-def show(found: Study, out: Console) -> None:
+def show(study: Study, out: Console) -> None:
     """For the terminal."""
-    made = content(found)
+    made = content(study)
     table = plain_table(f"{made['starts']} random starts, ±30 %", "wrong minima", "largest curve error, % of peak",
                         right=("wrong minima", "largest curve error, % of peak"))  # fmt: skip
     for name, words in (("filter", "identifying EKF"), ("output_error", "output-error least squares")):
         table.add_row(words, str(made["wrong_minima"][name]), f"{made['largest_curve_error_percent'][name]:.1f}")
     out.print(table)
     heads = ("inside 90 % interval", "median σ, %", "mean error, σ")
-    table = plain_table(f"D C_α from {len(found.errors)} everyday drives of 60 s", *heads, right=heads)
+    table = plain_table(f"D C_α from {len(study.errors)} everyday drives of 60 s", *heads, right=heads)
     for axle, row in made["everyday"].items():
         cells = (f"{100 * row['inside_90_percent']:.0f} %", f"{row['median_deviation_percent']:.1f}",
                  f"{row['mean_error_in_deviations']:+.2f}")  # fmt: skip

@@ -198,6 +198,6 @@ def _plant() -> ca.Function:
 def _outputs(states: Array, inputs: Array) -> Array:
     model = Best4Dof()
     x, u, p = ca.SX.sym("x", 13), ca.SX.sym("u", 5), ca.SX(np.array(list(PAPER.values())))
-    found = model.measured(Named(x, model.states), Named(u, model.inputs), Named(p, model.parameters))
-    function = ca.Function("outputs", [x, u], [expression(list(found))])
+    measured = model.measured(Named(x, model.states), Named(u, model.inputs), Named(p, model.parameters))
+    function = ca.Function("outputs", [x, u], [expression(list(measured))])
     return np.array(function.map(len(states))(states.T, inputs.T)).T

@@ -65,10 +65,10 @@ def genesis(out: Path, vehicle: str, identify: Path | None, start: str, referenc
     before = load_car(start)
     warn(left_out_of_observer(before))
     with progress("identifying from the slow and the fast lap") as done:
-        found = job.identify(before, job.identification_laps(folder), done)
+        fit = job.identify(before, job.identification_laps(folder), done)
     identify.parent.mkdir(parents=True, exist_ok=True)
-    save_vehicle(identify, found.vehicle)
-    tables.show_identification(before, found, console())
+    save_vehicle(identify, fit.vehicle)
+    tables.show_identification(before, fit, console())
     say(f"Written to {identify}.")
 
 
@@ -206,9 +206,9 @@ def best(out: Path, study: bool) -> None:
 
     if study:
         with progress("identifying from many starts and drives") as done:
-            found = best_study.study(progress=done)
-        best_study.write(found, out)
-        best_study.show(found, console())
+            outcome = best_study.study(progress=done)
+        best_study.write(outcome, out)
+        best_study.show(outcome, console())
         return
     with progress("driving and identifying") as done:
         results = job.repeat(progress=done)
@@ -250,9 +250,11 @@ def leung(tables: tuple[str, ...], quick: bool, figures: bool, processes: int | 
         except (OSError, ValueError) as error:
             warn(f"table {job.GENESIS} and its figures are left out: {error}")
     with progress("driving and estimating") as done:
-        found, results = job.repeat(names, out.parent / "leung", laps, done, quick=quick, processes=processes)
-    job.write(found, results, out)
-    job.show(found, console())
+        figures_by_table, results = job.repeat(
+            names, out.parent / "leung", laps, done, quick=quick, processes=processes
+        )
+    job.write(figures_by_table, results, out)
+    job.show(figures_by_table, console())
     say(f"Written to {out}.")
     if figures:
         from studies import leung_models_picture, leung_pictures

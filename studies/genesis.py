@@ -103,9 +103,9 @@ def _with_changing_gnss(lap: Recording) -> Recording:
 
 def identify(start: Vehicle, laps: Sequence[Recording], progress: Progress | None = None) -> SideSlipFit:
     """The vehicle whose side slip on the laps comes closest to the reference, searched from `start`."""
-    found = fit_side_slip(start, FREE_PARAMETERS, laps, progress=progress)
+    fit = fit_side_slip(start, FREE_PARAMETERS, laps, progress=progress)
     source = SOURCE.format(fitted=", ".join(parameter.name for parameter in FREE_PARAMETERS))
-    return replace(found, vehicle=found.vehicle.model_copy(update={"source": source}))
+    return replace(fit, vehicle=fit.vehicle.model_copy(update={"source": source}))
 
 
 def fastest_corner(lap: Recording) -> tuple[float, float]:

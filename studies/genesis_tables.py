@@ -20,15 +20,15 @@ def show_examination(results: Mapping[str, Mapping[str, float]], console: Consol
     _show(console, ("case", "side slip RMSE [°]", "lateral velocity NRMSD [%]"), rows)
 
 
-def show_identification(start: Vehicle, found: SideSlipFit, console: Console) -> None:
+def show_identification(start: Vehicle, fit: SideSlipFit, console: Console) -> None:
     """Print each identified number, and the error of the side slip on each lap, before and after."""
-    cars = (start, found.vehicle)
+    cars = (start, fit.vehicle)
     values = [of_vehicle(car).values for car in cars]
     numbers = [(one.name, *(f"{one.value(of_car):.4g}" for of_car in values)) for one in FREE_PARAMETERS]
     yaw = ("mounting angle of the reference", *(f"{car.reference.yaw:.4g}" for car in cars))
     errors = [
         (f"side slip RMSE on {name} [°]", *(f"{degrees(error):.3f}" for error in pair))
-        for name, *pair in zip(IDENTIFIED_FROM, found.before, found.after, strict=True)
+        for name, *pair in zip(IDENTIFIED_FROM, fit.before, fit.after, strict=True)
     ]
     _show(console, ("identified", "start", "found"), [*numbers, yaw, *errors])
 

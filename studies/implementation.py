@@ -115,25 +115,25 @@ def implementations(
         # The full car's take longest: they come first, so that no processor waits for the last of them.
         order = sorted(range(len(groups)), key=lambda i: groups[i][0].car)
         jobs = {pool.submit(_lines, vehicle, groups[i], drives[groups[i][0].car], board): i for i in order}
-        found: list[list[Implementation]] = [[] for _ in groups]
+        lines: list[list[Implementation]] = [[] for _ in groups]
         for job in as_completed(jobs):
-            found[jobs[job]] = job.result()
-            progress(sum(map(len, found)) / len(cases))
-    return list(chain.from_iterable(found))
+            lines[jobs[job]] = job.result()
+            progress(sum(map(len, lines)) / len(cases))
+    return list(chain.from_iterable(lines))
 
 
 def _lines(
     vehicle: Vehicle, cases: Sequence[Case], drive: tuple[Vehicle, Trajectory], board: Board
 ) -> list[Implementation]:
     """Lines that differ in their kernels alone, of which the first has none."""
-    found: list[Implementation] = []
+    lines: list[Implementation] = []
     alone: list[Array] = []
     for case in cases:
         line, outputs = _line(vehicle, case, drive, board)
         alone = alone or outputs
         apart = max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(outputs, alone, strict=True))
-        found.append(replace(line, difference=apart))
-    return found
+        lines.append(replace(line, difference=apart))
+    return lines
 
 
 def every_case() -> Iterator[Case]:
@@ -186,10 +186,10 @@ def iterations_ratio(rows: Sequence[Implementation]) -> float:
 def shares(vehicle: Vehicle, rows: Sequence[Implementation]) -> dict[str, dict[str, float]]:
     """Shares of the thesis's kernels in the operations of a step of 4 ms at his finest tolerance [%], for errorEKF and
     SPI, simplified and full."""
-    found = {}
+    percent = {}
     for row in rows:
         if (row.kernels, row.step, row.tolerance) == ("none", 4, 1e-5):
             substeps = row.step if row.car == "full" else 1
             flop = flop_of(vehicle, row.car, row.observer, row.step)
-            found[f"{row.car} {row.observer}"] = flop.shares(row.iterations, row.iterations + substeps)
-    return found
+            percent[f"{row.car} {row.observer}"] = flop.shares(row.iterations, row.iterations + substeps)
+    return percent

@@ -241,11 +241,11 @@ def repeat(
         results = study(wanted.items(), store, lambda share: progress(share_of_study * share), do_tasks=do_tasks)
         tasks = [task for _, task in others]
         parts = do_tasks(tasks, lambda share: progress(share_of_study + (1 - share_of_study) * share))
-    found: Found = {name: _figures(table, results, seeds, quick) for name, table in chosen.items()}
+    figures: Found = {name: _figures(table, results, seeds, quick) for name, table in chosen.items()}
     for (name, _), part in zip(others, parts, strict=True):
         for row, columns in part.items():
-            found.setdefault(name, {}).setdefault(row, {}).update(columns)
-    return {name: found[name] for name in names if name in found}, results
+            figures.setdefault(name, {}).setdefault(row, {}).update(columns)
+    return {name: figures[name] for name in names if name in figures}, results
 
 
 def check(names: Sequence[str]) -> None:
@@ -277,18 +277,18 @@ def _rows(table: Table, quick: bool) -> tuple[str, ...]:
 def _figures(
     table: Table, results: Results, seeds: range, quick: bool
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    found: dict[str, dict[str, dict[str, float | None]]] = {}
+    figures: dict[str, dict[str, dict[str, float | None]]] = {}
     for row in _rows(table, quick):
-        found[row] = {}
+        figures[row] = {}
         for column, printed in zip(table.columns, table.printed[row], strict=True):
             cases = [Case(table.manoeuvres[row], seed, table.errors) for seed in _seeds_of(column, seeds)]
             values = [_figure(results[case, column.filter], column) for case in cases]
-            found[row][column.title] = {
+            figures[row][column.title] = {
                 "printed": printed,
                 "ours": float(np.mean(values)),
                 "spread": float(np.std(values, ddof=1)) if len(values) > 1 else None,
             }
-    return found
+    return figures
 
 
 def _seeds_of(column: Column, seeds: range) -> range:
@@ -307,13 +307,13 @@ def _figure(result: Mapping[str, Any], column: Column) -> float:
 def side_slips(results: Results) -> dict[str, dict[str, dict[str, float]]]:
     """Side slip of the integrated filter and of the observers with their normalized error squared, and the `bound`, by
     row of what the study has."""
-    found: dict[str, dict[str, dict[str, float]]] = {}
+    by_row: dict[str, dict[str, dict[str, float]]] = {}
     for name in ("integrated", "error_ekf", "spi"):
         for row, manoeuvre in ROWS.items():
             every = _of_row(results, name, manoeuvre)
             if every:
                 extent = every[0]["side_slip"]["range"]
-                found.setdefault(name, {})[row] = {
+                by_row.setdefault(name, {})[row] = {
                     "beta_nrmsd_percent": float(np.mean([100 * one["side_slip"]["rmse"] / extent for one in every])),
                     "nees": float(np.mean([one["nees"]["side_slip"] for one in every])),
                 }
@@ -321,8 +321,8 @@ def side_slips(results: Results) -> dict[str, dict[str, dict[str, float]]]:
         bounds = _of_row(results, BOUND, manoeuvre)
         if bounds:
             share = [100 * one["expected_side_slip"] / one["side_slip"]["range"] for one in bounds]
-            found.setdefault(BOUND, {})[row] = {"beta_nrmsd_percent": float(np.mean(share))}
-    return found
+            by_row.setdefault(BOUND, {})[row] = {"beta_nrmsd_percent": float(np.mean(share))}
+    return by_row
 
 
 def _of_row(results: Results, name: str, manoeuvre: str) -> list[Mapping[str, Any]]:
@@ -355,15 +355,15 @@ def genesis_run(laps: Path, rate: float, name: str) -> dict[str, dict[str, dict[
 def angle_errors(output: Recording, lap: Recording, key: str) -> tuple[Array, Array, Array]:
     """Times [s], errors and stated standard deviations [rad] of an angle, (n,) each, at the stamps of the reference."""
     mine, true = read_signals(output, "vsense")[key], read_signals(lap, "reference")[key]
-    found = align(mine, true)
+    aligned = align(mine, true)
     stated = np.full(len(mine), np.inf) if mine.deviation is None else mine.deviation
-    deviation = np.interp(found.stamp, mine.stamp, stated)
-    return (found.stamp - true.stamp[0]) * 1e-9, found.error[:, 0], deviation
+    deviation = np.interp(aligned.stamp, mine.stamp, stated)
+    return (aligned.stamp - true.stamp[0]) * 1e-9, aligned.error[:, 0], deviation
 
 
-def show(found: Found, console: Console) -> None:
+def show(figures: Found, console: Console) -> None:
     """Print tables: ours, its spread over seeds, and in brackets what the thesis prints. A wide one comes in parts."""
-    for name, rows in found.items():
+    for name, rows in figures.items():
         title = TABLES[name].title if name in TABLES else _TITLES[name]
         console.print(Text.assemble("\n", (f"Table {name}", "bold"), f": {title}"))
         cells = {
@@ -426,11 +426,11 @@ def _cell(figure: Mapping[str, float | None] | None) -> str:
     return text + (f" ({printed:g})" if printed is not None else "")
 
 
-def write(found: Found, results: Results, path: Path) -> None:
+def write(figures: Found, results: Results, path: Path) -> None:
     """Write as JSON: `{table: {row: {column: {printed, ours, spread}}}}`, and side slip of the integrated filter by
     row."""
     path.parent.mkdir(parents=True, exist_ok=True)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     with atomic_write(path) as file:
-        json.dump({**known, **found, **side_slips(results)}, file, indent=2)
+        json.dump({**known, **figures, **side_slips(results)}, file, indent=2)
         file.write("\n")

@@ -94,11 +94,11 @@ def nrmsd(estimate: Array, truth: Array) -> float:
 
 def handling_models(car: Vehicle) -> dict[str, tuple[HandlingModel, Response]]:
     """The five models with linear tyres, by their names in the thesis."""
-    found: tuple[HandlingModel, ...] = (
+    models: tuple[HandlingModel, ...] = (
         Bicycle2Dof(), Bicycle3Dof.of_vehicle(car), Bicycle5Dof.of_vehicle(car), TwinTrack3Dof.of_vehicle(car),
         TwinTrack7Dof.of_vehicle(car),
     )  # fmt: skip
-    return {name: (model, Response(model, model.numbers(car))) for name, model in zip(MODELS, found, strict=True)}
+    return {name: (model, Response(model, model.numbers(car))) for name, model in zip(MODELS, models, strict=True)}
 
 
 def plant_inputs(model: HandlingModel, car: Vehicle, drive: Trajectory) -> Array:
@@ -133,22 +133,22 @@ def open_loop(name: str, drive: Trajectory) -> dict[str, Array]:
     held = (driven_by[:-1] + driven_by[1:]) / 2
     states = response.drive(start, held, STEP)
     outputs = response.told(states, driven_by)
-    found = {output: outputs[:, i] for i, output in enumerate(model.outputs)}
+    by_output = {output: outputs[:, i] for i, output in enumerate(model.outputs)}
     speed = states[:, 0] if "forward_velocity" in model.states else driven_by[:, model.inputs.index("speed")]
-    return {"forward": speed, "lateral": found["lateral_velocity"], "yaw_rate": found["yaw_rate"]}
+    return {"forward": speed, "lateral": by_output["lateral_velocity"], "yaw_rate": by_output["yaw_rate"]}
 
 
 def table_3_4(store: Path, manoeuvre: str) -> Table:
     """Open-loop errors of the five models in the manoeuvre of a row (DO25, LC25), with the plant's inputs."""
     drive = driven(MANOEUVRE_ROWS[manoeuvre], store)
-    found: Table = {row: {} for row in PRINTED_3_4 if row.endswith(manoeuvre)}
+    table: Table = {row: {} for row in PRINTED_3_4 if row.endswith(manoeuvre)}
     for k, name in enumerate(MODELS):
         ours = open_loop(name, drive)
         for words, key, truth in (("yaw rate", "yaw_rate", YAW_RATE), ("lateral velocity", "lateral", SPEED_Y)):
             line = f"{words} {manoeuvre}"
             error = nrmsd(ours[key], drive.u[:, truth])
-            found[line][name] = {"printed": PRINTED_3_4[line][k], "ours": error}
-    return found
+            table[line][name] = {"printed": PRINTED_3_4[line][k], "ours": error}
+    return table
 
 
 # --- table 5.2 -------------------------------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ def sensitivities(speed: float, numbers: Mapping[str, float] = CAR_5_1) -> dict[
 def table_5_2() -> Table:
     """Frobenius norms of A, B and their derivatives; besides, what the thesis does not print: relative sensitivities
     p |dA/dp|, which can be compared, and the largest eigenvalue, which shows whether it is stable (|A| does not)."""
-    found: Table = {}
+    table: Table = {}
     for speed, (norm_a, norm_b, by_a, by_b) in PRINTED_5_2.items():
         ours = sensitivities(speed)
         row: dict[str, dict[str, float | None]] = {
@@ -193,8 +193,8 @@ def table_5_2() -> Table:
                 size = float(np.linalg.norm(ours[what][k]))
                 row[f"1000 |{what}/d{label}|"] = {"printed": float(printed), "ours": 1000 * size}
                 row[f"p |{what}/d{label}|"] = {"printed": None, "ours": scale[k] * size}
-        found[f"{speed:g} m/s"] = row
-    return found
+        table[f"{speed:g} m/s"] = row
+    return table
 
 
 # --- open loop of the 2DoF model: table 5.3, figures 5.1 to 5.9 -------------------------------------------------------
@@ -238,8 +238,8 @@ def bicycle_errors(
         for k, value in enumerate((slip, rate, heading)):
             sums[k] += (value - true[k][i]) ** 2
     scale = np.array([np.ptp(one) for one in true])[:, None]
-    found = 100 * np.sqrt(sums / len(steering)) / scale
-    return dict(zip(("side_slip", "yaw_rate", "heading"), found, strict=True))
+    percent = 100 * np.sqrt(sums / len(steering)) / scale
+    return dict(zip(("side_slip", "yaw_rate", "heading"), percent, strict=True))
 
 
 def truth_of(drive: Trajectory) -> dict[str, Array]:
@@ -307,8 +307,8 @@ def model_truth(numbers: Mapping[str, float], steering: Array, speed: Array) -> 
 def stiffness_map(drive: Trajectory, factors: Array) -> dict[str, Array]:
     """Errors (f, f) over factors of the front (rows) and the rear (columns) axle's stiffness."""
     front, rear = (grid.ravel() for grid in np.meshgrid(factors, factors, indexing="ij"))
-    found = sweep(drive, {"front_stiffness": front, "rear_stiffness": rear})
-    return {key: value.reshape(len(factors), -1) for key, value in found.items()}
+    errors = sweep(drive, {"front_stiffness": front, "rear_stiffness": rear})
+    return {key: value.reshape(len(factors), -1) for key, value in errors.items()}
 
 
 def bias_map(drive: Trajectory, biases: Array, noises: Array) -> dict[str, Array]:
@@ -318,5 +318,5 @@ def bias_map(drive: Trajectory, biases: Array, noises: Array) -> dict[str, Array
     bias, deviation = (grid.ravel() for grid in np.meshgrid(biases, noises, indexing="ij"))
     steering = drive.inputs[:, [STEERING]] + (bias + deviation * noise) / car.physics.steering.ratio
     speed = np.hypot(drive.u[:, [SPEED_X]], drive.u[:, [SPEED_Y]])
-    found = bicycle_errors(numbers_of(car), steering, np.broadcast_to(speed, steering.shape), truth_of(drive))
-    return {key: value.reshape(len(biases), -1) for key, value in found.items()}
+    errors = bicycle_errors(numbers_of(car), steering, np.broadcast_to(speed, steering.shape), truth_of(drive))
+    return {key: value.reshape(len(biases), -1) for key, value in errors.items()}

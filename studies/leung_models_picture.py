@@ -45,11 +45,11 @@ def draw_all(folder: Path, store: Path, progress: Progress = lambda share: None)
         steering_errors,
         side_slip_and_roll,
     )
-    found = []
+    paths = []
     for i, job in enumerate(jobs):
-        found += job(folder, store)
+        paths += job(folder, store)
         progress((i + 1) / len(jobs))
-    return found
+    return paths
 
 
 def parameter_tests(folder: Path, store: Path) -> list[Path]:
@@ -120,7 +120,7 @@ def frequency_responses(folder: Path) -> list[Path]:
 
 def transients(folder: Path, store: Path) -> list[Path]:
     """Figures 3.13 to 3.16: the models driven with the inputs of the plant, without noise."""
-    found = []
+    paths = []
     for row in ("DO25", "LC25"):
         drive = leung.driven(leung.MANOEUVRE_ROWS[row], store)
         with page(f"Models driven as the plant, {row}", (11, 6.4)) as (figure, save):
@@ -138,8 +138,8 @@ def transients(folder: Path, store: Path) -> list[Path]:
             labelled(panels[1][0], "Error of the yaw rate", "time [s]", "[°/s]")
             labelled(panels[1][1], "Error of the lateral velocity", "time [s]", "[m/s]")
             panels[0][0].legend(fontsize=7)
-            found.append(save(folder / f"figures_3_13_to_3_16_{row.lower()}.png"))
-    return found
+            paths.append(save(folder / f"figures_3_13_to_3_16_{row.lower()}.png"))
+    return paths
 
 
 def parameter_errors(folder: Path, store: Path) -> list[Path]:

@@ -148,17 +148,17 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
     observer = Observer(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
     if name == BOUND:  # of all that is measured, by sensors that are right
         observer.vote.believe_all()
-    found: list[Estimate] = []
+    estimates: list[Estimate] = []
     last = 0
     for sample in as_recording(read, case.errors).samples(tuple(observer.topics)):
         observer.add(sample)
         if observer.started and observer.stamp >= last + round(KEPT * STEP * 1e9):
-            found.append(observer.snapshot())
+            estimates.append(observer.snapshot())
             last = observer.stamp
-    stamp = np.array([one.stamp for one in found])
+    stamp = np.array([one.stamp for one in estimates])
     at = np.rint((stamp - _START) * 1e-9 / STEP).astype(np.int64)
     inside = at < len(truth.t)
-    made, at = stacked([one for one, true in zip(found, inside, strict=True) if true]), at[inside]
+    made, at = stacked([one for one, true in zip(estimates, inside, strict=True) if true]), at[inside]
     settled = truth.t[at] > SETTLED
     speed, across = made.velocity[:, 0], made.velocity[:, 1]
     values = {

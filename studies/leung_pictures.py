@@ -93,16 +93,16 @@ def draw_all(
     """Every picture of this file, in a folder; what the plant did is kept in `store`. `laps` is the folder of the
     Genesis laps, None where they are not there."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
+    paths = []
     jobs: list[Callable[[], list[Path]]] = [lambda f=figure: [over_time(f, folder, store)] for figure in FIGURES]  # type: ignore[misc]
     jobs += [lambda: by_speed(folder, store), lambda: by_receiver(folder, store), lambda: on_bus(folder, store)]
     jobs += [lambda: on_hill(folder)]
     if laps is not None:
         jobs += [lambda rate=rate: [on_genesis(folder, laps, rate)] for rate in (10.0, 1.0)]  # type: ignore[misc]
     for i, job in enumerate(jobs):
-        found += job()
+        paths += job()
         progress((i + 1) / len(jobs))
-    return found
+    return paths
 
 
 def over_time(figure: TimeFigure, folder: Path, store: Path) -> Path:
@@ -176,21 +176,21 @@ def _truth(quantity: str, truth: Truth) -> tuple[Array | None, float]:
 def _value(quantity: str, motions: Motions, truth: Truth, at: NDArray[np.int64]) -> Array | None:
     """What a filter has of a quantity, or its error; None where it has none."""
     name = quantity.removesuffix("_error")
-    found: Array
+    values: Array
     if name == "side_slip":
         if not motions.tells_side_slip:
             return None
-        found = motions.side_slip[:, 0]
+        values = motions.side_slip[:, 0]
     elif name in motions.told:
-        found = motions.value[:, MOTION.index(name)]
+        values = motions.value[:, MOTION.index(name)]
     else:
         places = [i for i, full in enumerate(motions.parameter_names) if full.rpartition(".")[2] == name]
         if not places:
             return None
-        found = motions.parameters[:, places[-1]]
+        values = motions.parameters[:, places[-1]]
     if quantity not in _ERRORS:
-        return found
-    error = found - getattr(truth, name)[at]
+        return values
+    error = values - getattr(truth, name)[at]
     return wrap(error) if name in ("yaw", "side_slip") else error
 
 
@@ -341,6 +341,6 @@ def on_genesis(folder: Path, laps: Path, rate: float) -> Path:
 
 
 def _signal(panel: Axes, recording: Recording, source: str, key: str, factor: float, **style: object) -> None:
-    found = read_signals(recording, source).get(key)
-    if found is not None:
-        panel.plot((found.stamp - found.stamp[0]) * 1e-9, factor * found.value[:, 0], **style)  # type: ignore[arg-type]
+    signal = read_signals(recording, source).get(key)
+    if signal is not None:
+        panel.plot((signal.stamp - signal.stamp[0]) * 1e-9, factor * signal.value[:, 0], **style)  # type: ignore[arg-type]

@@ -61,7 +61,7 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
     radius = float(np.mean(2 * truth.forward_velocity[straight] / truth.spins[straight, 2:].sum(axis=1)))
     true = {name: getattr(truth, name)[at] for name in ("yaw", "forward_velocity", "lateral_velocity", "yaw_rate")}
     true["side_slip"] = truth.side_slip[at]
-    found: dict[str, Any] = {}
+    scores: dict[str, Any] = {}
     for name in true:
         if name == "side_slip" and motions.tells_side_slip:
             error = motions.side_slip[:, 0] - true[name]
@@ -69,26 +69,26 @@ def _scores(motions: Motions, truth: Truth, at: NDArray[np.int64], read: Reading
             error = motions.value[:, MOTION.index(name)] - true[name]
         else:
             continue
-        found[name] = score(wrap(error) if name in ("yaw", "side_slip") else error, true[name], settled)
+        scores[name] = score(wrap(error) if name in ("yaw", "side_slip") else error, true[name], settled)
     biases = {
         "gyro_bias": errors.gyro.bias, "acceleration_bias_x": errors.force.bias,
         "acceleration_bias_y": errors.force.bias, "steering_bias": errors.steering.bias, "rolling_radius": radius,
     }  # fmt: skip
     for j, full in enumerate(motions.parameter_names):
         name = full.rpartition(".")[2]
-        if name in biases and name not in found:
+        if name in biases and name not in scores:
             error = motions.parameters[:, j] - biases[name]
-            found[name] = score(error, np.zeros(len(at)), settled)
-    found["nees"] = {}
-    if "side_slip" in found:
+            scores[name] = score(error, np.zeros(len(at)), settled)
+    scores["nees"] = {}
+    if "side_slip" in scores:
         error = wrap(motions.side_slip[:, 0] - true["side_slip"])
-        found |= score_side_slip(error, motions.side_slip[:, 1], settled)
+        scores |= score_side_slip(error, motions.side_slip[:, 1], settled)
     if "yaw" in motions.told:
         rows = np.flatnonzero(np.isfinite(read.fixes[at, 0]))
         course = np.arctan2(read.fixes[at[rows], 1], read.fixes[at[rows], 0])
         raw = wrap(course - motions.value[rows, MOTION.index("yaw")])
-        found["raw_side_slip"] = score(wrap(raw - true["side_slip"][rows]), true["side_slip"], settled[rows])
-    return found
+        scores["raw_side_slip"] = score(wrap(raw - true["side_slip"][rows]), true["side_slip"], settled[rows])
+    return scores
 
 
 Results = Mapping[tuple[Case, str], Mapping[str, Any]]
@@ -112,21 +112,21 @@ def study(
             if name not in leung_observers.OBSERVERS:
                 FILTERS[name]
     store.mkdir(parents=True, exist_ok=True)
-    found: dict[tuple[Case, str], Mapping[str, Any]] = {}
+    results: dict[tuple[Case, str], Mapping[str, Any]] = {}
     missing = []
     for case, names in wanted:
         left = []
         for name in names:
             file = _file(store, case, name)
             if file.exists():
-                found[case, name] = json.loads(file.read_text(encoding="utf-8"))
+                results[case, name] = json.loads(file.read_text(encoding="utf-8"))
             else:
                 left.append(name)
         if left:
             missing.append((case, tuple(left)))
     if not missing:
         progress(1.0)
-        return found
+        return results
     # Plants first: many cases share one.
     drives = dict.fromkeys((case.manoeuvre, case.plant) for case, _ in missing)
     plants = [Task(PLANT_SECONDS * MANOEUVRES[name].duration, _drive, (name, plant, store)) for name, plant in drives]
@@ -138,8 +138,8 @@ def study(
     do_tasks(plants, lambda share: progress(driving * share))
     every = do_tasks(tasks, lambda share: progress(driving + (1 - driving) * share))
     for (case, _), scores in zip(missing, every, strict=True):
-        found |= {(case, name): one for name, one in scores.items()}
-    return found
+        results |= {(case, name): one for name, one in scores.items()}
+    return results
 
 
 def _drive(manoeuvre: str, plant: str, store: Path) -> None:
@@ -149,12 +149,12 @@ def _drive(manoeuvre: str, plant: str, store: Path) -> None:
 def _work(case: Case, names: Sequence[str], store: Path) -> dict[str, Mapping[str, Any]]:
     """One drive by some filters, kept."""
     truth = drive_plant(case.manoeuvre, case.plant, store)
-    found: dict[str, Mapping[str, Any]] = {}
+    results: dict[str, Mapping[str, Any]] = {}
     for name in names:
-        found[name] = estimate(name, truth, case)
+        results[name] = estimate(name, truth, case)
         with in_place_of(_file(store, case, name)) as temporary:
-            temporary.write_text(json.dumps(found[name]), encoding="utf-8")
-    return found
+            temporary.write_text(json.dumps(results[name]), encoding="utf-8")
+    return results
 
 
 def _file(store: Path, case: Case, name: str) -> Path:

@@ -117,16 +117,16 @@ def estimate(recording: Recording, vehicle: Vehicle, progress: Progress | None =
     observer = Observer(vehicle, recording.map_origin)
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total, last = sum(len(recording[topic]) for topic in topics), 0
-    found: list[Estimate] = []
+    estimates: list[Estimate] = []
     for i, sample in enumerate(recording.samples(topics)):
         observer.add(sample)
         if observer.started and observer.stamp >= last + int(0.999e9 / RATE):
-            found.append(observer.snapshot())
+            estimates.append(observer.snapshot())
             last = observer.stamp
         if progress is not None and i % 500 == 0:
             progress(i / total)
-    stamp = np.array([one.stamp for one in found])
-    return Estimates((stamp - stamp[0]) * 1e-9, stamp, stacked(found))
+    stamp = np.array([one.stamp for one in estimates])
+    return Estimates((stamp - stamp[0]) * 1e-9, stamp, stacked(estimates))
 
 
 def rav4(progress: Progress | None = None) -> dict[str, float]:
@@ -222,16 +222,16 @@ def on_genesis(extended: Path, progress: Progress | None = None) -> dict[str, di
 
 
 def table(results: Mapping[str, Mapping[str, Any]]) -> Table:
-    """For the terminal."""
-    found = Table(box=box.SIMPLE_HEAD)
-    found.add_column("drive")
-    found.add_column("figure")
-    found.add_column("value", justify="right")
+    """Table of the results for the terminal."""
+    lines = Table(box=box.SIMPLE_HEAD)
+    lines.add_column("drive")
+    lines.add_column("figure")
+    lines.add_column("value", justify="right")
     rows = {"RAV4": results["rav4"]} if "rav4" in results else {}
     for title, figures in {**rows, **results["plants"]}.items():
         for i, (name, value) in enumerate(figures.items()):
-            found.add_row(title if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
-    return found
+            lines.add_row(title if i == 0 else "", Text(FIGURES[name]), f"{value:.3g}")
+    return lines
 
 
 def write(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:

@@ -70,11 +70,11 @@ def _errors(recording: Recording, car: Vehicle, name: str) -> dict[str, float]:
     except InputError:  # it never goes on
         return dict.fromkeys(SIGNALS, float("nan"))
     estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
-    found = {}
+    errors = {}
     for signal in SIGNALS:
         error = align(estimates[signal], truths[signal]).error
-        found[signal] = float(np.degrees(np.sqrt(np.mean(error**2))))
-    return found
+        errors[signal] = float(np.degrees(np.sqrt(np.mean(error**2))))
+    return errors
 
 
 def table(results: list[Result]) -> Table:
@@ -85,8 +85,8 @@ def table(results: list[Result]) -> Table:
         for words in SIGNALS.values():
             made.add_column(f"{FILTERS[name].title}\n{words}", justify="right")
     for period in PERIODS:
-        found = {one.filter: one.rmse for one in results if one.period == period}
-        cells = [f"{found[name][signal]:.3g}" for name in COMPARED for signal in SIGNALS]
+        rmse = {one.filter: one.rmse for one in results if one.period == period}
+        cells = [f"{rmse[name][signal]:.3g}" for name in COMPARED for signal in SIGNALS]
         made.add_row(f"{1000 / period:g} Hz", *cells)
     return made
 

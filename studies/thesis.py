@@ -209,7 +209,7 @@ def repeat(
                     done += 1
                     if progress is not None:
                         progress(done / total)
-                rmse = {signal: float(np.sqrt(np.mean(found))) for signal, found in squares.items()}
+                rmse = {signal: float(np.sqrt(np.mean(errors))) for signal, errors in squares.items()}
                 known = {name: (value, 0.0) for name, value in model.values().items() if name in PARAMETERS}
                 results[manoeuvre.name, kind.name, step] = Result(
                     rmse,
@@ -270,8 +270,8 @@ def _percentages(results: Results, manoeuvre: str) -> Table:
     for (name, step), figures in HIS_PERCENT.items():
         table.add_row(f"thesis {name}", f"{step} ms", *(f"{figure} %" for figure in figures))
     for kind, step in _columns(results):
-        found = results[manoeuvre, kind, step].percent
-        table.add_row(kind, f"{step} ms", *(f"{found[row.signal]:.1f} %" for row in FORCES))
+        percent = results[manoeuvre, kind, step].percent
+        table.add_row(kind, f"{step} ms", *(f"{percent[row.signal]:.1f} %" for row in FORCES))
     return table
 
 

@@ -97,9 +97,9 @@ class Job:
 
 def dataset(name: str) -> Path:
     """The recording of a dataset, downloaded if it is not here."""
-    found = datasets.find(name)
-    if found is not None:
-        return found
+    path = datasets.find(name)
+    if path is not None:
+        return path
     with progress(f"downloading {name}") as done:
         return datasets.fetch(name, in_files(done))
 

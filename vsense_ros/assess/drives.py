@@ -129,9 +129,9 @@ def trajectory(manoeuvre: str, plant: str, store: Path) -> Trajectory:
     own = digest(plant, manoeuvre, *sources("vsense_ros", "model", "manoeuvre", "assess/drives*"))
     file = store / f"plant_{manoeuvre}_{own}.npz"
     if not file.exists():
-        car, found = load_vehicle(vehicle_path(plant)), MANOEUVRES[manoeuvre]
-        q, u = rolling_straight(car, found.speed)
-        driven = simulate(car, found.driver(car), found.duration, step=1e-3, keep_every=round(STEP / 1e-3), q=q, u=u)
+        car, chosen = load_vehicle(vehicle_path(plant)), MANOEUVRES[manoeuvre]
+        q, u = rolling_straight(car, chosen.speed)
+        driven = simulate(car, chosen.driver(car), chosen.duration, step=1e-3, keep_every=round(STEP / 1e-3), q=q, u=u)
         file.parent.mkdir(parents=True, exist_ok=True)
         with in_place_of(file) as temporary, temporary.open("wb") as out:
             np.savez(out, **{one.name: getattr(driven, one.name) for one in fields(driven)})
@@ -147,15 +147,15 @@ def study_car(plant: str) -> Vehicle:
 def sensors_of(errors: Errors) -> dict[str, SensorBase]:
     """Sensors at cog with these errors, without gates of their own: a study has no receivers that lie."""
     gyro, force = errors.gyro.noise, errors.force.noise
-    found: dict[str, SensorBase] = {
+    sensors: dict[str, SensorBase] = {
         "imu": Imu(rate_noise=(gyro,) * 3, force_noise=(force,) * 3, gate=1e6),
         "wheels": WheelSpeeds(noise=errors.spin, gate=1e6),
         "steering": Steering(gate=1e6),
         "velocity": GnssVelocity(noise=errors.fix, gate=1e6),
     }
     if errors.heading is not None:
-        found["heading"] = GnssAttitude(noise=errors.heading, gate=1e6)
-    return found
+        sensors["heading"] = GnssAttitude(noise=errors.heading, gate=1e6)
+    return sensors
 
 
 @dataclass(frozen=True)

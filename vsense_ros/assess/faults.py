@@ -289,21 +289,21 @@ CASES: tuple[Case, ...] = (
 
 
 def table(outcomes: Sequence[Outcome]) -> Table:
-    """For the terminal."""
-    found = Table(box=box.SIMPLE_HEAD)
+    """Table of the outcomes for the terminal."""
+    rows = Table(box=box.SIMPLE_HEAD)
     for heading in ("fault", "drive"):
-        found.add_column(heading)
+        rows.add_column(heading)
     for heading in ("lateral velocity\n[m/s]", "error/σ\n(without)", "said\nafter [s]", "too large\nafter [s]"):
-        found.add_column(heading, justify="right")
-    found.add_column("holds")
+        rows.add_column(heading, justify="right")
+    rows.add_column("holds")
     for one in outcomes:
-        found.add_row(
+        rows.add_row(
             one.title, one.drive.replace("_", " "), f"{one.lateral:.2f}",
             f"{one.sigmas:.1f} ({one.sigmas_undisturbed:.1f})",
             "–" if np.isnan(one.said_after) else f"{one.said_after:.2f}", f"{one.recovered:.1f}",
             "yes" if one.holds else f"no: {', '.join(one.failed)}",
         )  # fmt: skip
-    return found
+    return rows
 
 
 def write(outcomes: Sequence[Outcome], path: Path) -> None:

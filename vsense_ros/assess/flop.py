@@ -62,11 +62,11 @@ class Operations:
 
     def processor(self, iterations: float, evaluations: float, kernels: Collection[str] = ()) -> float:
         """Operations of the processor in a step."""
-        found = self.once + iterations * self.iteration
+        flop = self.once + iterations * self.iteration
         if "solve" not in kernels:
-            found += self.factor + iterations * self.solve
-        found += evaluations * (self.check_mass if "body_mass" in kernels else self.mass_matrix)
-        return found + evaluations * (self.check_motion if "suspension_motion" in kernels else self.update_motion)
+            flop += self.factor + iterations * self.solve
+        flop += evaluations * (self.check_mass if "body_mass" in kernels else self.mass_matrix)
+        return flop + evaluations * (self.check_motion if "suspension_motion" in kernels else self.update_motion)
 
     def shares(self, iterations: float, evaluations: float) -> dict[str, float]:
         """Shares of parts of the whole step [%], by the names of Rodríguez 2020."""
@@ -142,7 +142,7 @@ def _moving(linkage: Linkage) -> ca.Function:
         ca.SX.sym(name, *size) for name, size in (("z", (n,)), ("dz", (n,)), ("ddz", (n,)), ("g", (g, 3)))
     )
     frames = [Motion(linkage, z, dz, ddz, guides).frames[body.name] for body in linkage.bodies]
-    found = [ca.veccat(f.rotation, f.origin, f.velocity, f.acceleration) for f in frames]
+    outputs = [ca.veccat(f.rotation, f.origin, f.velocity, f.acceleration) for f in frames]
     return codegen.function(
-        "moving", [z, dz, ddz, guides, linkage.parameters], [ca.vertcat(*found)], ("z", "dz", "ddz", "guides", "p")
+        "moving", [z, dz, ddz, guides, linkage.parameters], [ca.vertcat(*outputs)], ("z", "dz", "ddz", "guides", "p")
     )

@@ -62,8 +62,8 @@ def report(
 ) -> Report:
     """Observability of the states of the filter `name` on a recording. With `ask`, the motions of `WAYS` are simulated
     with this vehicle if the recording leaves a state undetermined. Raises `InputError` as `told` does."""
-    found = told(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
-    missing = [state.name for state in found.states if state.told_at is None and state.before > 0]
+    determined = told(recording, vehicle, name, lambda share: progress((0.3 if ask else 1.0) * share))
+    missing = [state.name for state in determined.states if state.told_at is None and state.before > 0]
     would: dict[str, dict[str, float]] = {state: {} for state in missing}
     if ask and missing:
         for i, (way, manoeuvre) in enumerate(WAYS.items()):
@@ -73,73 +73,73 @@ def report(
                     would[state][way] = shown[state]
             progress(0.3 + 0.7 * (i + 1) / len(WAYS))
     progress(1.0)
-    return Report(name, recording.name or "recording", found, would)
+    return Report(name, recording.name or "recording", determined, would)
 
 
 def _shown(manoeuvre: str, vehicle: Vehicle, name: str) -> dict[str, float] | None:
     """Shares of the deviations at start that a manoeuvre of this car leaves; None where the filter does not start."""
     simulated = record(drive(MANOEUVRES[manoeuvre], vehicle), vehicle, 1, name=manoeuvre)
     try:
-        found = told(simulated.between(0.0, min(LONGEST, simulated.duration)), vehicle, name)
+        determined = told(simulated.between(0.0, min(LONGEST, simulated.duration)), vehicle, name)
     except InputError:
         return None
-    return {state.name: state.left for state in found.states}
+    return {state.name: state.left for state in determined.states}
 
 
-def advice(found: Report, state: str) -> str:
+def advice(report: Report, state: str) -> str:
     """Words that name the motions which would determine a state best."""
-    ways = {way: left for way, left in found.would.get(state, {}).items() if left <= 0.8}
+    ways = {way: left for way, left in report.would.get(state, {}).items() if left <= 0.8}
     if not ways:
-        return "none of them does" if found.would.get(state) else ""
+        return "none of them does" if report.would.get(state) else ""
     best = sorted(ways, key=lambda way: ways[way])[:2]
     return ", or ".join(f"{way} ({100 * ways[way]:.0f} % left)" for way in best)
 
 
-def show(found: Report, console: Console) -> None:
+def show(report: Report, console: Console) -> None:
     """Print the states, and the combinations that were not determined."""
-    rest = f" on {found.drive}, {found.told.t[-1]:.0f} s; standard deviations in SI units"
-    console.print(Text.assemble((found.filter, "bold"), rest))
+    rest = f" on {report.drive}, {report.told.t[-1]:.0f} s; standard deviations in SI units"
+    console.print(Text.assemble((report.filter, "bold"), rest))
     headings = ("at start", "at the end", "left", "determined after")
     table = plain_table("state", *headings, "while, or what would determine it", right=headings)
-    for state in found.told.states:
+    for state in report.told.states:
         if state.before <= 0:
             continue
         known = state.told_at is not None
         table.add_row(
             state.name, f"{state.before:.3g}", f"{state.after:.3g}", f"{100 * state.left:.0f} %",
             f"{state.told_at:.1f} s" if known else Text("not yet", style="bold"),
-            state.motion if known else advice(found, state.name),
+            state.motion if known else advice(report, state.name),
         )  # fmt: skip
     console.print(table)
-    if found.told.untold is None:
+    if report.told.untold is None:
         console.print("The filter is a cascade: of combinations of its states nothing is said.")
-    elif found.told.untold:
+    elif report.told.untold:
         console.print("Combinations that were hardly determined, weakest first (in units of deviations at start):")
-        for one in found.told.untold[:5]:
+        for one in report.told.untold[:5]:
             console.print(f"  {one}: {100 * one.left:.0f} % left", soft_wrap=True)
     else:
         console.print("Every combination of states was determined.")
 
 
-def draw(found: Report, path: Path) -> Path:
+def draw(report: Report, path: Path) -> Path:
     """Deviations over time, over those at start, on the motion's shade."""
-    shown = [i for i, state in enumerate(found.told.states) if state.before > 0]
+    shown = [i for i, state in enumerate(report.told.states) if state.before > 0]
     columns = 3
     rows = int(np.ceil(len(shown) / columns))
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 1.7 * rows + 1.0), layout="constrained")
         FigureCanvasAgg(figure)
-        title = f"{found.filter} on {drawn(found.drive)}: what is left of a deviation"
+        title = f"{report.filter} on {drawn(report.drive)}: what is left of a deviation"
         figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        t, motion = found.told.t, found.told.motion
+        t, motion = report.told.t, report.told.motion
         edges = np.flatnonzero(np.diff(motion)) + 1
         begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(t) - 1]])
         for panel, i in zip(panels, shown, strict=False):
-            state = found.told.states[i]
+            state = report.told.states[i]
             for begin, end in zip(begins, ends, strict=True):
                 panel.axvspan(t[begin], t[end], color=_SHADES[motion[begin]], lw=0, zorder=0)
-            left = found.told.deviations[:, i] / state.before
+            left = report.told.deviations[:, i] / state.before
             panel.plot(t, left, color="#0072B2" if state.told_at is not None else "#D55E00")
             panel.axhline(0.5, color=MUTED, lw=0.6, ls=":")
             panel.set_title(state.name + ("" if state.told_at is not None else ", not determined"))
@@ -159,16 +159,16 @@ def draw(found: Report, path: Path) -> Path:
     return path
 
 
-def write(found: Report, path: Path) -> None:
+def write(report: Report, path: Path) -> None:
     """Write the report as JSON [SI]."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    untold = found.told.untold
+    untold = report.told.untold
     content = {
-        "filter": found.filter,
-        "drive": found.drive,
-        "states": [asdict(state) for state in found.told.states],
+        "filter": report.filter,
+        "drive": report.drive,
+        "states": [asdict(state) for state in report.told.states],
         "untold": None if untold is None else [{"direction": str(one), "left": one.left} for one in untold],
-        "would_leave": found.would,
+        "would_leave": report.would,
     }
     with atomic_write(path) as file:
         json.dump(content, file, indent=2)

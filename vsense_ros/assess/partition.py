@@ -128,15 +128,15 @@ class Profile:
     def uses(self) -> list[Use]:
         """What the kernels would do in a step. What the processor has left of a part, requests and checks, counts
         against it."""
-        ops, found = self.operations, []
+        ops, uses = self.operations, []
         for name, count in self.kernels.items():
             if name == self.solver:
                 work = ops.factor + self.iterations * ops.solve
             else:
                 left = (ops.mass_matrix - ops.check_mass, ops.update_motion - ops.check_motion)
                 work = self.evaluations * left[name == "suspension_motion"]
-            found.append(Use(KERNELS[name], count, work / count))
-        return found
+            uses.append(Use(KERNELS[name], count, work / count))
+        return uses
 
 
 def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: float = 1.0) -> Profile:
@@ -145,8 +145,8 @@ def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: fl
     if full:
         bodies = sum(len(linkage.bodies) for linkage in FullCar(vehicle).mechanism.branches)
         kernels, substeps = {"solve56": iterations, "body_mass": iterations * bodies}, 4
-        found = flop_of_full(vehicle, substeps)
-        return Profile(found, iterations, iterations + substeps, more_iterations, kernels, "solve56")
+        counted = flop_of_full(vehicle, substeps)
+        return Profile(counted, iterations, iterations + substeps, more_iterations, kernels, "solve56")
     if vehicle.suspension is None:
         raise InputError(f"{vehicle.name} has no tables of its suspensions; make them with vsense suspension")
     kernels = {
@@ -160,8 +160,8 @@ def profile(vehicle: Vehicle, full: bool, iterations: float, more_iterations: fl
 def recorded_resources() -> dict[str, dict[str, int]]:
     """Resources of each kernel and variant, as Yosys counted them last (make hw)."""
     text = resources.files("vsense_ros").joinpath("accelerator/resources.json").read_text(encoding="utf-8")
-    found: dict[str, dict[str, int]] = json.loads(text)
-    return found
+    used: dict[str, dict[str, int]] = json.loads(text)
+    return used
 
 
 def partition(device: Device, step_us: float, wanted: list[Use], more_iterations: float = 1.0) -> Partition:

@@ -200,12 +200,12 @@ def _accuracy(
     def size(errors: Array) -> float:
         return float(np.degrees(np.sqrt(np.mean(wrap(errors[..., rows]) ** 2))))
 
-    found = np.array(estimates)
+    values = np.array(estimates)
     finite = np.where(np.isfinite(stated), stated, np.nan)[..., rows]
     return Accuracy(
         stated=float(np.degrees(np.sqrt(np.nanmean(finite**2)))) if np.isfinite(finite).any() else float("nan"),
-        rmse=size(found - true),
-        noise=size(found - without_noise),
+        rmse=size(values - true),
+        noise=size(values - without_noise),
         model=size(without_noise - true),
     )
 
@@ -222,26 +222,26 @@ class Choice:
 
 def choices(name: str, plan: Plan, truth: Truth, seeds: int, progress: Progress = lambda share: None) -> list[Choice]:
     """All receivers, rates and grades by one filter, by price. Raises `InputError` if it estimates no side slip."""
-    found = []
+    compared = []
     every = [(receiver, rate, grade) for receiver in BY_PRICE for rate in RATES for grade in GRADES]
     for i, (receiver, rate, grade) in enumerate(every):
         errors = with_grade(with_receiver(plan.errors, receiver, rate), grade)
         slip = expect(name, replace(plan, errors=errors), truth, seeds).side_slip
         if slip is None:
             raise InputError(f"the filter {name!r} estimates no side slip: nothing can be chosen by it")
-        found.append(Choice(receiver, rate, grade, slip.rmse))
+        compared.append(Choice(receiver, rate, grade, slip.rmse))
         progress((i + 1) / len(every))
-    return found
+    return compared
 
 
-def cheapest(found: Sequence[Choice], wanted: float) -> list[Choice]:
+def cheapest(compared: Sequence[Choice], wanted: float) -> list[Choice]:
     """Choices that reach the wanted side slip [°] and of which no part can be had cheaper or slower."""
     receivers, grades = list(BY_PRICE), list(GRADES)
 
     def cost(one: Choice) -> tuple[float, ...]:
         return receivers.index(one.receiver), one.rate, grades.index(one.grade)
 
-    reach = [one for one in found if one.side_slip <= wanted]
+    reach = [one for one in compared if one.side_slip <= wanted]
     return [
         one
         for one in reach
@@ -288,11 +288,11 @@ def design(
     truth = drive_plant(plan.manoeuvre, plan.case(0).plant, store)
     progress(0.1)
     share = 0.3 if wanted is not None else 0.9
-    found = {}
+    results = {}
     for i, name in enumerate(names):
-        found[name] = expect(name, plan, truth, seeds)
+        results[name] = expect(name, plan, truth, seeds)
         progress(0.1 + share * (i + 1) / len(names))
-    estimating = {name: one.side_slip.rmse for name, one in found.items() if one.side_slip is not None}
+    estimating = {name: one.side_slip.rmse for name, one in results.items() if one.side_slip is not None}
     best = min(estimating, key=lambda name: estimating[name], default="")
     every: list[Choice] = []
     if wanted is not None:
@@ -300,12 +300,12 @@ def design(
             raise InputError(f"none of the filters {', '.join(names)} estimates the side slip")
         every = choices(best, plan, truth, max(1, seeds // 2), lambda part: progress(0.4 + 0.6 * part))
     progress(1.0)
-    return Design(plan, budget(plan, truth), found, wanted, every, best)
+    return Design(plan, budget(plan, truth), results, wanted, every, best)
 
 
-def show(found: Design, console: Console) -> None:
+def show(design: Design, console: Console) -> None:
     """Print what is to be expected, and what to buy."""
-    plan, parts = found.plan, found.budget
+    plan, parts = design.plan, design.budget
     errors = plan.errors
     rest = (
         f" at {parts.speed:.1f} m/s: turns for up to {parts.turning:.1f} s, side slip changes by "
@@ -327,35 +327,35 @@ def show(found: Design, console: Console) -> None:
     console.print(table)
     headings = ("side slip", "by noise", "by its model", "stated", "heading", "stated of it")
     table = plain_table("Filter, RMSE [°]", *headings, right=headings)
-    for name, one in found.filters.items():
+    for name, one in design.filters.items():
         slip, heading = one.side_slip, one.heading
         cells = ["–"] * 4 if slip is None else [f"{v:.3f}" for v in (slip.rmse, slip.noise, slip.model, slip.stated)]
         cells += ["–"] * 2 if heading is None else [f"{v:.3f}" for v in (heading.rmse, heading.stated)]
         table.add_row(name, *cells)
     console.print(table)
-    if found.wanted is not None:
-        _show_choices(found, found.wanted, console)
+    if design.wanted is not None:
+        _show_choices(design, design.wanted, console)
 
 
-def _show_choices(found: Design, wanted: float, console: Console) -> None:
-    table = plain_table(f"Side slip by {found.best} [°]", *GRADES, right=tuple(GRADES))
+def _show_choices(design: Design, wanted: float, console: Console) -> None:
+    table = plain_table(f"Side slip by {design.best} [°]", *GRADES, right=tuple(GRADES))
     for receiver in BY_PRICE:
         for rate in RATES:
-            row = [one for one in found.choices if (one.receiver, one.rate) == (receiver, rate)]
+            row = [one for one in design.choices if (one.receiver, one.rate) == (receiver, rate)]
             cells = [
                 Text(f"{c.side_slip:.3f} ✓", style="bold") if c.side_slip <= wanted else Text(f"{c.side_slip:.3f}  ")
                 for c in row
             ]
             table.add_row(f"{receiver}, {rate:g} Hz", *cells)
     console.print(table)
-    reach = cheapest(found.choices, wanted)
+    reach = cheapest(design.choices, wanted)
     if reach:
         words = "; ".join(f"{one.receiver} at {one.rate:g} Hz with {one.grade} inertial sensors" for one in reach)
         enough = Text.assemble((f"Enough for {wanted:g}°", "bold"), f", and nothing cheaper is: {words}.")
         console.print(enough, soft_wrap=True)
         return
-    best = min(found.choices, key=lambda one: one.side_slip)
-    own = found.filters[found.best].side_slip
+    best = min(design.choices, key=lambda one: one.side_slip)
+    own = design.filters[design.best].side_slip
     model = f" Without any noise the filter's own model leaves {own.model:.3f}°." if own is not None else ""
     rest = (
         f"; the best is {best.side_slip:.3f}° of {best.receiver} at {best.rate:g} Hz with {best.grade} inertial "
@@ -364,22 +364,22 @@ def _show_choices(found: Design, wanted: float, console: Console) -> None:
     console.print(Text.assemble((f"None reaches {wanted:g}°", "bold"), rest), soft_wrap=True)
 
 
-def write(found: Design, path: Path) -> None:
+def write(design: Design, path: Path) -> None:
     """Write the design as JSON, angles in degrees."""
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
-        "plan": asdict(found.plan),
-        "budget_deg": {**found.budget.parts, "together": found.budget.total},
+        "plan": asdict(design.plan),
+        "budget_deg": {**design.budget.parts, "together": design.budget.total},
         "filters_deg": {
             name: {
                 "side_slip": None if one.side_slip is None else asdict(one.side_slip),
                 "heading": None if one.heading is None else asdict(one.heading),
             }
-            for name, one in found.filters.items()
+            for name, one in design.filters.items()
         },
-        "wanted_deg": found.wanted,
-        "choices": [asdict(one) for one in found.choices],
-        "enough": [] if found.wanted is None else [asdict(one) for one in cheapest(found.choices, found.wanted)],
+        "wanted_deg": design.wanted,
+        "choices": [asdict(one) for one in design.choices],
+        "enough": [] if design.wanted is None else [asdict(one) for one in cheapest(design.choices, design.wanted)],
     }
     with atomic_write(path) as file:
         json.dump(content, file, indent=2)

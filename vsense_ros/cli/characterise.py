@@ -60,11 +60,11 @@ def characterise(car_or_recordings: tuple[str, ...], vehicle: str | None, out: P
                 drives.append(of_recording(recording, car))
                 done((i + 1) / len(paths))
         title = ", ".join(drive.name for drive in drives)
-    found = job.characterise(title, drives, car)
-    report.show(found, console())
+    result = job.characterise(title, drives, car)
+    report.show(result, console())
     out.parent.mkdir(parents=True, exist_ok=True)
-    report.write(found, out.with_suffix(".json"))
-    picture = report.draw(found, car, out.with_suffix(".png"))
+    report.write(result, out.with_suffix(".json"))
+    picture = report.draw(result, car, out.with_suffix(".png"))
     say(f"Written to {picture} and {out.with_suffix('.json').name}.")
 
 

@@ -114,16 +114,16 @@ class HoldsOut(click.Command):
 
 def key_value_pairs(_: click.Context, __: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
     """`key=value` pairs; values that read as JSON (numbers, true, false) become what they read as."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
         if not equals or not key.isidentifier():
             raise click.BadParameter(f"expected KEY=VALUE, found {pair!r}")
         try:
-            found[key] = json.loads(text)
+            values[key] = json.loads(text)
         except json.JSONDecodeError:
-            found[key] = text
-    return found
+            values[key] = text
+    return values
 
 
 def warn(text: str) -> None:
@@ -144,7 +144,7 @@ def import_named(paths: Sequence[Path | Stretch], names: Mapping[Path, str]) -> 
     `InputError` where nothing was recorded in such a part."""
     from vsense_ros.bag.importers import import_recording
 
-    found = []
+    recordings = []
     for one in (path if isinstance(path, Stretch) else Stretch(path) for path in paths):
         recording = import_recording(one.path)
         name = names.get(one.path, recording.name) + one.limits
@@ -153,8 +153,8 @@ def import_named(paths: Sequence[Path | Stretch], names: Mapping[Path, str]) -> 
             raise InputError(
                 f"{name}: nothing was recorded then; {one.path.name} lasts from 0 to {recording.duration:.1f} s"
             )
-        found.append(replace(part, name=name))
-    return found
+        recordings.append(replace(part, name=name))
+    return recordings
 
 
 def load_car(vehicle: str) -> Vehicle:

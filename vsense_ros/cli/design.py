@@ -84,10 +84,10 @@ def design(
     names = filters or (FILTERS if antennas is None else FILTERS_WITH_ANTENNAS)
     plan = job.Plan(manoeuvre, errors, latency, outage)
     with progress("driving and estimating") as done:
-        found = job.design(plan, names, out.parent / "leung", wanted=wanted, seeds=seeds, progress=done)
-    job.show(found, console())
-    job.write(found, out.with_suffix(".json"))
-    picture = sensor_design_picture.draw(found, out.with_suffix(".png"))
+        result = job.design(plan, names, out.parent / "leung", wanted=wanted, seeds=seeds, progress=done)
+    job.show(result, console())
+    job.write(result, out.with_suffix(".json"))
+    picture = sensor_design_picture.draw(result, out.with_suffix(".png"))
     say(f"Written to {picture} and {out.with_suffix('.json').name}.")
 
 

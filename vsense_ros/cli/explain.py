@@ -145,7 +145,7 @@ def _explain(
         train, proof = ([lap for one in every for lap in laps(one)] for every in (train, proof))
     with progress("searching") as done:
         steps = iter(range(STAGES))
-        found = explain_recordings(
+        explanation = explain_recordings(
             train,
             car,
             proof,
@@ -155,10 +155,10 @@ def _explain(
             mend=mend,
             observe=observe,
         )
-    found.write(report)
-    printed(found.answer, console())
+    explanation.write(report)
+    printed(explanation.answer, console())
     say(f"Results in {report}.")
-    return found.answer.verdict
+    return explanation.answer.verdict
 
 
 def _design(vehicle: str, report: Path) -> None:
@@ -169,8 +169,8 @@ def _design(vehicle: str, report: Path) -> None:
     car = load_car(vehicle)
     design.left_open(read_answer(report), car)  # says what is wrong before a bar begins
     with progress("driving manoeuvres that may decide") as done:
-        found = design.designed(report, car, done)
-    design.printed(found, console())
+        tests = design.designed(report, car, done)
+    design.printed(tests, console())
     say(f"Results in {report / design.NEXT}.")
 
 

@@ -163,8 +163,8 @@ def export_fmu(
 
     recording = import_recording(check)
     with progress("comparing") as done:
-        found = fmu_check.compare(car, output, int(version), recording, done)
-    for line in found.in_words():
+        agreement = fmu_check.compare(car, output, int(version), recording, done)
+    for line in agreement.in_words():
         console().print(line, soft_wrap=True)
 
 

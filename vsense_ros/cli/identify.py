@@ -56,16 +56,16 @@ def identify(
         if model == "car":
             whole = car_identification.identify(drives, car, free=free, held_out=proof, progress=done)
         else:
-            found = identification.identify(drives, car, model, free=free, held_out=proof, progress=done)  # type: ignore[arg-type]
+            result = identification.identify(drives, car, model, free=free, held_out=proof, progress=done)  # type: ignore[arg-type]
     if model == "car":
         save_vehicle(report / "vehicle.yaml", whole.vehicle)
         car_identification.write(whole, report)
         car_identification.show(whole, console())
         say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
         return
-    save_vehicle(report / "vehicle.yaml", found.vehicle)
-    identification_report.write(found, report)
-    identification_report.show(found, console())
+    save_vehicle(report / "vehicle.yaml", result.vehicle)
+    identification_report.write(result, report)
+    identification_report.show(result, console())
     say(f"Written to {report}: vehicle.yaml, report.html, identification.json.")
 
 

@@ -36,11 +36,11 @@ def observability(bag: Path, vehicle: str, chosen: str, ask: bool, out: Path | N
     with waiting(f"reading {bag.name}"):
         recording = import_recording(bag)
     with progress("estimating") as done:
-        found = job.report(recording, car, chosen, ask=ask, progress=done)
-    job.show(found, console())
+        result = job.report(recording, car, chosen, ask=ask, progress=done)
+    job.show(result, console())
     out = out or Path("out/observability") / f"{recording.name or bag.stem}_{chosen}"
-    job.write(found, out.with_suffix(".json"))
-    picture = job.draw(found, out.with_suffix(".png"))
+    job.write(result, out.with_suffix(".json"))
+    picture = job.draw(result, out.with_suffix(".png"))
     say(f"Written to {picture} and {out.with_suffix('.json').name}.")
 
 

@@ -38,10 +38,10 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
         say(f"A step takes {iterations:.2f} iterations; {words}.")
     profile = job.profile(car, full, iterations, more)
     step_us = board.processor_us(profile.flop)
-    found = job.partition(board, step_us, profile.uses(), more)
+    result = job.partition(board, step_us, profile.uses(), more)
     say(f"A step takes about {step_us:.0f} µs on the processor of {board.name}, by counted operations.")
     table = plain_table("kernel", "calls", "processor saves", "accelerator", "variant", "gain a step", right=("calls",))
-    for name, choice in found.best.items():
+    for name, choice in result.best.items():
         use = choice.use
         each = 1e6 * board.link.seconds(choice.cycles + board.link.cycles(use.kernel))
         table.add_row(
@@ -49,14 +49,14 @@ def partition(vehicle: str, device: str, full: bool, iterations: float | None) -
             f"{choice.gain_us:+.1f} µs",
         )  # fmt: skip
     console().print(table)
-    if not found.chosen:
+    if not result.chosen:
         say("Nothing is recommended: no kernel that fits gains more than its link costs.")
         return
-    names = ", ".join(f"{choice.use.kernel.name} ({choice.variant})" for choice in found.chosen)
+    names = ", ".join(f"{choice.use.kernel.name} ({choice.variant})" for choice in result.chosen)
     needed = ", ".join(
-        f"{sum(c.resources[r] for c in found.chosen)} of {getattr(board, r)} {r.upper()}" for r in job.RESOURCES
+        f"{sum(c.resources[r] for c in result.chosen)} of {getattr(board, r)} {r.upper()}" for r in job.RESOURCES
     )
-    say(f"Recommended: {names}. The whole gains {found.gain_us:.0f} µs a step: {found.speed_up:.3f} times as fast.")
+    say(f"Recommended: {names}. The whole gains {result.gain_us:.0f} µs a step: {result.speed_up:.3f} times as fast.")
     say(f"Needed: {needed}.")
 
 

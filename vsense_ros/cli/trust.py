@@ -99,9 +99,9 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     if calibrate is None:
         monitor_report.show_watched(watched, console())
         return
-    found = calibration.calibrate(watched, car)
-    save_limits(calibrate, found.limits)
-    monitor_report.show_limits(found, console())
+    calibrated = calibration.calibrate(watched, car)
+    save_limits(calibrate, calibrated.limits)
+    monitor_report.show_limits(calibrated, console())
     say(f"Written to {calibrate}.")
 
 
