@@ -25,7 +25,7 @@ from vsense_ros.identify.side_slip import SideSlipFit, fit_side_slip
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.observed import fitted_place
 from vsense_ros.model.vehicle import Reference, Vehicle
-from vsense_ros.observer import run
+from vsense_ros.runner import run
 
 IDENTIFIED_FROM = ("cpg_slow_lap.mat", "cpg_fast_lap.mat")
 EXAMINED_ON = "med_lap_center_8_21.mat"

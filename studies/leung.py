@@ -34,8 +34,8 @@ from vsense_ros.files.atomic import atomic_write
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
-from vsense_ros.navigation.run import run
-from vsense_ros.navigation.smoothing import run_smoothed
+from vsense_ros.runner.run import run
+from vsense_ros.runner.smoothing import run_smoothed
 
 Progress = Callable[[float], None]
 SEEDS, QUICK_SEEDS = 10, 1

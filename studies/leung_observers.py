@@ -33,9 +33,9 @@ from vsense_ros.model.sensors import GnssVelocity, Imu, Steering, WheelSpeeds
 from vsense_ros.model.sensors.base import joint_state
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.car_numbers import car_numbers
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import MakeFilter, error_ekf, spi
 from vsense_ros.observer.estimate import Estimate, stacked
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def estimate(name: str, truth: Truth, case: Case, read: Readings) -> dict[str, A
     21). The noise of the steering angle, an input, is left out: the true bound is somewhat larger. At the limit (DO55)
     its estimate leaves the true drive, so that the bound there is only about right.
     """
-    observer = Observer(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
+    observer = Runner(car_of_study(case.plant, case.errors, name), make=OBSERVERS[name])
     if name == BOUND:  # of all that is measured, by sensors that are right
         observer.vote.believe_all()
     estimates: list[Estimate] = []

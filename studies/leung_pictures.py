@@ -29,9 +29,9 @@ from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.navigation.motion import Motions
-from vsense_ros.navigation.run import run
-from vsense_ros.navigation.smoothing import run_smoothed
 from vsense_ros.navigation.space import MOTION
+from vsense_ros.runner.run import run
+from vsense_ros.runner.smoothing import run_smoothed
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]

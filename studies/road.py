@@ -48,9 +48,9 @@ from vsense_ros.model.sensors.gnss_height import GnssHeight
 from vsense_ros.model.sensors.gnss_vertical_velocity import GnssVerticalVelocity
 from vsense_ros.model.simulation.surface import Waves
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.estimate import Estimate, stacked
 from vsense_ros.observer.state import DISTURB, U
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ class Estimates:
 
 def estimate(recording: Recording, vehicle: Vehicle, progress: Progress | None = None) -> Estimates:
     """The observer's estimates of a recording."""
-    observer = Observer(vehicle, recording.map_origin)
+    observer = Runner(vehicle, recording.map_origin)
     topics = tuple(topic for topic in observer.topics if topic in recording)
     total, last = sum(len(recording[topic]) for topic in topics), 0
     estimates: list[Estimate] = []

@@ -27,8 +27,8 @@ from vsense_ros.manoeuvre import drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import run
 from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.runner import run
 
 MANOEUVRE = "double_lane_change"
 PERIODS = (2, 4, 10, 20, 50, 100)  # [ms]

@@ -33,12 +33,12 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.simulation.closed_loop import Trajectory
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS, MakeFilter
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.full_car import FullCarBlocks
-from vsense_ros.observer.run import as_recording
 from vsense_ros.observer.state import Prior
+from vsense_ros.runner import Runner
+from vsense_ros.runner.run import as_recording
 
 Array = NDArray[np.float64]
 
@@ -142,13 +142,13 @@ def observing(model: Vehicle, kind: Kind, step: int) -> Vehicle:
 
 def observe(
     recording: Recording, vehicle: Vehicle, kind: Kind, step: int, make: MakeFilter | None = None
-) -> tuple[Observer, Recording, Array]:
+) -> tuple[Runner, Recording, Array]:
     """An observer on a recording: itself at the end, its estimates every 10 ms, and computing times of the steps [µs].
     `make` builds another filter than that of its kind.
 
     Waiting for a busy processor does not count.
     """
-    observer = Observer(vehicle, recording.map_origin, make or partial(_placed, kind.filter))
+    observer = Runner(vehicle, recording.map_origin, make or partial(_placed, kind.filter))
     topics = tuple(t for t in observer.topics if t in recording)
     estimates, last = [], 0
     spent: dict[int, float] = {}
@@ -160,7 +160,7 @@ def observe(
         if observer.started and observer.stamp >= last + 9_990_000:
             estimates.append(observer.snapshot())
             last = observer.stamp
-    output = as_recording(estimates, recording.name, recording.metadata)
+    output = as_recording(observer.adapter, estimates, recording)
     return observer, output, 1e6 * np.array(list(spent.values()))
 
 
@@ -199,8 +199,9 @@ def repeat(
                     observer, output, spent = observe(recording, vehicle, kind, step)
                     times.append(spent)
                     parameters = parameters or observer.parameters()
-                    if isinstance(observer.car, FullCarBlocks):
-                        iterations = observer.car.plant.integrator.iterations
+                    observed = getattr(observer.filter, "car", None)
+                    if isinstance(observed, FullCarBlocks):
+                        iterations = observed.plant.integrator.iterations
                     estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
                     for row in ROWS:
                         aligned = align(estimates[row.signal], truths[row.signal])

@@ -24,10 +24,10 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
+from vsense_ros.runner import Runner
 
 Array = NDArray[Any]
 
@@ -249,7 +249,7 @@ def measure(laps: int) -> tuple[list[Record], float]:
     forms += [kind(np.float32) for kind in (Textbook, Symmetrised, Joseph, Whitened, SquareRoot)]
     records = [reference, *(Record(form) for form in forms)]
     car = Watched(vehicle, sensors_of(vehicle), records)
-    observer = Observer(vehicle, recording.map_origin, lambda *_: WatchedEkf(car))
+    observer = Runner(vehicle, recording.map_origin, lambda *_: WatchedEkf(car))
     following = recording.start + LAP * SECOND
     with progress(f"{laps * LAP} s in {len(records)} forms") as done:
         for sample in over_and_over(recording, tuple(observer.topics), laps):

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from vsense_ros import observer
 from vsense_ros.bag import datasets, write_bag
 from vsense_ros.bag.gnss_bytes import gnss_byte_stream
 from vsense_ros.bag.importers import comma2k19, import_recording
@@ -34,6 +33,7 @@ from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.node.processes import RosRun, run_through_ros
+from vsense_ros.runner import run
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -221,7 +221,7 @@ def _run(job: Job, out: Path, through_ros: bool, failures: list[str]) -> Drive:
                 job.name, job.title, seen, compared, vehicle=vehicle, baselines=simpler, way=way, notes=notes
             )
     with progress(f"{job.name}: estimating without ROS") as done:
-        alone = observer.run(recording, vehicle, progress=done)
+        alone = run(recording, vehicle, progress=done)
     write_bag(out / job.name, alone.output, overwrite=True)
     moved = replace(alone, output=at_reference(alone.output, vehicle))
     return Drive.of(

@@ -19,10 +19,10 @@ from vsense_ros import codegen
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 PROGRAM = """
 import sys
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 from vsense_ros.files.vehicle import load_vehicle
 for path in sys.argv[1:]:
-    Observer(load_vehicle(path))
+    Runner(load_vehicle(path))
 """
 
 

@@ -23,7 +23,8 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car import steps
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer, estimate_samples, run
+from vsense_ros.observer import estimate_samples
+from vsense_ros.runner import Runner, run
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))
@@ -60,13 +61,13 @@ def vehicle(request: pytest.FixtureRequest) -> Vehicle:
 
 
 @pytest.fixture
-def observer(way: str, vehicle: Vehicle, lane_change: Recording) -> Observer:
+def observer(way: str, vehicle: Vehicle, lane_change: Recording) -> Runner:
     return _under_way(vehicle, lane_change)
 
 
-def _under_way(vehicle: Vehicle, recording: Recording) -> Observer:
+def _under_way(vehicle: Vehicle, recording: Recording) -> Runner:
     """An observer after two seconds."""
-    made = Observer(vehicle, recording.map_origin)
+    made = Runner(vehicle, recording.map_origin)
     for sample in recording.samples(tuple(made.topics)):
         if sample.stamp > recording.start + 2_000_000_000:
             break
@@ -74,7 +75,7 @@ def _under_way(vehicle: Vehicle, recording: Recording) -> Observer:
     return made
 
 
-def _time_steps(benchmark: Any, observer: Observer, lane_change: Recording) -> None:
+def _time_steps(benchmark: Any, observer: Runner, lane_change: Recording) -> None:
     """Steps of pairs of messages of one instant."""
     imu = [s for s in lane_change.samples((IMU,)) if s.stamp > observer.stamp + 8_000_000]
     wheels = lane_change[WHEELS]
@@ -90,7 +91,7 @@ def _time_steps(benchmark: Any, observer: Observer, lane_change: Recording) -> N
 
 
 @pytest.mark.benchmark(group="observer step: 52 states, 10 measurements")
-def test_step(benchmark: Any, way: str, observer: Observer, lane_change: Recording) -> None:
+def test_step(benchmark: Any, way: str, observer: Runner, lane_change: Recording) -> None:
     _time_steps(benchmark, observer, lane_change)
 
 
@@ -106,8 +107,8 @@ def test_spi_step(benchmark: Any, kind: str, vehicle: Vehicle, lane_change: Reco
 @pytest.mark.parametrize(
     "part", ["linearize", "advance", "predict", "correct by imu", "correct by wheel_speeds", "estimate"]
 )
-def test_part(benchmark: Any, way: str, part: str, observer: Observer) -> None:
-    ekf, car = observer.filter, observer.car
+def test_part(benchmark: Any, way: str, part: str, observer: Runner) -> None:
+    ekf, car = observer.filter, observer.filter.car
     before = ekf.memory.copy()
     sensor = part.split()[-1] if part.startswith("correct") else "imu"
     variance = observer.sensors[sensor].deviations() ** 2

@@ -27,7 +27,7 @@ from vsense_ros.model.simulation.closed_loop import rolling_radii, rolling_strai
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 STEP = 0.004  # [s]

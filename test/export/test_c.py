@@ -34,7 +34,7 @@ from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import error_ekf
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("VSENSE_DATA", ROOT / "../shared/recordings"))

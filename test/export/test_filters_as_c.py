@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from vsense_ros.navigation.navigator import used_sensors
 
 from marks import exam_except
 from vsense_ros import codegen
@@ -25,7 +26,6 @@ from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
-from vsense_ros.navigation.navigator import used_sensors
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_CAR = ("error_ekf", "spi")  # which test_c.py compares

@@ -34,10 +34,10 @@ from vsense_ros.model.effects.sensor_delay import SensorDelay
 from vsense_ros.model.effects.unmodelled import TERMS, Unmodelled
 from vsense_ros.model.sensors import WheelTorques
 from vsense_ros.model.vehicle import Vehicle, left_out_of_observer, left_out_of_simulation
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.state import DISTURB, Prior, U
+from vsense_ros.runner import Runner
 
 DRAG, GRADE, BIAS, DELAY = 0.4, 0.03, 0.03, 0.02  # [m²], [rad], [rad/s], [s]
 GRADE_STATE = DISTURB.start + DISTURBANCES.index("grade")
@@ -171,7 +171,7 @@ def test_a_simulation_leaves_out_nothing_but_profiles(bare: Vehicle) -> None:
 
 @pytest.mark.slow
 def test_the_observer_warns_in_its_diagnostics_of_what_it_leaves_out(extended: Vehicle) -> None:
-    observer = Observer(extended)
+    observer = Runner(extended)
     (line,) = (line for line in observer.diagnostics() if line.name == "effects")
     assert (line.level, line.message) == (Level.WARN, observer.left_out)
     assert "yaw_moment_driving" in line.message

@@ -29,7 +29,7 @@ from vsense_ros.files.tyre import load_tyre
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages import cdr, yaml_text
 from vsense_ros.messages.recording import FIELDS, Sample
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 
 START = 1_700_000_000_000_000_000
 STEP = 10_000_000
@@ -230,7 +230,7 @@ def of_importers(folder: Path) -> tuple[Feed, list[bytes]]:
 
 def of_observer(_: Path) -> tuple[Feed, list[bytes]]:
     """Messages of a drive, wrong ones between them: what comes out stays finite, with covariances that are definite."""
-    observer = Observer(load_vehicle(shared_folder("config") / "vehicles" / "prototype_model.yaml"))
+    observer = Runner(load_vehicle(shared_folder("config") / "vehicles" / "prototype_model.yaml"))
     samples = list(bag(10.0).samples(tuple(observer.topics)))
     state = {"next": 0, "offset": 0}
     period = samples[-1].stamp - samples[0].stamp + STEP

@@ -28,7 +28,7 @@ from vsense_ros.identify.noise import BOUND, PRIOR, maximise, noise_numbers, wit
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.innovations import innovations
+from vsense_ros.runner.innovations import innovations
 
 Array = NDArray[np.float64]
 COUNT = 200

@@ -16,7 +16,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import ON_ROADS, STANDARD, generate
 from vsense_ros.messages.recording import Recording
-from vsense_ros.observer import run
+from vsense_ros.runner import run
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 NAMES = [m.name for m in STANDARD]

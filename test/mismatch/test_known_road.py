@@ -14,12 +14,12 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.car.car import car_of
 from vsense_ros.model.coordinates import DISTURBANCES, YAW, X, Y
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.road_map import NEAR, SPACING, Profile, RoadMap
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.state import DISTURB
+from vsense_ros.runner import Runner
 
 ORIGIN = (43.5, -8.2, 50.0)
 BANK = DISTURB.start + DISTURBANCES.index("bank")
@@ -55,7 +55,7 @@ def profile(rows: list[tuple[float, float]], values: np.ndarray) -> list[tuple[f
 
 def estimated(vehicle: Vehicle, recording: Recording) -> np.ndarray:
     """East [m], bank [rad] and lateral velocity less that of the reference [m/s], at every message."""
-    observer, found = Observer(vehicle, recording.map_origin), []
+    observer, found = Runner(vehicle, recording.map_origin), []
     for sample in recording.samples(tuple(observer.topics)):
         observer.add(sample)
         if observer.converged:
@@ -85,16 +85,16 @@ def test_on_a_road_that_is_known_the_observer_has_less_doubt_of_its_bank_and_of_
 def test_the_grip_of_a_road_is_that_of_the_place(drive, rows):
     grip = np.linspace(-0.3, 0.1, len(EAST))
     vehicle = having(prototype(), friction_change={"relative": 0.05, "profile": profile(rows, grip)})
-    observer = Observer(vehicle, drive.map_origin)
+    observer = Runner(vehicle, drive.map_origin)
     index = car_of(vehicle).parameter_names.index("effects.friction_change.relative")
     for i, sample in enumerate(drive.samples(tuple(observer.topics))):
         observer.add(sample)
         if observer.converged and i % 200 == 0:
             observer.snapshot()
             expected = 0.05 + np.interp(observer.filter.car.mean[X], EAST, grip)
-            assert observer.car.parameters[index] == pytest.approx(expected, abs=0.01)  # a dozen metres
+            assert observer.filter.car.parameters[index] == pytest.approx(expected, abs=0.01)  # a dozen metres
     observer.filter.start_rolling(10.0)
-    assert not np.isfinite(observer.car.surveyed[:2]).any()
+    assert not np.isfinite(observer.filter.car.surveyed[:2]).any()
 
 
 def standing(vehicle: Vehicle, east: float) -> CarFilter:

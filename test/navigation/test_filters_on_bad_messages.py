@@ -17,9 +17,10 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.navigator import Navigator
-from vsense_ros.navigation.run import Run, run
-from vsense_ros.navigation.smoothing import run_smoothed
+from vsense_ros.runner import Runner
+from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.run import Run, run
+from vsense_ros.runner.smoothing import run_smoothed
 
 KINEMATIC = ("dual_kkf", "inertial", "strapdown")
 BY_MODEL = ("integrated", "integrated_kf_a")
@@ -116,14 +117,14 @@ def test_a_receiver_that_freezes_is_refused_and_told(car: Vehicle) -> None:
 
 def test_nothing_starts_before_the_car_moves_and_that_is_told(car: Vehicle) -> None:
     drive = SineDrive(30.0, stands=10.0)
-    navigator = Navigator(car, "inertial")
+    runner = Runner(car, make=FILTERS["inertial"].make)
     for sample in drive.recording().samples():
-        navigator.add(sample)
+        runner.add(sample)
         if sample.stamp - 1_600_000_000_000_000_000 > 5e9:
             break
-    assert not navigator.started
-    assert navigator.estimate() == []
-    assert "heading unknown until the car moves" in navigator.diagnostics()[0].message
+    assert not runner.started
+    assert runner.estimate() == []
+    assert "heading unknown until the car moves" in runner.diagnostics()[0].message
     found = run(drive.recording(), car, "inertial")
     assert finite(found)
     assert np.abs(yaw_error(found, drive.recording(), 20.0)).max() < 6.0
@@ -134,7 +135,7 @@ def test_what_the_sensors_cannot_tell_is_said_in_the_diagnostics(car: Vehicle) -
     drive = SineDrive(8.0).recording()
     found = run(drive, car, "wheel_speed_ekf_a")
     assert found.diagnostics[0].level == Level.WARN
-    assert found.diagnostics[0].message == "not told so far: rolling_radius"
+    assert found.diagnostics[0].message == "not determined so far: rolling_radius"
     _, deviation = found.parameters["rolling_radius"]
     assert deviation > 0.01
 
@@ -144,7 +145,7 @@ def test_a_filter_without_its_sensor_is_refused_with_its_name(car: Vehicle) -> N
     with pytest.raises(
         InputError, match="'triple_kkf' needs the input spin_rear_left, of a sensor that tells 'rolling"
     ):
-        Navigator(poor, "triple_kkf")
+        Runner(poor, make=FILTERS["triple_kkf"].make)
 
 
 @pytest.mark.slow

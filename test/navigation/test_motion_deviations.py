@@ -10,7 +10,7 @@ from vsense_ros.bag import read_bag
 from vsense_ros.evaluate.consistency import errors_of
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.estimates import UNTOLD
-from vsense_ros.navigation.run import run
+from vsense_ros.runner.run import run
 
 ROOT = Path(__file__).parents[2]
 

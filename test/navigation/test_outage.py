@@ -16,8 +16,8 @@ from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
-from vsense_ros.navigation.run import run
-from vsense_ros.observer import run as run_observer
+from vsense_ros.runner import run as run_observer
+from vsense_ros.runner.run import run
 
 OUTAGE = 30.0  # [s]
 CASES = (("error_ekf", 10.0), ("strapdown", 10.0), ("strapdown", 20.0), ("strapdown", 29.0))  # filter, begin [s]

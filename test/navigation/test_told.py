@@ -15,8 +15,8 @@ from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.navigation.run import run
-from vsense_ros.navigation.told import told
+from vsense_ros.runner.run import run
+from vsense_ros.runner.told import told
 
 
 @pytest.fixture(scope="module")

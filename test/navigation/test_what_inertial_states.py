@@ -13,7 +13,7 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.run import run
+from vsense_ros.runner.run import run
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.node.accelerator_link import as_bytes, as_message
 from vsense_ros.node.processes import run_through_ros
 from vsense_ros.observer.implicit import implicit_error_ekf
-from vsense_ros.observer.run import run
+from vsense_ros.runner.run import run
 
 pytestmark = pytest.mark.slow
 

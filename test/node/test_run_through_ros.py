@@ -26,9 +26,9 @@ from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Channel, Recording, Sample
-from vsense_ros.navigation.run import run as navigate
 from vsense_ros.node.processes import RosRun, run_through_ros
 from vsense_ros.observer.monitor import Limits, Range, save_limits
+from vsense_ros.runner.run import run as navigate
 
 pytestmark = pytest.mark.slow
 

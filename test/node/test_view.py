@@ -25,7 +25,7 @@ from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.node.foxglove_playback import Playback, Timeline
 from vsense_ros.node.foxglove_scene import Scene
-from vsense_ros.observer import Observer, run
+from vsense_ros.runner import Runner, run
 
 ROOT = Path(__file__).parents[2]
 LAYOUT = ROOT / "config/foxglove/vsense.json"
@@ -153,7 +153,7 @@ def paths_of(content: Any) -> Iterator[str]:
 
 def test_the_layout_reads_only_what_is_published(car: Vehicle) -> None:
     layout = json.loads(LAYOUT.read_text(encoding="utf-8"))
-    kinds = {f"/{sample.topic}": sample.kind for sample in Observer(car).output()}
+    kinds = {f"/{sample.topic}": sample.kind for sample in Runner(car).output()}
     kinds |= {"/reference/odometry": "nav_msgs/msg/Odometry", "/gps/fix": "sensor_msgs/msg/NavSatFix"}
     kinds |= {"/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
     others = {"/robot_description", "/vsense/view/path", "/vsense/view/tyres"}

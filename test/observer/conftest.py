@@ -9,7 +9,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
 
@@ -32,6 +32,6 @@ def lane_change(plant: Vehicle) -> Recording:
 
 
 @pytest.fixture(scope="session")
-def clean(lane_change: Recording, vehicle: Vehicle) -> Observer:
+def clean(lane_change: Recording, vehicle: Vehicle) -> Runner:
     """The observer after the undisturbed drive."""
-    return feed(Observer(vehicle, lane_change.map_origin), messages(lane_change))
+    return feed(Runner(vehicle, lane_change.map_origin), messages(lane_change))

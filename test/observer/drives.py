@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from vsense_ros.messages.diagnostic import Diagnostic
 from vsense_ros.messages.recording import Recording, Sample
-from vsense_ros.observer import Observer
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.spi import Spi
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 SECOND = 1_000_000_000
@@ -28,7 +28,7 @@ def messages(recording: Recording, until: float = np.inf) -> list[Sample]:
     return [s for s in recording.samples(topics) if (s.received or 0) < end]
 
 
-def feed(observer: Observer, samples: Iterable[Sample]) -> Observer:
+def feed(observer: Runner, samples: Iterable[Sample]) -> Runner:
     for sample in samples:
         observer.add(sample)
     return observer
@@ -97,7 +97,7 @@ class Course:
         return "\n".join(d[sensor].message for _, d in self.said)
 
 
-def follow(observer: Observer, samples: Iterable[Sample], truth: Recording) -> Course:
+def follow(observer: Runner, samples: Iterable[Sample], truth: Recording) -> Course:
     """Feed a stream, and look at the estimate every 10 ms of arrival. Fails where an estimate is not a number."""
     reference = truth["reference/odometry"]
     rows, said, last = [], [], 0
@@ -134,7 +134,7 @@ def follow(observer: Observer, samples: Iterable[Sample], truth: Recording) -> C
     )
 
 
-def distance(a: Observer, b: Observer) -> tuple[float, float, float, float]:
+def distance(a: Runner, b: Runner) -> tuple[float, float, float, float]:
     """Largest difference of velocity [m/s], rates [rad/s], attitude [rad] and place on the map [m] of two observers."""
     x, y = a.snapshot(), b.snapshot()
     pairs = ((x.velocity, y.velocity), (x.rates, y.rates), (x.attitude, y.attitude), (x.position[:2], y.position[:2]))

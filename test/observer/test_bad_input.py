@@ -34,15 +34,15 @@ from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import GnssPosition, Imu
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 
 NAMES = {topic: name for name, topic in SENSORS.items()}
 NAN, INFINITE, HUGE = np.nan, np.inf, 1e300
 
 
 @pytest.fixture
-def observer(vehicle: Vehicle, lane_change: Recording) -> Observer:
-    return Observer(vehicle, lane_change.map_origin)
+def observer(vehicle: Vehicle, lane_change: Recording) -> Runner:
+    return Runner(vehicle, lane_change.map_origin)
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def assert_good(course: Course, after: float = 8.0) -> None:
 @pytest.mark.parametrize("value", [NAN, INFINITE, -INFINITE, HUGE])
 @pytest.mark.parametrize("topic", SENSORS.values())
 def test_numbers_that_are_none_are_refused_and_the_sensor_named(
-    topic: str, value: float, observer: Observer, clean: Observer, lane_change: Recording, between
+    topic: str, value: float, observer: Runner, clean: Runner, lane_change: Recording, between
 ) -> None:
     bad = altered(messages(lane_change), between(topic, 5, 5.2), lambda s: filled(s, value))
     course = follow(observer, bad, lane_change)
@@ -83,7 +83,7 @@ def test_numbers_that_are_none_are_refused_and_the_sensor_named(
 
 
 def test_one_gyro_axis_that_is_not_a_number_leaves_the_other_five(
-    observer: Observer, lane_change: Recording, between
+    observer: Runner, lane_change: Recording, between
 ) -> None:
     def without_pitch_rate(s: Sample) -> Sample:
         return changed(s, angular_velocity=s.values["angular_velocity"] * [1, NAN, 1])
@@ -115,7 +115,7 @@ def test_a_variance_that_is_no_number_leaves_its_component_out_each_time() -> No
 
 @pytest.mark.parametrize("value", [NAN, INFINITE, HUGE, -1.0, 0.0, 1e-30])
 def test_a_covariance_that_cannot_be_true_does_no_harm(
-    value: float, observer: Observer, lane_change: Recording, between
+    value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
     def with_covariance(s: Sample) -> Sample:
         return changed(s, **{f: np.full_like(v, value) for f, v in s.values.items() if f.endswith("covariance")})
@@ -125,7 +125,7 @@ def test_a_covariance_that_cannot_be_true_does_no_harm(
     assert_good(follow(observer, stream, lane_change))
 
 
-def test_a_jump_of_the_position_by_20_m_is_refused(observer: Observer, lane_change: Recording, between) -> None:
+def test_a_jump_of_the_position_by_20_m_is_refused(observer: Runner, lane_change: Recording, between) -> None:
     def moved(s: Sample) -> Sample:
         return changed(s, latitude=s.values["latitude"] + 20 / 111_200)
 
@@ -144,7 +144,7 @@ def elsewhere(sample: Sample) -> Sample:
 
 
 def test_a_heading_that_the_first_velocities_got_wrong_is_found_anew(
-    observer: Observer, lane_change: Recording, between
+    observer: Runner, lane_change: Recording, between
 ) -> None:
     course = follow(observer, altered(messages(lane_change), between(VELOCITY, 0.0, 0.5), elsewhere), lane_change)
     assert course.position[-1] < 2
@@ -153,7 +153,7 @@ def test_a_heading_that_the_first_velocities_got_wrong_is_found_anew(
 
 
 def test_a_velocity_that_turns_away_from_the_positions_turns_no_heading(
-    observer: Observer, lane_change: Recording, between
+    observer: Runner, lane_change: Recording, between
 ) -> None:
     course = follow(observer, altered(messages(lane_change), between(VELOCITY, 3, 10), elsewhere), lane_change)
     assert "ERROR" in course.levels("velocity", 8.5, 10)
@@ -161,7 +161,7 @@ def test_a_velocity_that_turns_away_from_the_positions_turns_no_heading(
     assert_good(course, 3.0)
 
 
-def test_a_frozen_imu_is_named(observer: Observer, lane_change: Recording, between) -> None:
+def test_a_frozen_imu_is_named(observer: Runner, lane_change: Recording, between) -> None:
     last = next(s for s in messages(lane_change) if s.topic == IMU and seconds(lane_change, s) >= 4.0)
     frozen = altered(messages(lane_change), between(IMU, 4, 7), lambda s: replace(s, values=last.values))
     course = follow(observer, frozen, lane_change)
@@ -185,7 +185,7 @@ def test_a_problem_from_before_the_clock_of_arrivals_was_set_back_is_an_old_one(
 @pytest.mark.parametrize("jump", [-3600.0, -10.0, -1.0, 1.0, 10.0, 3600.0])
 @pytest.mark.parametrize("topic", SENSORS.values())
 def test_one_stray_stamp_is_refused_and_nothing_else(
-    topic: str, jump: float, observer: Observer, clean: Observer, lane_change: Recording
+    topic: str, jump: float, observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
     stream = messages(lane_change)
     index = next(i for i, s in enumerate(stream) if s.topic == topic and seconds(lane_change, s) > 5)
@@ -204,7 +204,7 @@ def test_one_stray_stamp_is_refused_and_nothing_else(
 @pytest.mark.parametrize("jump", [-3600.0, 3600.0])
 @pytest.mark.parametrize("topic", SENSORS.values())
 def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
-    topic: str, jump: float, observer: Observer, lane_change: Recording, between
+    topic: str, jump: float, observer: Runner, lane_change: Recording, between
 ) -> None:
     astray = between(topic, 5, 100)
     stream = altered(messages(lane_change), astray, lambda s: replace(s, stamp=s.stamp + int(jump * SECOND)))
@@ -216,7 +216,7 @@ def test_a_clock_that_went_elsewhere_for_good_loses_its_sensor_alone(
 
 @pytest.mark.parametrize("jump", [-3600.0, 3600.0])
 def test_when_all_clocks_jump_the_observer_follows(
-    jump: float, observer: Observer, clean: Observer, lane_change: Recording
+    jump: float, observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
     stream = messages(lane_change)
     moved = altered(
@@ -232,7 +232,7 @@ def test_when_all_clocks_jump_the_observer_follows(
     assert rates < 0.05
 
 
-def test_repeated_messages_count_once(observer: Observer, clean: Observer, lane_change: Recording) -> None:
+def test_repeated_messages_count_once(observer: Runner, clean: Runner, lane_change: Recording) -> None:
     feed(observer, (s for s in messages(lane_change) for _ in range(2)))
     assert "repeated" in observer.health[0].problem
     assert [h.used for h in observer.health] == [h.used for h in clean.health]
@@ -240,7 +240,7 @@ def test_repeated_messages_count_once(observer: Observer, clean: Observer, lane_
 
 
 def test_messages_that_do_not_say_when_they_arrived_are_used(
-    observer: Observer, clean: Observer, lane_change: Recording
+    observer: Runner, clean: Runner, lane_change: Recording
 ) -> None:
     stream = [replace(s, received=None) for s in messages(lane_change)]
     stray = next(i for i, s in enumerate(stream) if s.topic == IMU and seconds(lane_change, s) > 5)
@@ -253,7 +253,7 @@ def test_messages_that_do_not_say_when_they_arrived_are_used(
 # Form
 
 
-def test_a_wrong_frame_is_named(observer: Observer, lane_change: Recording) -> None:
+def test_a_wrong_frame_is_named(observer: Runner, lane_change: Recording) -> None:
     stream = altered(messages(lane_change), lambda s: s.topic == IMU, lambda s: replace(s, frame_id="base_link"))
     follow(observer, stream, lane_change)
     imu = next(d for d in observer.diagnostics() if d.name == "imu")
@@ -261,7 +261,7 @@ def test_a_wrong_frame_is_named(observer: Observer, lane_change: Recording) -> N
     assert "frame_id 'base_link', expected 'imu_link'" in imu.message
 
 
-def test_a_wrong_message_type_is_named(observer: Observer, lane_change: Recording) -> None:
+def test_a_wrong_message_type_is_named(observer: Runner, lane_change: Recording) -> None:
     feed(
         observer,
         altered(messages(lane_change), lambda s: s.topic == WHEELS, lambda s: replace(s, kind="std_msgs/msg/Bool")),
@@ -270,7 +270,7 @@ def test_a_wrong_message_type_is_named(observer: Observer, lane_change: Recordin
     assert "message type std_msgs/msg/Bool, expected sensor_msgs/msg/JointState" in wheels.message
 
 
-def test_a_message_without_its_fields_is_refused(observer: Observer, lane_change: Recording, between) -> None:
+def test_a_message_without_its_fields_is_refused(observer: Runner, lane_change: Recording, between) -> None:
     stream = messages(lane_change)
     for topic in SENSORS.values():
         stream = altered(stream, between(topic, 5, 5.2), lambda s: replace(s, values={}))
@@ -279,7 +279,7 @@ def test_a_message_without_its_fields_is_refused(observer: Observer, lane_change
     assert all(d.level.name == "OK" for d in observer.diagnostics())
 
 
-def test_joints_of_other_names_are_refused(observer: Observer, lane_change: Recording, between) -> None:
+def test_joints_of_other_names_are_refused(observer: Runner, lane_change: Recording, between) -> None:
     stream = messages(lane_change)
     for topic in (WHEELS, STEERING):
         stream = altered(stream, between(topic, 5, 5.2), lambda s: replace(s, names=("door",) * len(s.names)))
@@ -296,7 +296,7 @@ def test_a_wrong_stamp_before_the_start_does_not_change_the_start(
 ) -> None:
     """It starts when the first velocity comes."""
     good = messages(lane_change, 0.5)
-    undisturbed, observer = (Observer(vehicle, lane_change.map_origin) for _ in range(2))
+    undisturbed, observer = (Runner(vehicle, lane_change.map_origin) for _ in range(2))
     feed(undisturbed, good)
     velocity = next(i for i, s in enumerate(good) if s.topic == VELOCITY)
     last = max(i for i, s in enumerate(good[:velocity]) if s.topic == topic)
@@ -314,7 +314,7 @@ def telling(field: str, value: float) -> Callable[[Sample], Sample]:
     [(WHEELS, "velocity", 1e3), (WHEELS, "velocity", 1e6), (IMU, "angular_velocity", 1e3), (VELOCITY, "linear", 1e3)],
 )
 def test_first_messages_that_no_car_could_send_are_refused(
-    topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
+    topic: str, field: str, value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
     told = altered(messages(lane_change), between(topic, 0.0, 0.2), telling(field, value))
     course = follow(observer, told, lane_change)
@@ -326,7 +326,7 @@ def test_first_messages_that_no_car_could_send_are_refused(
 
 @pytest.mark.parametrize(("topic", "field", "value"), [(WHEELS, "velocity", 300.0), (VELOCITY, "linear", -30.0)])
 def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
-    topic: str, field: str, value: float, observer: Observer, lane_change: Recording, between
+    topic: str, field: str, value: float, observer: Runner, lane_change: Recording, between
 ) -> None:
     told = altered(messages(lane_change), between(topic, 0.0, 0.2), telling(field, value))
     course = follow(observer, told, lane_change)
@@ -335,7 +335,7 @@ def test_it_does_not_start_while_wheels_and_gnss_contradict_each_other(
     assert_good(course, 3.0)
 
 
-def test_a_filter_that_never_was_sane_starts_anew(observer: Observer, lane_change: Recording) -> None:
+def test_a_filter_that_never_was_sane_starts_anew(observer: Runner, lane_change: Recording) -> None:
     stream = messages(lane_change)
     started = next(i for i, s in enumerate(stream) if feed(observer, [s]).started)
     observer.filter.car.mean[14] = 300.0
@@ -387,7 +387,7 @@ def test_rubbish_between_good_messages_changes_next_to_nothing(
     for i, sample in enumerate(good):
         stream.append(sample)
         stream += [corrupted(sample, *c) for c in by_index.get(i, ())]
-    undisturbed, observer = (Observer(vehicle, lane_change.map_origin) for _ in range(2))
+    undisturbed, observer = (Runner(vehicle, lane_change.map_origin) for _ in range(2))
     feed(undisturbed, good)
     feed(observer, stream)
     assert observer.diagnostics()[0].values["faults"] == "0"

@@ -11,9 +11,9 @@ from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
+from vsense_ros.runner import Runner
 
 
 def test_all_filters_are_listed_on_request_and_otherwise_those_for_use_on_a_car() -> None:
@@ -46,7 +46,7 @@ def test_a_full_car_without_linkages_is_refused(vehicle: Vehicle) -> None:
 
 
 def test_the_continuous_filter_put_back_does_the_same_again(vehicle: Vehicle, lane_change: Recording) -> None:
-    observer = feed(Observer(vehicle, lane_change.map_origin, FILTERS["cekf"].make), messages(lane_change, until=0.3))
+    observer = feed(Runner(vehicle, lane_change.map_origin, FILTERS["cekf"].make), messages(lane_change, until=0.3))
     f, ends = observer.filter, []
     kept = f.memory.copy()
     for _ in range(2):

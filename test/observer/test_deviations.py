@@ -13,8 +13,8 @@ from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.topics import WHEELS
 from vsense_ros.model.coordinates import RATES, VELOCITY
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer, run
 from vsense_ros.observer.state import FORCE, TWIST
+from vsense_ros.runner import Runner, run
 
 FORCES = tuple(f"wheel_force_{wheel}_{axis}" for wheel in WHEELS for axis in "xyz")
 ACCELERATIONS = tuple(f"{axis}_acceleration" for axis in ("longitudinal", "lateral", "vertical"))
@@ -37,7 +37,7 @@ def test_errors_on_a_car_that_is_loaded_and_on_a_road_that_grips_less_are_as_lar
     assert 0.3 < together < 1.5
 
 
-def test_the_covariance_of_the_acceleration_is_that_of_its_first_order(clean: Observer) -> None:
+def test_the_covariance_of_the_acceleration_is_that_of_its_first_order(clean: Runner) -> None:
     """By differences of the model's accelerations: of a state that is drawn from the filter's belief."""
     car, covariance = clean.car, clean.filter.belief().covariance
     told = clean.snapshot().acceleration_covariance
@@ -51,7 +51,7 @@ def test_the_covariance_of_the_acceleration_is_that_of_its_first_order(clean: Ob
     np.testing.assert_allclose(told, by_error @ covariance @ by_error.T, rtol=0.02, atol=2e-4)
 
 
-def test_the_deviations_of_tyre_forces_are_those_of_their_first_order(clean: Observer, vehicle: Vehicle) -> None:
+def test_the_deviations_of_tyre_forces_are_those_of_their_first_order(clean: Runner, vehicle: Vehicle) -> None:
     """Likewise, and what the car may weigh beyond its file."""
     car, covariance = clean.car, clean.filter.belief().covariance
     estimate = clean.snapshot()
@@ -88,7 +88,7 @@ def differences(car: Any, outcome: Any) -> np.ndarray:
 def test_a_car_with_a_known_load_has_surer_vertical_forces(vehicle: Vehicle, lane_change: Any) -> None:
     around = vehicle.observer.surroundings.model_copy(update={"load": 0.0})
     settings = vehicle.observer.model_copy(update={"surroundings": around})
-    known = feed(Observer(vehicle.model_copy(update={"observer": settings})), messages(lane_change, 3.0)).snapshot()
-    unknown = feed(Observer(vehicle), messages(lane_change, 3.0)).snapshot()
+    known = feed(Runner(vehicle.model_copy(update={"observer": settings})), messages(lane_change, 3.0)).snapshot()
+    unknown = feed(Runner(vehicle), messages(lane_change, 3.0)).snapshot()
     assert np.all(known.wheel_deviations[2] < 0.5 * unknown.wheel_deviations[2])
     np.testing.assert_allclose(known.wheels, unknown.wheels)

@@ -10,7 +10,7 @@ from drives import without_c
 from vsense_ros import codegen
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.error_ekf import ErrorEkf
-from vsense_ros.observer.observer import Observer
+from vsense_ros.runner import Runner
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def filters(vehicle: Vehicle) -> tuple[ErrorEkf, ErrorEkf]:
     """The same filter twice, the second without its compiled step."""
     if codegen.compiler() is None:
         pytest.skip("no C compiler here")
-    made = [Observer(vehicle).filter for _ in range(2)]
+    made = [Runner(vehicle).filter for _ in range(2)]
     without_c(made[1])
     for ekf in made:
         ekf.start_rolling(20.0)

@@ -6,7 +6,7 @@ import pytest
 from drives import IMU, SECOND, altered, changed, feed, messages
 from vsense_ros.estimation.timeline import Event
 from vsense_ros.messages.diagnostic import Level
-from vsense_ros.observer import Observer, run
+from vsense_ros.runner import Runner, run
 
 
 def told(observer):
@@ -25,7 +25,7 @@ def estimated(observer, samples, rate=100.0):
 
 
 def test_on_a_drive_without_faults_they_do(vehicle, lane_change):
-    observer = estimated(Observer(vehicle, lane_change.map_origin), messages(lane_change))
+    observer = estimated(Runner(vehicle, lane_change.map_origin), messages(lane_change))
     assert told(observer).level is Level.OK
     assert len(told(observer).values) == 6
     assert all(float(share) < 8 for share in told(observer).values.values())
@@ -42,13 +42,13 @@ def test_an_accelerometer_that_comes_to_feel_another_force_is_told(vehicle, lane
         return changed(sample, linear_acceleration=force)
 
     samples = altered(messages(lane_change), lambda sample: sample.topic == IMU, drifts)
-    observer = estimated(Observer(vehicle, lane_change.map_origin), samples)
+    observer = estimated(Runner(vehicle, lane_change.map_origin), samples)
     levels = {line.name: line.level for line in observer.diagnostics()}
     assert Level.WARN in (levels["balance of forces"], levels["imu"]) or levels["imu"] is Level.ERROR
 
 
 def test_without_its_inertial_sensor_there_is_no_balance(vehicle, lane_change):
-    observer = feed(Observer(vehicle), [s for s in messages(lane_change) if s.topic != IMU])
+    observer = feed(Runner(vehicle), [s for s in messages(lane_change) if s.topic != IMU])
     topics = [sample.topic for sample in observer.estimate()]
     assert "vsense/balance" not in topics
     assert "vsense/odometry" in topics
@@ -80,8 +80,7 @@ def test_with_an_inertial_sensor_that_lacks_axes_what_these_tell_is_compared(veh
     but for gravity that is felt as the body leans, and what a mounting point feels as it turns."""
     poorer = altered(messages(lane_change, 8.0), lambda s: s.topic == IMU, lambda s: without([0, 1, 5], s))
     whole, part = (
-        estimated(Observer(vehicle, lane_change.map_origin), samples)
-        for samples in (messages(lane_change, 8.0), poorer)
+        estimated(Runner(vehicle, lane_change.map_origin), samples) for samples in (messages(lane_change, 8.0), poorer)
     )
     assert list(told(part).values) == ["longitudinal force [%]", "lateral force [%]", "yaw moment [%]"]
     assert told(part).level is Level.OK
@@ -94,14 +93,14 @@ def test_with_an_inertial_sensor_that_lacks_axes_what_these_tell_is_compared(veh
 
 def test_with_no_axis_that_tells_a_sum_nothing_is_compared_and_that_is_said(vehicle, lane_change):
     poorer = altered(messages(lane_change, 3.0), lambda s: s.topic == IMU, lambda s: without([2, 3, 4, 5], s))
-    observer = estimated(Observer(vehicle, lane_change.map_origin), poorer)
+    observer = estimated(Runner(vehicle, lane_change.map_origin), poorer)
     assert told(observer).message == "not compared: imu lacks the axes"
     assert "vsense/balance" not in [sample.topic for sample in observer.estimate()]
 
 
 def test_a_reading_that_comes_late_does_not_take_the_place_of_a_newer_one(vehicle, lane_change):
     """Else the comparison would be with one that is too old for any."""
-    observer = feed(Observer(vehicle, lane_change.map_origin), messages(lane_change, 4.0))
+    observer = feed(Runner(vehicle, lane_change.map_origin), messages(lane_change, 4.0))
     value, variance = np.array([0, 0, 0, 0, 0, 9.81]), np.ones(6)
-    observer.balance.measured(Event(observer.names.index("imu"), observer.stamp - SECOND, value, variance))
+    observer.adapter.balance.measured(Event(observer.names.index("imu"), observer.stamp - SECOND, value, variance))
     assert np.isfinite(observer.snapshot().unbalanced).all()

@@ -11,10 +11,10 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.effects import Effects
 from vsense_ros.model.effects.tyre_relaxation import TyreRelaxation
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.error_ekf import CarFilter
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
+from vsense_ros.runner import Runner
 
 pytestmark = pytest.mark.exam
 
@@ -68,7 +68,7 @@ def test_a_missing_force_moves_it_about_as_it_moves_the_simplified_car(known: Ve
 def test_it_follows_a_drive_and_goes_back_for_what_comes_late(known: Vehicle, lane_change: Recording) -> None:
     """GNSS in the recording is 0.1 s late."""
     samples = messages(lane_change, until=4.0)
-    observer = Observer(known, lane_change.map_origin, FILTERS["full_error_ekf"].make)
+    observer = Runner(known, lane_change.map_origin, FILTERS["full_error_ekf"].make)
     speed, lateral, yaw_rate = follow(observer, samples, lane_change).largest()
     assert speed < 0.15
     assert lateral < 0.15
@@ -79,7 +79,7 @@ def test_it_follows_a_drive_and_goes_back_for_what_comes_late(known: Vehicle, la
 
 def test_memory_is_all_of_it(known: Vehicle, lane_change: Recording) -> None:
     observer = feed(
-        Observer(known, lane_change.map_origin, FILTERS["full_error_ekf"].make), messages(lane_change, until=1.0)
+        Runner(known, lane_change.map_origin, FILTERS["full_error_ekf"].make), messages(lane_change, until=1.0)
     )
     f, ends = observer.filter, []
     kept = f.memory.copy()

@@ -14,12 +14,12 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.full_car import FullCarPlant
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.full_car import LONGEST_STEP
 from vsense_ros.observer.full_car_spi import FullCarNumbers, FullCarSpi
-from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_ukf import KAPPA
+from vsense_ros.observer.sensors import sensors_of
+from vsense_ros.runner import Runner
 
 pytestmark = pytest.mark.exam
 
@@ -153,7 +153,7 @@ def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str
 def test_it_follows_a_drive_with_measurements_that_come_late_and_learns(
     vehicle: Vehicle, plant: Vehicle, lane_change: Recording
 ) -> None:
-    observer = Observer(estimating(vehicle, BOTH), lane_change.map_origin, FILTERS["full_spi"].make)
+    observer = Runner(estimating(vehicle, BOTH), lane_change.map_origin, FILTERS["full_spi"].make)
     feed(observer, messages(lane_change, until=5.0))
     value, deviation = observer.parameters()[FRICTION]
     assert deviation < 0.5 * BOTH[FRICTION]["deviation"]

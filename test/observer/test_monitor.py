@@ -21,9 +21,9 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import save_vehicle
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
-from vsense_ros.observer import Observer
-from vsense_ros.observer.calibration import MOST, Watch, calibrate, watch
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range, load_limits, save_limits
+from vsense_ros.runner import Runner
+from vsense_ros.runner.calibration import MOST, Watch, calibrate, watch
 
 BEGIN = 18.0  # [s] when something goes wrong
 
@@ -118,7 +118,7 @@ def test_a_wheel_speed_whose_scale_fails_is_named() -> None:
     assert BEGIN < found["wheel_speeds rl innovation"] < BEGIN + WINDOW
 
 
-def model_of(observer: Observer) -> Diagnostic:
+def model_of(observer: Runner) -> Diagnostic:
     (line,) = (line for line in observer.diagnostics() if line.name == "model")
     return line
 
@@ -127,7 +127,7 @@ def model_of(observer: Observer) -> Diagnostic:
 def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
     drive = driven("slalom", 23)
     wrong = altered(drive, "vehicle/wheel_speeds", "velocity", BEGIN, lambda speeds: speeds * [1, 1, 0.97, 1])
-    observer = Observer(prototype(), drive.map_origin)
+    observer = Runner(prototype(), drive.map_origin)
     observer.watch(limits())
     said: dict[float, Diagnostic] = {}
     for sample in messages(wrong):
@@ -144,7 +144,7 @@ def test_diagnostics_say_what_no_longer_fits_and_since_when() -> None:
 
 @pytest.mark.exam
 def test_watching_changes_nothing_of_the_estimate() -> None:
-    plain, watched = (Observer(prototype(), driven("slalom", 0).map_origin) for _ in range(2))
+    plain, watched = (Runner(prototype(), driven("slalom", 0).map_origin) for _ in range(2))
     watched.watch(limits())
     for sample in messages(driven("slalom", 0), until=15.0):
         plain.add(sample)
@@ -315,7 +315,7 @@ def test_a_file_that_holds_no_limits_is_refused_with_what_to_do(tmp_path: Path, 
 
 
 def test_limits_of_another_vehicle_or_of_other_sensors_are_refused() -> None:
-    observer = Observer(prototype())
+    observer = Runner(prototype())
     with pytest.raises(InputError, match="those of the vehicle 'another'"):
         observer.watch(some_limits(vehicle="another"))
     with pytest.raises(InputError, match="lidar range innovation does not exist here"):

@@ -32,15 +32,15 @@ from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.simulation.closed_loop import simulate
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer, run
+from vsense_ros.runner import Runner, run
 
 
 def settings(vehicle: Vehicle, **changes: object) -> Vehicle:
     return vehicle.model_copy(update={"observer": vehicle.observer.model_copy(update=changes)})
 
 
-def observer_of(vehicle: Vehicle, recording: Recording) -> Observer:
-    return Observer(vehicle, recording.map_origin)
+def observer_of(vehicle: Vehicle, recording: Recording) -> Runner:
+    return Runner(vehicle, recording.map_origin)
 
 
 # Order of arrival
@@ -187,7 +187,7 @@ def test_the_covariance_stays_symmetric_and_positive_for_ten_minutes(
             values["longitude"] = values["longitude"] + lap * length / degree
         return replace(sample, stamp=sample.stamp + shift, received=(sample.received or 0) + shift, values=values)
 
-    names = observer.car.layout.names
+    names = observer.filter.car.layout.names
     told = [i for i, name in enumerate(names) if way == "open road" or name not in ("x", "y", "yaw")]
     smallest = []
     for lap in range(50):
@@ -486,7 +486,7 @@ def test_after_a_long_pause_it_starts_anew(vehicle: Vehicle, lane_change: Record
 def test_a_vehicle_that_tells_too_little_is_refused(kept: tuple[str, ...], missing: str, vehicle: Vehicle) -> None:
     poor = vehicle.model_copy(update={"sensors": {n: vehicle.sensors[n] for n in kept}})
     with pytest.raises(InputError, match=missing):
-        Observer(poor)
+        Runner(poor)
 
 
 def test_an_empty_recording_is_refused_with_what_was_expected(vehicle: Vehicle) -> None:

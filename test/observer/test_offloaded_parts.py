@@ -21,7 +21,7 @@ from vsense_ros.model.car.parts import CarInParts
 from vsense_ros.model.coordinates import DISTURBANCES, WHEELS
 from vsense_ros.observer.implicit import Work, accelerated, implicit_error_ekf, work_with
 from vsense_ros.observer.offload import PARTS, OffloadedParts, Parts
-from vsense_ros.observer.run import run
+from vsense_ros.runner.run import run
 
 VEHICLE = load_vehicle(vehicle_path("prototype_model"))
 

@@ -9,9 +9,9 @@ from drives import feed, messages
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.catalogue import FILTERS
 from vsense_ros.observer.state import FORCE
+from vsense_ros.runner import Runner
 
 NAMES = ("longitudinal", "lateral", "vertical", "roll", "pitch", "yaw", "suspension", "wheel_spin")
 
@@ -28,7 +28,7 @@ def test_without_force_errors_the_errorekf_and_the_dekf_are_one_filter(
 ) -> None:
     made = []
     for name in ("error_ekf", "dekf"):
-        observer = Observer(believing, lane_change.map_origin, FILTERS[name].make)
+        observer = Runner(believing, lane_change.map_origin, FILTERS[name].make)
         made.append(feed(observer, messages(lane_change, until=2.0)).filter)
     one, other = made
     deviation = np.sqrt(np.diag(one.car.covariance))
@@ -39,7 +39,7 @@ def test_without_force_errors_the_errorekf_and_the_dekf_are_one_filter(
 
 
 def test_where_the_state_is_well_known_the_ukf_is_the_dekf(vehicle: Vehicle) -> None:
-    filters = [FILTERS[name].make(vehicle, Observer(vehicle).sensors) for name in ("dekf", "ukf")]
+    filters = [FILTERS[name].make(vehicle, Runner(vehicle).sensors) for name in ("dekf", "ukf")]
     for f in filters:
         f.start_rolling(15.0)
         f.car.mean[15], f.car.mean[19] = -0.2, 0.3
@@ -60,10 +60,10 @@ def test_where_the_state_is_well_known_the_ukf_is_the_dekf(vehicle: Vehicle) -> 
 @pytest.mark.parametrize("name", ["dekf", "ukf"])
 def test_the_references_follow_a_lane_change(lane_change: Recording, vehicle: Vehicle, name: str) -> None:
     until = 3.0 if name == "dekf" else 1.0
-    observer = feed(Observer(vehicle, lane_change.map_origin, FILTERS[name].make), messages(lane_change, until=until))
+    observer = feed(Runner(vehicle, lane_change.map_origin, FILTERS[name].make), messages(lane_change, until=until))
     truth = lane_change["reference/odometry"]
     i = int(np.searchsorted(truth.stamp, observer.stamp))
     estimate = observer.snapshot()
     np.testing.assert_allclose(estimate.velocity[:2], truth.columns["linear"][i, :2], atol=0.3)
     np.testing.assert_allclose(estimate.rates[2], truth.columns["angular"][i, 2], atol=0.05)
-    assert (np.linalg.eigvalsh(observer.car.covariance) > -1e-9).all()
+    assert (np.linalg.eigvalsh(observer.filter.car.covariance) > -1e-9).all()

@@ -20,7 +20,7 @@ from vsense_ros.manoeuvre.track import Track, straight
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 
 pytestmark = pytest.mark.slow
 
@@ -70,7 +70,7 @@ def jump(t: float, rates: Array, force: Array) -> None:
 def test_a_blow_is_refused_and_said_and_velocity_stays(
     shake: Callable[[float, Array, Array], None], velocity: float, vehicle: Vehicle, hills: Recording
 ) -> None:
-    course = follow(Observer(vehicle, hills.map_origin), shaken(hills, shake), hills)
+    course = follow(Runner(vehicle, hills.map_origin), shaken(hills, shake), hills)
     speed, lateral, yaw_rate = course.largest(2.0)
     assert max(speed, lateral) < velocity
     assert yaw_rate < np.radians(2.0)
@@ -92,7 +92,7 @@ def test_a_car_whose_floor_tilts_as_on_a_lift_or_a_ferry_stays_and_says_what_it_
         rates[1] -= np.radians(degrees) / 10.0 * (0.0 < t + 5.0 < 10.0)
         force[:] = Rotation.from_euler("y", angle).apply(force)
 
-    observer = Observer(vehicle, at_rest.map_origin)
+    observer = Runner(vehicle, at_rest.map_origin)
     course = follow(observer, shaken(at_rest, tilt), at_rest)
     speed, lateral, yaw_rate = course.largest(2.0)
     assert max(speed, lateral) < 0.1
@@ -114,11 +114,11 @@ def garage(plant: Vehicle) -> Recording:
 
 
 def test_a_garage_ramp_of_a_fifth_is_climbed(vehicle: Vehicle, garage: Recording) -> None:
-    course = follow(Observer(vehicle, garage.map_origin), messages(garage), garage)
+    course = follow(Runner(vehicle, garage.map_origin), messages(garage), garage)
     assert max(course.largest(2.0)[:2]) < 0.3
     assert course.levels("wheel_speeds", 2.0, 20.0) == {"OK"}
     pitches: list[float] = []
-    observer = Observer(vehicle, garage.map_origin)
+    observer = Runner(vehicle, garage.map_origin)
     for sample in messages(garage):
         observer.add(sample)
         if observer.started and 9.0 < (observer.stamp - garage.start) * 1e-9 < 14.0:
@@ -132,7 +132,7 @@ def test_a_wrong_height_is_refused_and_turns_no_road(vehicle: Vehicle, hills: Re
         return changed(sample, altitude=sample.values["altitude"] + 300.0 * later)
 
     samples = altered(messages(hills, BEGIN + 6.0), lambda s: s.topic == "gps/fix", jumps)
-    course = follow(Observer(with_height(vehicle), hills.map_origin), samples, hills)
+    course = follow(Runner(with_height(vehicle), hills.map_origin), samples, hills)
     assert max(course.largest(2.0)[:2]) < 0.2
     assert "WARN" in course.levels("height", BEGIN, BEGIN + 1.0)
     assert course.levels("position", BEGIN, BEGIN + 6.0) == {"OK"}
@@ -140,7 +140,7 @@ def test_a_wrong_height_is_refused_and_turns_no_road(vehicle: Vehicle, hills: Re
 
 def pitch_error(vehicle: Vehicle, hills: Recording) -> float:
     """Root mean square from 6 s on [deg]."""
-    observer, off = Observer(vehicle, hills.map_origin), []
+    observer, off = Runner(vehicle, hills.map_origin), []
     reference = hills["reference/odometry"]
     pitch = Rotation.from_quat(reference.columns["orientation"]).as_euler("ZYX")[:, 1]
     for sample in messages(hills):
@@ -163,7 +163,7 @@ def test_a_vertical_velocity_that_lies_is_refused_and_turns_no_road(vehicle: Veh
         return changed(sample, linear=sample.values["linear"] + [0.0, 0.0, 20.0 * later])
 
     samples = altered(messages(hills, BEGIN + 6.0), lambda s: s.topic == "gps/velocity", rises)
-    course = follow(Observer(with_height(vehicle), hills.map_origin), samples, hills)
+    course = follow(Runner(with_height(vehicle), hills.map_origin), samples, hills)
     assert max(course.largest(2.0)[:2]) < 0.2
     assert "WARN" in course.levels("vertical_velocity", BEGIN, BEGIN + 1.0)
     assert course.levels("velocity", BEGIN, BEGIN + 6.0) == {"OK"}

@@ -22,11 +22,11 @@ from vsense_ros.model.car.steps import model_functions, sensor_functions
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.sensors import Imu
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.parameter_ekf import ParameterEkf
 from vsense_ros.observer.parameter_ukf import KAPPA, ParameterUkf
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import GAIN_COLUMNS
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 VEHICLES = Path(__file__).parents[2] / "config/vehicles"
@@ -44,7 +44,7 @@ def estimating(vehicle: Vehicle, parameters: dict[str, dict[str, float]], kind: 
 
 
 def spi_of(vehicle: Vehicle, kind: str = "ekf", parameters: dict[str, dict[str, float]] | None = None) -> Spi:
-    made = Observer(estimating(vehicle, BOTH if parameters is None else parameters, kind)).filter
+    made = Runner(estimating(vehicle, BOTH if parameters is None else parameters, kind)).filter
     assert isinstance(made, Spi)
     return made
 
@@ -267,7 +267,7 @@ def test_a_parameter_never_leaves_its_bounds(vehicle: Vehicle, kind: str) -> Non
 
 
 def test_a_parameter_at_its_bound_is_a_warning(vehicle: Vehicle) -> None:
-    observer = Observer(estimating(vehicle, {MASS: {"deviation": 10.0, "upper": 710.0}}))
+    observer = Runner(estimating(vehicle, {MASS: {"deviation": 10.0, "upper": 710.0}}))
     spi = observer.filter
     assert isinstance(spi, Spi)
     spi.start_rolling(10.0)
@@ -289,7 +289,7 @@ def test_a_filter_that_is_put_back_goes_on_as_it_did(vehicle: Vehicle, kind: str
 def test_parameters_are_published_with_their_deviations_and_the_diagnostics_tell_what_is_known(
     lane_change: Any, vehicle: Vehicle
 ) -> None:
-    observer = feed(Observer(estimating(vehicle, BOTH)), messages(lane_change, until=3.0))
+    observer = feed(Runner(estimating(vehicle, BOTH)), messages(lane_change, until=3.0))
     sample = next(s for s in observer.estimate() if s.topic == "vsense/parameters")
     known = dict(zip(sample.names, sample.values["velocity"], strict=True))
     assert 0 < known[MASS] < 100
@@ -333,4 +333,4 @@ class TestRefusals:
     @pytest.mark.parametrize("kind", ["ekf", "ukf"])
     def test_a_parameter_without_effect_on_anything_that_is_measured(self, vehicle: Vehicle, kind: str) -> None:
         with pytest.raises(InputError, match=r"steering\.ratio cannot be estimated: it changes nothing"):
-            Observer(estimating(vehicle, {"steering.ratio": {"deviation": 1.0}}, kind))
+            Runner(estimating(vehicle, {"steering.ratio": {"deviation": 1.0}}, kind))

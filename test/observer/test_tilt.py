@@ -25,9 +25,9 @@ from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.state import FORWARD, YAW_RATE
 from vsense_ros.observer.tilt import LARGEST, LEAST, Tilt
+from vsense_ros.runner import Runner
 
 BAGS = Path(__file__).parents[2] / "bags"
 
@@ -45,7 +45,7 @@ def leaning(recording: Recording, roll: float, pitch: float) -> Recording:
 def said(recording: Recording, vehicle: Vehicle) -> list[Diagnostic]:
     """The line about the inertial sensor, each time it is another, of an observer that is asked ten times a second."""
     lines: list[Diagnostic] = []
-    observer, asked = Observer(vehicle, recording.map_origin), 0
+    observer, asked = Runner(vehicle, recording.map_origin), 0
     for sample in messages(recording):
         observer.add(sample)
         if observer.started and observer.stamp >= asked + SECOND // 10:
@@ -58,15 +58,15 @@ def said(recording: Recording, vehicle: Vehicle) -> list[Diagnostic]:
 
 
 @pytest.fixture(scope="module")
-def watched(vehicle: Vehicle) -> Observer:
-    return Observer(vehicle)
+def watched(vehicle: Vehicle) -> Runner:
+    return Runner(vehicle)
 
 
-def after_a_while(observer: Observer, along: float, across: float, yaw_rate: float = 0.0) -> Tilt:
+def after_a_while(observer: Runner, along: float, across: float, yaw_rate: float = 0.0) -> Tilt:
     """What is watched has driven on long enough to be sure, with these biases [m/s²] and this yaw rate [rad/s]."""
-    mean, tilt = observer.car.mean, Tilt(observer.sensors, observer.car)
+    mean, tilt = observer.filter.car.mean, Tilt(observer.sensors, observer.filter.car)
     mean[FORWARD], mean[YAW_RATE] = 20.0, yaw_rate
-    mean[observer.car.layout.biases[observer.names.index("imu")]][3:5] = along, across
+    mean[observer.filter.car.layout.biases[observer.names.index("imu")]][3:5] = along, across
     for stamp in range(SECOND, SECOND + int((LEAST + 2.0) * SECOND), SECOND // 5):
         tilt.look(stamp, lambda: True)
     return tilt
@@ -74,7 +74,7 @@ def after_a_while(observer: Observer, along: float, across: float, yaw_rate: flo
 
 @settings(deadline=None)
 @given(roll=st.floats(-20.0, 20.0), pitch=st.floats(-20.0, 20.0))
-def test_it_tells_the_roll_and_the_pitch_of_which_gravity_is_felt(watched: Observer, roll: float, pitch: float) -> None:
+def test_it_tells_the_roll_and_the_pitch_of_which_gravity_is_felt(watched: Runner, roll: float, pitch: float) -> None:
     x, y, _ = Rotation.from_euler("xyz", [roll, pitch, 0.0], degrees=True).inv().apply([0.0, 0.0, 9.80665])
     text = after_a_while(watched, x, y).sentence()
     assert bool(text) == (np.hypot(x, y) > LARGEST)
@@ -83,7 +83,7 @@ def test_it_tells_the_roll_and_the_pitch_of_which_gravity_is_felt(watched: Obser
     assert (f"a pitch of {pitch:+.1f}°" in text) == (bool(text) and abs(x) > LARGEST / 2)
 
 
-def test_in_a_bend_nothing_is_known(watched: Observer) -> None:
+def test_in_a_bend_nothing_is_known(watched: Runner) -> None:
     assert after_a_while(watched, 3.0, 0.0, yaw_rate=0.2).sentence() == ""
 
 

@@ -28,7 +28,7 @@ from vsense_ros.model.coordinates import Z
 from vsense_ros.model.sensors import KINDS
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import load_limits
-from vsense_ros.observer.observer import Observer
+from vsense_ros.runner import Runner
 
 TOPIC = "vehicle/ride_height"
 SIGNALS = {"ride_height_front", "ride_height_rear"}
@@ -106,8 +106,8 @@ def test_a_simulation_records_what_its_equation_says_and_its_noise(recording: Re
 
 
 def test_the_observer_uses_it_and_estimates_the_height_better(vehicle: Vehicle, recording: Recording):
-    def height_deviation(car: Vehicle) -> tuple[Observer, float]:
-        observer = Observer(car)
+    def height_deviation(car: Vehicle) -> tuple[Runner, float]:
+        observer = Runner(car)
         for sample in recording.samples():
             observer.add(sample)
         return observer, float(np.sqrt(observer.filter.belief().covariance[Z, Z]))
@@ -142,7 +142,7 @@ def test_run_uses_it_if_the_file_has_it(bag: Path, file: Path, tmp_path: Path):
 
 
 def test_the_monitor_watches_its_components(vehicle: Vehicle):
-    names = {quantity.name for quantity in Observer(vehicle).watch().quantities}
+    names = {quantity.name for quantity in Runner(vehicle).watch().quantities}
     assert {f"heights {name} innovation" for name in ("front", "rear")} <= names
     assert "heights innovation squared" in names
 

@@ -29,7 +29,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Run:
 
 def observe(recording: Recording, vehicle: Vehicle) -> Run:
     """Run the observer as `vsense run` does, and keep what it says."""
-    observer = Observer(vehicle, recording.map_origin)
+    observer = Runner(vehicle, recording.map_origin)
     topics = tuple(topic for topic in observer.topics if topic in recording)
     rows: list[tuple[float, ...]] = []
     said: dict[str, list[tuple[float, Diagnostic]]] = {}

@@ -18,7 +18,7 @@ from vsense_ros.model.multibody.augmented_lagrangian import Equations
 from vsense_ros.model.multibody.mechanism import Linkage
 from vsense_ros.model.multibody.semi_recursive import Motion
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.spi import FILTERS, equations_of
 from vsense_ros.observer.state import layout
 

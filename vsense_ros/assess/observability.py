@@ -25,7 +25,7 @@ from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.told import MOTIONS, Told, told
+from vsense_ros.runner.told import MOTIONS, Told, told
 
 Progress = Callable[[float], None]
 

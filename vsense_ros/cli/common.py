@@ -167,8 +167,6 @@ def load_car(vehicle: str) -> Vehicle:
 
 def every_filter() -> Catalogue:
     """The filters of the multibody car and those of the GNSS/INS family."""
-    from vsense_ros.estimation.catalogue import Catalogue
-    from vsense_ros.navigation.catalogue import FILTERS as of_navigation
-    from vsense_ros.observer.catalogue import FILTERS as of_car
+    from vsense_ros.runner.catalogue import FILTERS
 
-    return Catalogue([*of_car, *of_navigation])
+    return FILTERS

@@ -113,23 +113,21 @@ def run(
 
 
 def _way(chosen: str | None, smooth: bool, lag: float | None) -> Callable[[Recording, Vehicle, Progress], Any]:
-    """Function that estimates a recording of a vehicle: by the observer, or by a filter of the GNSS/INS family."""
-    from vsense_ros import observer
-    from vsense_ros.navigation.catalogue import FILTERS
-    from vsense_ros.navigation.run import run
-    from vsense_ros.navigation.smoothing import run_smoothed
+    """Function that estimates a recording of a vehicle: message by message, or smoothed."""
+    from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
+    from vsense_ros.runner import run
+    from vsense_ros.runner.smoothing import run_smoothed
 
-    if chosen is None or chosen not in FILTERS.names:
-        make = None if chosen is None else every_filter()[chosen].make
-        if smooth or lag:
-            raise InputError(
-                "--smooth and --lag are for a GNSS/INS filter of one state space, which --filter names; `vsense "
-                "filters` lists them"
-            )
-        return lambda recording, car, done: observer.run(recording, car, make=make, progress=done)
-    if smooth or lag:
-        return lambda recording, car, done: run_smoothed(recording, car, chosen, lag=lag, progress=done)
-    return lambda recording, car, done: run(recording, car, chosen, progress=done)
+    if chosen is not None:
+        every_filter()[chosen]  # which says what there is
+    if not (smooth or lag):
+        return lambda recording, car, done: run(recording, car, chosen or "", progress=done)
+    if chosen not in NAVIGATION.names:
+        raise InputError(
+            "--smooth and --lag are for a GNSS/INS filter of one state space, which --filter names; `vsense filters` "
+            "lists them"
+        )
+    return lambda recording, car, done: run_smoothed(recording, car, chosen, lag=lag, progress=done)
 
 
 @click.command()

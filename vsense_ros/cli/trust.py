@@ -82,8 +82,8 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
     from vsense_ros.evaluate.terminal import console, progress, say
     from vsense_ros.identify import monitor_report
     from vsense_ros.model.vehicle import left_out_of_observer
-    from vsense_ros.observer import calibration
     from vsense_ros.observer.monitor import load_limits, save_limits
+    from vsense_ros.runner import calibration
 
     car = load_car(vehicle)
     warn(left_out_of_observer(car))

@@ -138,12 +138,9 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
     from vsense_ros.cache import compiled_folder
     from vsense_ros.cli.common import load_car
     from vsense_ros.errors import InputError
-    from vsense_ros.estimation.catalogue import Catalogue
     from vsense_ros.evaluate.terminal import say, waiting
-    from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
-    from vsense_ros.navigation.navigator import Navigator
-    from vsense_ros.observer import Observer
-    from vsense_ros.observer.catalogue import FILTERS
+    from vsense_ros.runner import Runner
+    from vsense_ros.runner.catalogue import FILTERS
 
     if codegen.compiler() is None:
         raise InputError(
@@ -153,10 +150,7 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
         car = load_car(name)
         began = time.perf_counter()
         with waiting(f"compiling {car.name}"):
-            if chosen in NAVIGATION.names:
-                Navigator(car, str(chosen))
-            else:
-                Observer(car, None, Catalogue([*FILTERS, *NAVIGATION])[chosen].make if chosen else None)
+            Runner(car, None, FILTERS[chosen].make if chosen else None)
         say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {compiled_folder()}.")
 
 

@@ -28,7 +28,6 @@ from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.car_blocks import SURVEYED
 from vsense_ros.observer.catalogue import FILTERS, require_parameters, spi
-from vsense_ros.observer.observer import sensors_of
 from vsense_ros.observer.parameter_filter import ParameterFilter
 from vsense_ros.observer.road_map import (
     JOINED,
@@ -40,6 +39,7 @@ from vsense_ros.observer.road_map import (
     slope_by_size,
     with_changes,
 )
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.spi import FILTERS as PARAMETER_FILTERS
 from vsense_ros.observer.state import SLOPES, Layout, Prior, U, largest_state, layout, rolling_state
 

@@ -20,11 +20,11 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import Observer
 from vsense_ros.observer.car_blocks import CarBlocks
 from vsense_ros.observer.error_ekf import CarFilter, ErrorEkf
 from vsense_ros.observer.spi import FILTERS, Spi, numbers_kept
 from vsense_ros.observer.state import FORCE, Prior, layout
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -244,7 +244,7 @@ def compare(
 ) -> Difference:
     """Run the observer on a recording with the exported one beside it, which gets the same calls and nothing else."""
     origin, difference = c.Observer.of(vehicle).map_origin or recording.map_origin, Difference()
-    observer = Observer(vehicle, origin, partial(_twin, library, difference))
+    observer = Runner(vehicle, origin, partial(_twin, library, difference))
     twin = observer.filter
     assert isinstance(twin, _Twin)
 

@@ -26,11 +26,10 @@ from vsense_ros.export.sources import identifier, packaged, templates, write_all
 from vsense_ros.files.names import harmless
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import NEVER, Aided, Memory, Use
+from vsense_ros.navigation.aided import NEVER, Aided, Memory, Use, usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.heading_bank import HYPOTHESES, HeadingBank
-from vsense_ros.navigation.navigator import used_sensors
 from vsense_ros.navigation.readings import SLOWEST_COURSE, SPEED, SPIN_SLIP, Components, RollingSpeed
 from vsense_ros.navigation.space import NavigationSpace
 
@@ -44,7 +43,7 @@ def write(vehicle: Vehicle, name: str, folder: Path) -> list[Path]:
     """Write the filter of this name with the sensors and numbers of a vehicle into `folder`, which is made where it is
     missing; returns the files. Raises `InputError` for an unknown filter, for one whose sensors the vehicle lacks, and
     for one that draws random numbers."""
-    sensors = used_sensors(vehicle)
+    sensors = usable(vehicle.sensing())
     filter: Aided = FILTERS[name].make(vehicle, sensors)
     contents = _Contents(FILTERS[name].name, vehicle, filter, sensors)
     environment = templates()

@@ -18,12 +18,12 @@ from vsense_ros.export.same_calls import Difference, ExportedFilter, lead, relat
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.aided import Aided, usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 from vsense_ros.navigation.heading_bank import HeadingBank
-from vsense_ros.navigation.navigator import Navigator
 from vsense_ros.navigation.space import filters_of, parameters_of
+from vsense_ros.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,7 @@ class _Twin(Aided):
         vehicle: Vehicle,
         sensors: dict[str, SensorBase],
     ) -> None:
+        sensors = usable(sensors)
         definition, numbers = DEFINITIONS[name][1], car_numbers(vehicle, sensors.values())
         made: Any = definition.make(numbers)
         size = len(made.memory)
@@ -119,11 +120,11 @@ def compare(
     which gets the same calls and nothing else. Raises `InputError` without a compiler, and where it never starts."""
     name = FILTERS[name].name
     library, difference = build(folder, FLAGS, filters.sources(name, folder)), Difference()
-    navigator = Navigator(vehicle, name, recording.map_origin, partial(_Twin, name, library, difference))
-    lead(navigator, recording, lambda: None, progress)
-    navigator.catch_up()
-    require_start(navigator, recording)
-    assert isinstance(navigator.filter, _Twin)
-    navigator.filter.compare()
-    difference.returns = sum(health.late for health in navigator.health)
+    runner = Runner(vehicle, recording.map_origin, partial(_Twin, name, library, difference))
+    lead(runner, recording, lambda: None, progress)
+    runner.snapshot()
+    require_start(runner, recording)
+    assert isinstance(runner.filter, _Twin)
+    runner.filter.compare()
+    difference.returns = sum(health.late for health in runner.health)
     return difference

@@ -20,7 +20,7 @@ from vsense_ros.model.coordinates import YAW
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import default_filter
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.state import FORCE
 
 Array = NDArray[np.float64]

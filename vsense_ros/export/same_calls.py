@@ -20,7 +20,7 @@ from vsense_ros.export.sources import identifier
 from vsense_ros.messages.recording import Recording, Sample
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 
 Array = NDArray[np.float64]
 

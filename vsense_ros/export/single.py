@@ -12,7 +12,7 @@ from vsense_ros.export import c, check
 from vsense_ros.export.same_calls import drive_together, moments, start_of
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer.observer import sensors_of
+from vsense_ros.observer.sensors import sensors_of
 from vsense_ros.observer.state import FORCE
 
 Array = NDArray[np.float64]

@@ -28,8 +28,8 @@ from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import run
 from vsense_ros.observer.catalogue import FILTERS
+from vsense_ros.runner import run
 
 # Of its value, how far each may well be off; what `--free` names besides is taken to be known to PRIOR.
 FREE = {

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from vsense_ros.evaluate.terminal import plain_table
-from vsense_ros.observer.calibration import Calibration, Watch
+from vsense_ros.runner.calibration import Calibration, Watch
 
 
 def show_limits(found: Calibration, console: Console) -> None:

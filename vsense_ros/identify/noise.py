@@ -29,8 +29,8 @@ from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import ForceErrors
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import run
-from vsense_ros.observer.innovations import innovations
+from vsense_ros.runner import run
+from vsense_ros.runner.innovations import innovations
 
 Array = NDArray[np.float64]
 

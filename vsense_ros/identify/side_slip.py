@@ -26,7 +26,7 @@ from vsense_ros.identify.parameter_set import ParameterSet, of_vehicle, rounded,
 from vsense_ros.identify.progress import Progress
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import run
+from vsense_ros.runner import run
 
 Array = NDArray[np.float64]
 

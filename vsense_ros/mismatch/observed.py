@@ -33,8 +33,8 @@ from vsense_ros.mismatch.answer_schema import (
 )
 from vsense_ros.mismatch.windows import Dataset
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.observer import run
-from vsense_ros.observer.innovations import innovations
+from vsense_ros.runner import run
+from vsense_ros.runner.innovations import innovations
 
 Array = NDArray[np.float64]
 

@@ -214,6 +214,12 @@ class Memory:
             self._part.inputs[self.own] = found
 
 
+def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:
+    """Those sensors that any filter of this package could use."""
+    used = {one.tells for one in INPUTS.values()} | {one.tells for one in MEASUREMENTS.values()}
+    return {key: one for key, one in sensors.items() if not used.isdisjoint(one.tells)}
+
+
 def _speed_of(sensor: SensorBase, sensors: Mapping[str, SensorBase], radius: float) -> Callable[[Array], float] | None:
     """How a reading tells the input `speed`, if it is this sensor that does."""
     rolling = any("rolling speed" in one.tells for one in sensors.values())

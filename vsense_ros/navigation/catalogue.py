@@ -11,7 +11,7 @@ from vsense_ros.estimation.catalogue import Catalogue, FilterFamily
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation import heading_bank, inertial, integrated, strapdown, yaw_kkf
-from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.aided import Aided, usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.space import Definition
 from vsense_ros.navigation.thesis.catalogue import THESIS
@@ -50,8 +50,10 @@ FILTERS = Catalogue()
 
 
 def make(name: str, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Aided:
-    """The filter of this name for a vehicle with sensors. Raises `InputError` where they cannot drive it."""
-    return Aided(name, DEFINITIONS[name][1], car_numbers(vehicle, sensors.values()), sensors)
+    """The filter of this name for a vehicle, with those of its sensors that any filter here could use. Raises
+    `InputError` where they cannot drive it."""
+    used = usable(sensors)
+    return Aided(name, DEFINITIONS[name][1], car_numbers(vehicle, used.values()), used)
 
 
 def add(name: str, title: str, definition: Definition, when: str, *, recommended: bool = True) -> None:

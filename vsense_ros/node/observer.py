@@ -19,7 +19,6 @@ from pydantic import Field
 from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.catalogue import Catalogue
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.urdf import urdf
 from vsense_ros.files.vehicle import load_vehicle
@@ -30,8 +29,6 @@ from vsense_ros.messages.recording import Sample
 from vsense_ros.messages.topics import WHEELS
 from vsense_ros.model.frames import sensor_frames
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
-from vsense_ros.navigation.navigator import Navigator
 from vsense_ros.node import autoware
 from vsense_ros.node.accelerator_link import TopicLink
 from vsense_ros.node.base import SensingNode, run_node
@@ -41,10 +38,11 @@ from vsense_ros.node.origin import read_origin, write_origin
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import LATCHED, Reader
 from vsense_ros.node.transforms import Transforms
-from vsense_ros.observer import Observer
-from vsense_ros.observer.catalogue import FILTERS, MakeFilter
+from vsense_ros.observer.catalogue import MakeFilter
 from vsense_ros.observer.implicit import ACCELERATED, accelerated
 from vsense_ros.observer.monitor import load_limits
+from vsense_ros.runner import Runner
+from vsense_ros.runner.catalogue import FILTERS
 
 _MOST_FRAMES = 20  # that are told
 _PERCENTILES = (50, 90, 99, 99.9)
@@ -91,7 +89,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
     """See the module."""
 
     consumes = True
-    _observer: Observer | Navigator | None = None
+    _observer: Runner | None = None
     _inputs: tuple[Reader, ...] = ()
     _identification: OnlineIdentification | None = None
     _client: Client | None = None
@@ -107,14 +105,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
         car = load_vehicle(vehicle_path(p.vehicle))
         self._client = None
         if p.accelerator:
-            self._observer = Observer(car, origin, self._accelerated(car))
+            self._observer = Runner(car, origin, self._accelerated(car))
         else:
-            self._observer = _observer(p.filter, car, origin)
+            self._observer = Runner(car, origin, FILTERS[p.filter].make if p.filter else None)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:
-            if not isinstance(self._observer, Observer):
-                raise InputError(f"parameter monitor: the filter {p.filter!r} has no model of the car to be judged")
             self._observer.watch(load_limits(p.monitor))
         self._identification = (
             OnlineIdentification(load_vehicle(vehicle_path(p.vehicle)), Path(p.identify)) if (p.identify) else None
@@ -154,7 +150,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.get_logger().info(f"map origin of {p.map_origin_file}: {stored[0]:.7f}, {stored[1]:.7f}")
         return stored
 
-    def _keep_origin(self, observer: Observer | Navigator) -> None:
+    def _keep_origin(self, observer: Runner) -> None:
         """Store the origin once there is one, or say that another start will have another map."""
         origin = observer.intake.on_map.origin
         if self._origin_is_stored or origin is None:
@@ -264,7 +260,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self._newest_due = True
             self.executor.create_task(self._publish_newest)
 
-    def _tell_noise(self, observer: Observer | Navigator) -> None:
+    def _tell_noise(self, observer: Runner) -> None:
         """Log, of each sensor once, which standard deviations count."""
         for name, health in zip(observer.names, observer.health, strict=True):
             if name in self._noise_untold and health.noise is not None:
@@ -320,8 +316,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
         for sample in samples:
             self.publish(self._in_published_frame(sample) if self._renamed else sample)
         if samples and self._transforms is not None:
-            steering = float(observer.filter.inputs[0]) if isinstance(observer, Observer) else 0.0
-            self.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", self._transforms.moving(samples[0], steering))
+            moving = self._transforms.moving(samples[0], observer.adapter.steering_angle)
+            self.publish_bytes("/tf", "tf2_msgs/msg/TFMessage", moving)
         if samples and self.parameters.autoware:
             for topic, data in autoware.messages(samples[0], observer, self._frames["base_link"]):
                 self.publish_bytes(topic, autoware.TOPICS[topic], data)
@@ -409,14 +405,6 @@ class ObserverNode(SensingNode[ObserverParameters]):
                 for d in self._observer.diagnostics()
             ],
         }
-
-
-def _observer(name: str, vehicle: Vehicle, origin: tuple[float, float, float] | None) -> Observer | Navigator:
-    """The observer, with the filter of this name, of either family; its default where the name is empty."""
-    if name in NAVIGATION.names:
-        return Navigator(vehicle, name, origin)
-    make = Catalogue([*FILTERS, *NAVIGATION])[name].make if name else None
-    return Observer(vehicle, origin, make)
 
 
 def percentiles(found: Durations) -> dict[str, float]:

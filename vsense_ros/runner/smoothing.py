@@ -1,6 +1,6 @@
-"""The past of a recorded drive in the light of all that followed: a filter of this room, smoothed.
+"""Smoothing of a recorded drive: each estimate of a filter of one state space, given what was measured after it.
 
-Of filters of one state space. All messages are put in the order of their measurement first, so that nothing is late.
+All messages are put in the order of their measurement first, so that nothing is late.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from vsense_ros.estimation.record import Record
 from vsense_ros.estimation.smoother import FixedLag, smoothed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.motion import Snapshot
-from vsense_ros.navigation.navigator import Navigator
-from vsense_ros.navigation.run import Run, as_recording, topics_in
+from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.run import Run, as_recording, never_started, topics_in
+from vsense_ros.runner.runner import Runner
 
 _OUTPUT_PERIOD = 0.0099  # [s] at least, between two estimates
 
@@ -32,12 +34,12 @@ def run_smoothed(
     lag: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
-    """As `run`, each estimate in the light of the whole recording (Rauch, Tung & Striebel 1965), or of `lag` [s] after
-    it. Raises `InputError` as `run` does, and for a filter of several state spaces."""
+    """Run the filter `name`, each estimate given the whole recording (Rauch, Tung & Striebel 1965), or `lag` [s] of it
+    after the estimate. Raises `InputError` as `run` does, and for a filter that is not one state space."""
     done = progress or (lambda share: None)
-    navigator = Navigator(vehicle, name, recording.map_origin)
-    ekf = navigator.filter.filter
-    if not isinstance(ekf, Ekf):
+    runner = Runner(vehicle, recording.map_origin, FILTERS[name].make)
+    ekf = single_ekf(runner)
+    if ekf is None:
         raise InputError(
             f"{name}: only an extended Kalman filter of one state space can be smoothed; `vsense filters` lists a "
             "cascade's states with a dot"
@@ -45,19 +47,17 @@ def run_smoothed(
     began = time.perf_counter()
     step = vehicle.observer.longest_step
     record = Record(ekf) if lag is None else FixedLag(ekf, max(1, round(lag / step)))
-    navigator.filter.filter = record
     found: list[Snapshot] = []
     snapshots: list[Snapshot] = []
     messages = 0
-    for count in follow(navigator, record, recording, step, snapshots, lambda share: done(0.7 * share)):
+    for count in follow(runner, record, recording, step, snapshots, lambda share: done(0.7 * share)):
         messages += 1
         if isinstance(record, FixedLag) and len(snapshots) >= len(record.instants) and count:
             when, belief = record.delayed()
             at = snapshots[0].stamp + round(when * 1e9)
             found.append(_as(snapshots[-len(record.instants)], belief, at))
     if not snapshots:
-        text = "; ".join(f"{d.name}: {d.message}" for d in navigator.diagnostics())
-        raise InputError(f"{recording.name or 'recording'}: the filter {name} never started ({text})")
+        raise never_started(recording, runner)
     if lag is None:
         beliefs = smoothed(record)
         found = [_as(s, b, s.stamp) for s, b in zip(snapshots, beliefs, strict=True)]
@@ -69,43 +69,52 @@ def run_smoothed(
     done(1.0)
     elapsed = time.perf_counter() - began
     return Run(
-        output=as_recording(navigator.readout.motions(kept), recording),
+        output=as_recording(runner.adapter, kept, recording),
         step_us_median=1e6 * elapsed / max(messages, 1),
         realtime_factor=recording.duration / elapsed,
         messages_lost=recording.messages_lost,
-        diagnostics=navigator.diagnostics(),
-        parameters=navigator.parameters(),
+        diagnostics=runner.diagnostics(),
+        parameters=runner.parameters(),
     )
 
 
+def single_ekf(runner: Runner) -> Ekf | None:
+    """The extended Kalman filter of one state space that a runner has; None for a cascade or another kind of filter."""
+    single = getattr(runner.filter, "filter", None)
+    return single if isinstance(single, Ekf) else None
+
+
 def follow(
-    navigator: Navigator,
+    runner: Runner,
     record: Record,
     recording: Recording,
     step: float,
     snapshots: list[Snapshot],
     progress: Callable[[float], None],
 ) -> Iterator[int]:
-    """Take a navigator whose filter is `record` along a recording, its messages in the order of their measurement.
+    """Take a runner along a recording, its messages in the order of their measurement, and record what its filter does.
 
     Steps are `step` [s] at most; each adds to `snapshots`. Yields after each reading how many steps led to it.
     """
-    events = navigator.events(recording.samples(topics_in(recording, navigator.topics)))
+    aided, adapter = runner.filter, runner.adapter
+    assert isinstance(aided, Aided)
+    aided.filter = record
+    events = runner.readings(recording.samples(topics_in(recording, runner.topics)))
     at_start = 0
     for i, event in enumerate(events):
         if i % 500 == 0:
             progress(i / len(events))
-        if not navigator.started:
-            navigator.begin_with(event)
-            if navigator.started:
-                at_start = navigator.stamp
-                snapshots.append(navigator.readout.snapshot(at_start))
+        if not runner.started:
+            runner.gather(event)
+            if runner.started:
+                at_start = runner.stamp
+                snapshots.append(adapter.snapshot(at_start))
             continue
         elapsed = (event.stamp - at_start) * 1e-9 - record.instants[-1].time
         for _ in range(count := int(np.ceil(max(elapsed, 0.0) / step - 1e-6))):
-            navigator.filter.predict(elapsed / count)
-            snapshots.append(navigator.readout.snapshot(at_start + round(record.instants[-1].time * 1e9)))
-        navigator.correct(event)
+            aided.predict(elapsed / count)
+            snapshots.append(adapter.snapshot(at_start + round(record.instants[-1].time * 1e9)))
+        runner.act(event)
         yield count
 
 

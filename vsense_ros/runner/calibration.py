@@ -12,7 +12,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.monitor import WINDOW, Limits, Quantity, Range
-from vsense_ros.observer.observer import Observer
+from vsense_ros.runner.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def watch(
 
     Raises `InputError` where there is no window to be judged.
     """
-    observer = Observer(vehicle, recording.map_origin)
+    runner = Runner(vehicle, recording.map_origin)
     stamps: list[int] = []
     kept: list[Array] = []
 
@@ -69,13 +69,13 @@ def watch(
         stamps.append(stamp)
         kept.append(statistics.copy())
 
-    monitor = observer.watch(limits, keep)
-    topics = tuple(topic for topic in observer.topics if topic in recording)
+    monitor = runner.watch(limits, keep)
+    topics = tuple(topic for topic in runner.topics if topic in recording)
     total = max(sum(len(recording[topic]) for topic in topics), 1)
     beyond: dict[str, float] = {}
     start = recording.first_stamp
     for i, sample in enumerate(recording.samples(topics)):
-        observer.add(sample)
+        runner.add(sample)
         if len(stamps) and limits is not None:
             for name, since in monitor.beyond.items():
                 beyond.setdefault(name, (since - start) * 1e-9)

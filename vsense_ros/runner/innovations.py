@@ -12,15 +12,14 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Innovation
 from vsense_ros.estimation.innovations import Innovations
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.catalogue import FILTERS
-from vsense_ros.observer.observer import Observer
-from vsense_ros.observer.run import topics_in
+from vsense_ros.runner.run import never_started, topics_in
+from vsense_ros.runner.runner import Runner
 
 Array = NDArray[np.float64]
 
@@ -40,15 +39,14 @@ def innovations(recording: Recording, vehicle: Vehicle) -> dict[str, Innovations
             deviation = np.where(np.isnan(whitened), np.nan, innovation.factor.diagonal())
             seen.setdefault(sensor, []).append((stamp, innovation.accepted, np.stack([whitened, deviation])))
 
-    observer = Observer(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
-    topics = topics_in(recording, observer)
-    for sample in _as_measured(recording, observer.sensors).samples(topics):
-        observer.add(sample)
-    if not observer.started:
-        text = "; ".join(f"{d.name}: {d.message}" for d in observer.diagnostics())
-        raise InputError(f"{recording.name or 'recording'}: the observer never started ({text})")
+    runner = Runner(vehicle, recording.map_origin, FILTERS["error_ekf"].make, keep)
+    topics = topics_in(recording, runner.topics)
+    for sample in _as_measured(recording, runner.sensors).samples(topics):
+        runner.add(sample)
+    if not runner.started:
+        raise never_started(recording, runner)
     found = {}
-    for name in observer.sensors:
+    for name in runner.sensors:
         if name in seen:
             in_order = sorted(seen[name], key=itemgetter(0))
             whitened, deviation = np.array([innovation for *_, innovation in in_order]).transpose(1, 0, 2)

@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from vsense_ros.errors import InputError
-from vsense_ros.estimation.ekf import Ekf
 from vsense_ros.estimation.observability import Direction, observability
 from vsense_ros.estimation.record import Record
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.car_numbers import STRAIGHT
 from vsense_ros.navigation.motion import Snapshot
-from vsense_ros.navigation.navigator import Navigator
-from vsense_ros.navigation.run import topics_in
-from vsense_ros.navigation.smoothing import follow
 from vsense_ros.navigation.space import MOTION
+from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.kinematic import KinematicAdapter
+from vsense_ros.runner.run import never_started, topics_in
+from vsense_ros.runner.runner import Runner
+from vsense_ros.runner.smoothing import follow, single_ekf
 
 Array = NDArray[np.float64]
 
@@ -69,44 +70,44 @@ def told(
     recording: Recording, vehicle: Vehicle, name: str, progress: Callable[[float], None] = lambda share: None
 ) -> Told:
     """Raises `InputError` if the recording has none of the vehicle's sensors, or the filter never starts."""
-    navigator = Navigator(vehicle, name, recording.map_origin)
-    single = navigator.filter.filter
+    runner = Runner(vehicle, recording.map_origin, FILTERS[name].make)
+    adapter = runner.adapter
+    if not isinstance(adapter, KinematicAdapter):
+        raise InputError(f"the filter {name} is none of GNSS and inertial sensors, of which this is computed")
+    single = single_ekf(runner)
     directions = None
-    if isinstance(single, Ekf):
+    if single is not None:
         record = Record(single)
-        navigator.filter.filter = record
         snapshots: list[Snapshot] = []
-        for _ in follow(navigator, record, recording, vehicle.observer.longest_step, snapshots, progress):
+        for _ in follow(runner, record, recording, vehicle.observer.longest_step, snapshots, progress):
             pass
         if snapshots:
             directions = observability(record).untold
             snapshots = _thinned(snapshots)
     else:
-        snapshots = _run(navigator, recording, progress)
+        snapshots = _run(runner, recording, progress)
     if not snapshots:
-        text = "; ".join(f"{d.name}: {d.message}" for d in navigator.diagnostics())
-        raise InputError(f"{recording.name or 'recording'}: the filter {name} never started ({text})")
+        raise never_started(recording, runner)
     progress(1.0)
     t = np.array([one.stamp - snapshots[0].stamp for one in snapshots]) * 1e-9
     variances = [np.concatenate([part[1].diagonal() for part in one.parts]) for one in snapshots]
     deviations = np.sqrt(np.array(variances).clip(min=0))
     if directions is None:  # by the first message of a cascade, much has been told already
-        deviations[0] = navigator.definition.deviations
-    motion = _motion(navigator, snapshots, t)
-    states = tuple(_state(name, t, deviations[:, i], motion) for i, name in enumerate(navigator.definition.errors))
+        deviations[0] = adapter.filter.definition.deviations
+    motion = _motion(adapter, snapshots, t)
+    states = tuple(_state(name, t, deviations[:, i], motion) for i, name in enumerate(adapter.filter.definition.errors))
     return Told(states, t, deviations, motion, directions)
 
 
-def _run(navigator: Navigator, recording: Recording, progress: Callable[[float], None]) -> list[Snapshot]:
+def _run(runner: Runner, recording: Recording, progress: Callable[[float], None]) -> list[Snapshot]:
     """A filter of several parts, message by message."""
-    topics = topics_in(recording, navigator.topics)
+    topics = topics_in(recording, runner.topics)
     total = sum(len(recording[topic]) for topic in topics)
     snapshots: list[Snapshot] = []
     for i, sample in enumerate(recording.samples(topics)):
-        navigator.add(sample)
-        if navigator.started and (not snapshots or navigator.stamp >= snapshots[-1].stamp + PERIOD * 1e9):
-            navigator.catch_up()
-            snapshots.append(navigator.readout.snapshot(navigator.stamp))
+        runner.add(sample)
+        if runner.started and (not snapshots or runner.stamp >= snapshots[-1].stamp + PERIOD * 1e9):
+            snapshots.append(runner.snapshot())
         if i % 500 == 0:
             progress(i / total)
     return snapshots
@@ -120,9 +121,9 @@ def _thinned(snapshots: list[Snapshot]) -> list[Snapshot]:
     return kept
 
 
-def _motion(navigator: Navigator, snapshots: list[Snapshot], t: Array) -> NDArray[np.int64]:
+def _motion(adapter: KinematicAdapter, snapshots: list[Snapshot], t: Array) -> NDArray[np.int64]:
     """Places in `MOTIONS` (n,), by what the filter estimates; where it tells no speed, it goes."""
-    motions = navigator.readout.motions(snapshots)
+    motions = adapter.readout.motions(snapshots)
     found = np.full(len(t), 1)
 
     def of(name: str) -> Array | None:

@@ -1,0 +1,83 @@
+"""What a filter of GNSS and inertial sensors starts with: the first readings of its sensors, once they suffice.
+
+It starts once its inputs have come and, if it estimates a heading, once the heading is known: by two antennas, or by
+the course of a car that moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import hypot
+
+import numpy as np
+
+from vsense_ros.estimation.filter import Array
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.readings import INPUTS, SPEED
+
+ALIGNMENT_SPEED = 2.0  # [m/s] above it the course is the heading of a car
+FASTEST = 150.0  # [m/s] beyond which a speed is none of a car
+_TOGETHER = 5_000_000_000  # [ns] within which first readings belong to one start
+
+
+class Beginning:
+    """The newest reading of each sensor, in the axes of the car, until they suffice to start."""
+
+    def __init__(self, filter: Aided, numbers: Mapping[str, float], sensors: Mapping[str, SensorBase]) -> None:
+        self._filter, self._numbers, self._sensors = filter, numbers, sensors
+        self._states = {name.rpartition(".")[2] for name in filter.names}
+        self.readings: dict[str, tuple[int, Array]] = {}  # stamp [ns] and value of each
+
+    def add(self, sensor: str, stamp: int, value: Array) -> tuple[int, dict[str, float]] | None:
+        """Keep a reading; the time [ns] to start at and what is known there, by the names of states and numbers, once
+        that suffices."""
+        self.readings = {k: one for k, one in self.readings.items() if abs(one[0] - stamp) < _TOGETHER}
+        self.readings[sensor] = stamp, value
+        if self.missing():
+            return None
+        known = self._known()
+        return None if known is None else (max(one for one, _ in self.readings.values()), known)
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.readings.clear()
+
+    def missing(self) -> list[str]:
+        """What the filter needs and the sensors that have come do not measure."""
+        names, measures = self._filter.input_names, {key: self._sensors[key].tells for key in self.readings}
+        missing = []
+        for name in names:
+            if name in INPUTS and "held" not in name:
+                needed, places = INPUTS[name]
+                values = (value for key, (_, value) in self.readings.items() if needed in measures[key])
+                if not any(np.isfinite(value[places[0]]) for value in values):
+                    missing.append(f"{name} ({needed})")
+        needs_course = SPEED in names or bool(self._states & {"yaw", "forward_velocity", "velocity_east"})
+        if needs_course and not any("course" in one for one in measures.values()):
+            missing.append("course")
+        return missing
+
+    def _known(self) -> dict[str, float] | None:
+        """What the readings and the car's numbers give, by the names of states and numbers; None if that is not
+        enough."""
+        known: dict[str, float] = dict(self._numbers)
+        for key, (_, value) in self.readings.items():
+            measures = self._sensors[key].tells
+            if "rates and forces" in measures and np.isfinite(value[2]):
+                known["yaw_rate"] = float(value[2])
+            if "position" in measures and np.isfinite(value).all():
+                known["east"], known["north"] = value.tolist()
+            if "heading" in measures and np.isfinite(value).all():
+                known["yaw"] = float(np.arctan2(value[1], value[0]))
+            if "course" in measures and np.isfinite(value).all():
+                speed = hypot(*value.tolist())
+                if speed < FASTEST:
+                    known["forward_velocity"] = speed
+                    known["velocity_east"], known["velocity_north"] = value.tolist()
+                if ALIGNMENT_SPEED < speed < FASTEST:
+                    known.setdefault("yaw", float(np.arctan2(value[1], value[0])))
+        if self._filter.definition.finds_heading:
+            return known if "forward_velocity" in known else None
+        needed = {"yaw" if name == "q_w" else name for name in self._states & {"yaw", "forward_velocity", "q_w"}}
+        return None if needed - set(known) else known

@@ -1,0 +1,30 @@
+"""The sensors that a filter of the multibody car needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from vsense_ros.errors import InputError
+from vsense_ros.model.sensors import KINDS, SensorBase
+from vsense_ros.model.vehicle import Vehicle
+
+
+def sensors_of(vehicle: Vehicle) -> dict[str, SensorBase]:
+    """Sensors of a vehicle by name, with what they take over from it. Raises `InputError` as `check_sensors`."""
+    sensors = vehicle.sensing()
+    check_sensors(vehicle, sensors)
+    return sensors
+
+
+def check_sensors(vehicle: Vehicle, sensors: Mapping[str, SensorBase]) -> None:
+    """Raises `InputError` if no sensor measures the car's speed, or its steering angle."""
+    kinds = sorted({sensor.kind for sensor in sensors.values()}) or "none"
+    for what, measures in (
+        ("the car's speed", SensorBase.tells_speed),
+        ("how the car turns", SensorBase.tells_turning),
+    ):
+        if not any(measures.__get__(sensor) for sensor in sensors.values()):
+            able = " or ".join(name for name, kind in KINDS.items() if measures.__get__(kind.model_construct()))
+            raise InputError(
+                f"{vehicle.name}: no sensor tells {what}; the vehicle file lists {kinds}, one of {able} is needed"
+            )

@@ -1,0 +1,233 @@
+"""What a filter offers to its runner, beyond `Filter`: how it starts, what it can leave out, move and publish."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import singledispatch
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Filter, Given, Innovation
+from vsense_ros.estimation.intake import Intake
+from vsense_ros.estimation.timeline import Channel, Event, Timeline
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.monitor import Limits, Monitor
+
+Array = NDArray[np.float64]
+
+
+MakeFilter = Callable[[Vehicle, dict[str, SensorBase]], Filter]  # of a vehicle with these sensors
+Report = Callable[[int, Array], None] | None  # of statistics, as `Monitor` makes them
+
+
+class Move(NamedTuple):
+    """A jump of an element of the state: its place, by how much, and the standard deviation of its error afterwards."""
+
+    element: int
+    by: float
+    deviation: float
+
+
+class Adapter(ABC):
+    """One filter of one vehicle, as the runner works with it.
+
+    A subclass overrides what its filter has. The defaults are those of a filter without it: no axis is left out and
+    nothing is moved.
+    """
+
+    filter: Filter
+    sensors: dict[str, SensorBase]  # that the filter can use, by name
+    merge: float = 0.0  # [s] within which readings of a sensor that is faster are averaged
+    in_one_call: bool = False  # True: readings that are repeated may act without `correct`, in one call of the filter
+    has_position: bool = False  # True: it estimates where the car is on the map
+    monitor: Monitor | None = None  # of the fit of its model, once somebody watches it
+    left_out: str = ""  # effects of the vehicle file that the filter does not have, as a sentence
+    heading_known: bool = True  # False while the direction of the car on the map is not
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+
+    @property
+    def name(self) -> str:
+        """What to call the filter in a message."""
+        return type(self.filter).__name__
+
+    def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
+        """Take note of the intake and the timeline that the runner has made for this filter."""
+        self.intake, self.timeline = intake, timeline
+
+    @abstractmethod
+    def channels(self) -> list[Channel]:
+        """What the readings of each sensor are to the filter, in the order of `sensors`."""
+
+    def timed(self, event: Event) -> Event:
+        """The reading at the time for which the filter takes it."""
+        return event
+
+    @property
+    @abstractmethod
+    def moving(self) -> bool:
+        """True while the car moves so fast that no sensor may repeat its value."""
+
+    # Start
+
+    @abstractmethod
+    def gather(self, event: Event) -> int | None:
+        """Keep a reading from before the start; the time [ns] to start at, once the readings suffice."""
+
+    @abstractmethod
+    def start(self, stamp: int) -> None:
+        """Start the filter with the readings that were gathered."""
+
+    @abstractmethod
+    def stop(self, valid: bool) -> None:
+        """Forget the readings that were gathered, to start anew; the state is spoilt if it is not `valid`."""
+
+    @abstractmethod
+    def waiting(self) -> str:
+        """What the filter lacks before it can start, in words."""
+
+    def contradicts_start(self, event: Event) -> bool:
+        """True for a reading that contradicts the others while the filter is still unsure; it is then refused."""
+        return False
+
+    # Readings
+
+    def measured(self, event: Event) -> None:  # noqa: B027
+        """Take note of a reading before it acts on the filter."""
+
+    def accepts(self, event: Event) -> bool:
+        """False for a reading that cannot correct the filter yet, because the heading is not known."""
+        return True
+
+    def give(self, channel: Channel, event: Event) -> None:
+        """Set the inputs that a reading consists of."""
+        assert channel.first_input is not None
+        self.filter.give(Given(channel.first_input, event.value))
+
+    def correct(self, channel: Channel, event: Event) -> Innovation:
+        """Let a reading correct the filter."""
+        return self.filter.correct(channel.name, event.value, event.variance, channel.limit)
+
+    def pull(self, channel: Channel, event: Event, nis: float) -> None:
+        """Draw the filter towards a reading that is refused, as far as one at the edge of its gate would."""
+        self.filter.correct(channel.name, event.value, event.variance, 2 * channel.limit, nis / channel.limit)
+
+    def after_event(self) -> None:  # noqa: B027
+        """Do what follows on every reading that has acted."""
+
+    # Inertial sensors
+
+    def axes(self) -> dict[int, tuple[tuple[str, ...], float]]:
+        """Names of the axes that can be left out, and the gate [standard deviations], by place of the sensor."""
+        return {}
+
+    def correct_inertial(self, channel: Channel, event: Event, gate: float) -> Innovation:
+        """Let an inertial reading correct the filter if its normalized innovation squared is at most `gate`."""
+        return self.filter.correct(channel.name, event.value, event.variance, gate)
+
+    def correct_by_axis(self, channel: Channel, event: Event, gate: float) -> Iterator[tuple[int, Innovation]]:
+        """Let the axes of an inertial reading correct the filter one by one, each with its place and innovation."""
+        for axis in np.flatnonzero(np.isfinite(event.value)).tolist():
+            alone = np.full_like(event.value, np.nan)
+            alone[axis] = event.value[axis]
+            yield axis, self.filter.correct(channel.name, alone, event.variance, gate)
+
+    def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
+        """Innovation of one axis, which leaves the filter as it is."""
+        alone = np.full_like(event.value, np.nan)
+        alone[axis] = event.value[axis]
+        return self.filter.correct(channel.name, alone, event.variance, -1.0)
+
+    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
+        """Element of the state that is the bias of an axis, and its standard deviation at start; None without one."""
+        return None
+
+    # Resets
+
+    def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:
+        """What a refused place or velocity has beyond the filter's, east and north (2,), and its standard deviation
+        (2,); None if the filter does not compare them on the map."""
+        return None
+
+    def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
+        """Jumps that bring the filter to where a sensor says the car is, or as fast as it says; empty if it has none.
+        `difference` (2,) is east and north."""
+        return []
+
+    def move(self, move: Move) -> None:
+        """Let an element of the state jump; its error has no correlation afterwards."""
+        raise NotImplementedError
+
+    def begin_anew(self, event: Event) -> bool:
+        """Start from a reading that shows the heading to be wrong; False if it does not."""
+        return False
+
+    # Results
+
+    @abstractmethod
+    def converged(self, seconds: float) -> bool:
+        """True if the estimates may be used, this long after the start [s]."""
+
+    @abstractmethod
+    def condition(self, converged: bool) -> str:
+        """How far the filter has converged, in words."""
+
+    @abstractmethod
+    def snapshot(self, stamp: int) -> Any:
+        """The newest state, to be kept."""
+
+    def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:  # noqa: B027
+        """Look at a newest state for what diagnostics report."""
+
+    @abstractmethod
+    def messages(self, snapshot: Any) -> list[Sample]:
+        """One state as the messages of the output topics."""
+
+    @abstractmethod
+    def columns(self, snapshots: Sequence[Any]) -> list[Sample]:
+        """States as the messages of the output topics, whose fields have one row for each."""
+
+    @abstractmethod
+    def parameters(self, snapshot: Any) -> dict[str, tuple[float, float]]:
+        """Slow quantities by name: value and standard deviation."""
+
+    def monitored(
+        self, gates: Sequence[float], ready: Callable[[], bool], limits: Limits | None, report: Report
+    ) -> Monitor:
+        """A monitor of how well the model fits. Raises `InputError` for a filter without a model of the car."""
+        raise InputError(f"the filter {self.name!r} has no model of the car to be judged")
+
+    def doubt(self, sensor: str) -> str:
+        """What is doubtful about a sensor that is in use, in words; empty for nothing."""
+        return ""
+
+    @property
+    def details(self) -> Mapping[str, str]:
+        """What the observer's own line of diagnostics lists besides."""
+        return {}
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Lines besides those of the observer and the sensors."""
+        return []
+
+    @property
+    def steering_angle(self) -> float:
+        """Road-wheel angle that drives the filter [rad]; 0 if it has no such input."""
+        return 0.0
+
+
+@singledispatch
+def adapter_of(filter: Filter, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> Adapter:
+    """The adapter of a filter. Raises `InputError` for a filter that none is registered for."""
+    raise InputError(
+        f"the filter {type(filter).__name__} does not say how it starts and what it publishes: register an Adapter for "
+        "it with vsense_ros.runner.adapter.adapter_of"
+    )

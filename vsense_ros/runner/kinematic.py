@@ -1,0 +1,173 @@
+"""Filters of GNSS and inertial sensors: the car's motion by its sensors, with few numbers of the car or none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.filter import Innovation, largest_nis
+from vsense_ros.estimation.timeline import Channel, Event
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.aided import Aided
+from vsense_ros.navigation.beginning import Beginning
+from vsense_ros.navigation.car_numbers import car_numbers
+from vsense_ros.navigation.motion import Readout, Snapshot
+from vsense_ros.navigation.readings import MEASUREMENTS
+from vsense_ros.runner.adapter import Adapter, adapter_of
+
+Array = NDArray[np.float64]
+
+_MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
+_LONGEST_PERIOD = 50_000_000  # [ns] between readings of a sensor that holds between them
+_DETERMINED = 0.87  # share of a standard deviation at start, above which the drive has not determined a state
+
+
+class KinematicAdapter(Adapter):
+    """A filter of GNSS and inertial sensors, whose inputs are readings."""
+
+    filter: Aided
+
+    def __init__(self, filter: Aided, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+        super().__init__(vehicle)
+        self.filter, self.sensors = filter, {name: sensors[name] for name in filter.sensors}
+        self._list = tuple(self.sensors.values())
+        self._names = tuple(self.sensors)
+        self._arms = [_arm(sensor) for sensor in self._list]
+        self._holds = [_only_drives(sensor, filter) for sensor in self._list]
+        self._last: dict[int, int] = {}  # stamps of the newest inertial readings [ns]
+        self._beginning = Beginning(filter, car_numbers(vehicle, self._list), self.sensors)
+        self._known: Mapping[str, float] = {}
+        self._speed = 0.0  # newest over ground [m/s]
+        self.readout = Readout(filter)
+
+    @property
+    def name(self) -> str:
+        return self.filter.name
+
+    def channels(self) -> list[Channel]:
+        return [Channel(k, largest_nis(one.gate, len(one.deviations()))) for k, one in self.sensors.items()]
+
+    def timed(self, event: Event) -> Event:
+        """Of a sensor that only drives the filter, half a period earlier, so that what is held from then on is the
+        mean."""
+        if self._holds[event.sensor]:
+            period = event.stamp - self._last.get(event.sensor, event.stamp)
+            self._last[event.sensor] = event.stamp
+            if 0 < period < _LONGEST_PERIOD:
+                event.stamp -= period // 2
+        return event
+
+    @property
+    def moving(self) -> bool:
+        return self._speed > _MOVING
+
+    # Start
+
+    def gather(self, event: Event) -> int | None:
+        begun = self._beginning.add(self._names[event.sensor], event.stamp, self._in_axes_of_car(event))
+        if begun is None:
+            return None
+        stamp, self._known = begun
+        return stamp
+
+    def start(self, stamp: int) -> None:
+        filter = self.filter
+        filter.inputs[:] = 0.0
+        for key, (_, value) in self._beginning.readings.items():
+            filter.give_reading(key, value)
+        filter.restart_clock()
+        filter.start(filter.definition.start(self._known))
+        self._speed = self._known.get("forward_velocity", 0.0)
+
+    def stop(self, valid: bool) -> None:
+        self._beginning.clear()
+
+    def waiting(self) -> str:
+        missing = self._beginning.missing()
+        if missing:
+            return f"waiting for a sensor that tells {', '.join(missing)}"
+        return "heading unknown until the car moves"
+
+    # Readings
+
+    def measured(self, event: Event) -> None:
+        if "course" in self._list[event.sensor].tells:
+            self._speed = float(np.nan_to_num(np.hypot(*event.value)))
+
+    def correct(self, channel: Channel, event: Event) -> Innovation:
+        return self.filter.correct(channel.name, self._in_axes_of_car(event), event.variance, channel.limit)
+
+    def pull(self, channel: Channel, event: Event, nis: float) -> None:
+        value = self._in_axes_of_car(event)
+        self.filter.correct(channel.name, value, event.variance, 2 * channel.limit, nis / channel.limit)
+
+    def _in_axes_of_car(self, event: Event) -> Array:
+        """The reading in the axes of the car, at cog as far as rates alone determine it."""
+        sensor, value = self._list[event.sensor], event.value
+        if "rates and forces" in sensor.tells:
+            value = sensor.in_axes_of_car(value[None])[0].copy()
+            if (arm := self._arms[event.sensor]) is not None:
+                rates = np.where(value[:3] == value[:3], value[:3], 0.0)
+                value[3:6] -= rates * rates.dot(arm) - arm * rates.dot(rates)  # ω × (ω × r)
+        elif "heading" in sensor.tells and (heading := sensor.heading(value, event.variance)) is not None:
+            value = np.array([np.cos(heading[0]), np.sin(heading[0])])
+        return value
+
+    # Results
+
+    def converged(self, seconds: float) -> bool:
+        return not self._undetermined()
+
+    def condition(self, converged: bool) -> str:
+        return "converged" if converged else f"not determined so far: {', '.join(self._undetermined())}"
+
+    def _undetermined(self) -> list[str]:
+        """States of which the drive has determined less than half of what was unknown at start."""
+        now = np.sqrt(self.filter.belief().covariance.diagonal().clip(min=0))
+        prior, names = self.filter.definition.deviations, self.filter.definition.errors
+        return [name for name, was, is_ in zip(names, prior, now, strict=True) if was > 0 and is_ > _DETERMINED * was]
+
+    def snapshot(self, stamp: int) -> Snapshot:
+        return self.readout.snapshot(stamp)
+
+    def messages(self, snapshot: Snapshot) -> list[Sample]:
+        return self.readout.motions([snapshot]).samples()
+
+    def columns(self, snapshots: Sequence[Snapshot]) -> list[Sample]:
+        found = self.readout.motions(snapshots).samples()
+        if len(snapshots) > 1:
+            return found
+        return [replace(sample, values={k: v[None] for k, v in sample.values.items()}) for sample in found]
+
+    def parameters(self, snapshot: Snapshot) -> dict[str, tuple[float, float]]:
+        motions = self.readout.motions([snapshot])
+        values = zip(motions.parameters[0].tolist(), motions.deviations[0].tolist(), strict=True)
+        return dict(zip(motions.parameter_names, values, strict=True))
+
+    @property
+    def details(self) -> Mapping[str, str]:
+        return {"filter": self.name}
+
+
+def _arm(sensor: SensorBase) -> Array | None:
+    """From cog to an inertial sensor [m], None where it is there."""
+    if "rates and forces" not in sensor.tells:
+        return None
+    arm = sensor.mounting()[:3]
+    return arm if arm.any() else None
+
+
+def _only_drives(sensor: SensorBase, filter: Aided) -> bool:
+    """True for an inertial sensor whose readings are inputs, and measure nothing."""
+    if "rates and forces" not in sensor.tells or not filter.needs(sensor):
+        return False
+    names = (one.name for one in filter.definition.measurements)
+    return not any(name in MEASUREMENTS and MEASUREMENTS[name].tells in sensor.tells for name in names)
+
+
+adapter_of.register(Aided, KinematicAdapter)

@@ -1,0 +1,259 @@
+"""Filters of the multibody car: they know its forces, its road and the biases of its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.errors import InputError
+from vsense_ros.estimation.filter import Innovation, largest_nis
+from vsense_ros.estimation.intake import Intake
+from vsense_ros.estimation.timeline import Channel, Event, Timeline
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.coordinates import SPIN, YAW, X, Y
+from vsense_ros.model.sensors import SensorBase
+from vsense_ros.model.vehicle import Vehicle, left_out_of_observer
+from vsense_ros.observer.alignment import Alignment
+from vsense_ros.observer.balance import Balance
+from vsense_ros.observer.beginning import Beginning, Start
+from vsense_ros.observer.error_ekf import CarFilter
+from vsense_ros.observer.estimate import Estimate, estimate_samples, stacked
+from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.observer.road_map import RoadMap
+from vsense_ros.observer.sensors import check_sensors
+from vsense_ros.observer.spi import Spi
+from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
+from vsense_ros.observer.tilt import Tilt
+from vsense_ros.runner.adapter import Adapter, Move, Report, adapter_of
+
+Array = NDArray[np.float64]
+
+_SPINS = range(SPIN.start, SPIN.stop)
+_MOVING = 1.0  # [m/s] below it an inertial sensor of coarse resolution may well repeat itself
+_SPIN_DEVIATION = 2.0  # [rad/s] of the spin of a wheel once the speed has been moved
+_CONVERGED = np.array([0.5, 0.5, 0.02])  # [m/s], [m/s], [rad/s] deviations of velocity and yaw rate that may be used
+_SETTLED = 1.0  # [s] from the start on before which nothing counts as converged
+_ALIKE = 0.9  # correlation of the errors of two parameters that can hardly be told apart
+
+
+class CarAdapter(Adapter):
+    """A filter of the multibody car.
+
+    Raises `InputError` if no sensor measures the car's speed, or its steering angle.
+    """
+
+    filter: CarFilter
+
+    def __init__(self, filter: CarFilter, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
+        super().__init__(vehicle)
+        check_sensors(vehicle, sensors)
+        self.filter, self.car, self.sensors = filter, filter.car, sensors
+        self.merge = vehicle.observer.merge_window
+        self.left_out = left_out_of_observer(vehicle)
+        self.has_position = any("position" in sensor.tells for sensor in sensors.values())
+        self.balance = Balance(vehicle, sensors)
+        self.tilt = Tilt(sensors, self.car)
+        self._start: Start | None = None
+
+    def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
+        super().attach(intake, timeline)
+        self._road_map = RoadMap.of(self.vehicle, intake.on_map)
+        self.alignment = Alignment(self.filter, timeline, intake)
+        self._beginning = Beginning(self.vehicle, intake, self.car.largest[FORWARD])
+
+    def channels(self) -> list[Channel]:
+        return [_channel(name, sensor) for name, sensor in self.sensors.items()]
+
+    @property
+    def moving(self) -> bool:
+        return bool(abs(self.car.mean[FORWARD]) > _MOVING)
+
+    @property
+    def heading_known(self) -> bool:  # type: ignore[override]
+        """False while the direction of the car on the map is not known."""
+        return self.alignment.known
+
+    @property
+    def in_one_call(self) -> bool:  # type: ignore[override]
+        """True once no reading has to be asked for the heading first."""
+        return self.alignment.known
+
+    # Start
+
+    def gather(self, event: Event) -> int | None:
+        self._start = self._beginning.add(event)
+        return None if self._start is None else self._start.stamp
+
+    def start(self, stamp: int) -> None:
+        assert self._start is not None
+        filter, mean, start = self.filter, self.car.mean, self._start
+        filter.start_rolling(start.speed)
+        self.balance.forget()
+        self.tilt.forget()
+        for event in start.events.values():
+            sensor = self.intake.sensors[event.sensor]
+            self.balance.measured(event)
+            if sensor.inputs is not None:
+                filter.inputs[sensor.inputs] = np.nan_to_num(event.value)
+            for place, velocity in sensor.first_velocities(event.value).items():
+                at = U.start + place
+                at_rest = place in _SPINS and start.speed <= _MOVING  # where the noise of the wheels would be slip
+                if abs(velocity) < self.car.largest[at] and not at_rest:
+                    mean[at] = velocity
+        if self.monitor is not None:
+            self.monitor.forget()
+        filter.linearize()
+        self.alignment.start(start.events)
+
+    def stop(self, valid: bool) -> None:
+        self._beginning.clear()
+        if not valid:
+            self.filter.start_rolling(0.0)  # whoever looks at it before it starts anew sees a car
+
+    def waiting(self) -> str:
+        health = self.intake.health
+        missing = [name for name, one in zip(self.sensors, health, strict=True) if not one.last_stamp]
+        text = "waiting for " + (", ".join(missing) if missing else "a speed")
+        if missing and not self._beginning.tells_speed:
+            able = (name for name, sensor in self.sensors.items() if sensor.tells_speed)
+            text += f"; nothing tells the speed, which {' or '.join(able)} would"
+        return text
+
+    def contradicts_start(self, event: Event) -> bool:
+        return self._beginning.doubts(event)
+
+    # Readings
+
+    def measured(self, event: Event) -> None:
+        self.balance.measured(event)
+
+    def accepts(self, event: Event) -> bool:
+        return self.alignment.known or self.alignment.helps(event)
+
+    def after_event(self) -> None:
+        """Where the vehicle file knows the road from place to place, take it as it is where the car is."""
+        if self._road_map is not None and self.alignment.known:
+            self._road_map.follow(self.filter)
+
+    def axes(self) -> dict[int, tuple[tuple[str, ...], float]]:
+        return {
+            i: (tuple(one.words for one in sensor.components), sensor.gate)
+            for i, sensor in enumerate(self.sensors.values())
+            if "rates and forces" in sensor.tells
+        }
+
+    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
+        element = self.car.layout.biases[sensor].start + axis
+        return element, float(self.car.prior.deviation[element])
+
+    # Resets
+
+    def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:
+        factor = innovation.factor
+        return factor @ innovation.whitened, np.sqrt(np.sum(factor**2, axis=1))
+
+    def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
+        if "position" in sensor.tells:
+            return [Move(i, by, sd) for i, by, sd in zip((X, Y), difference.tolist(), deviation.tolist(), strict=True)]
+        yaw, spread = self.car.mean.item(YAW), float(deviation.max())
+        forward, left = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]) @ difference
+        moves = [Move(FORWARD, float(forward), spread), Move(LATERAL, float(left), spread)]
+        speed = max(self.car.mean.item(FORWARD), 1.0)
+        return moves + [
+            Move(U.start + SPIN.start + i, float(forward) / speed * spin, _SPIN_DEVIATION)
+            for i, spin in enumerate(self.car.mean[U][SPIN].tolist())
+        ]
+
+    def move(self, move: Move) -> None:
+        self.filter.set_element(move.element, float(self.car.mean[move.element]) + move.by, move.deviation)
+
+    def begin_anew(self, event: Event) -> bool:
+        return self.alignment.astray(event) and self.alignment.begin_anew(event)
+
+    # Results
+
+    def converged(self, seconds: float) -> bool:
+        deviation = np.sqrt(self.filter.belief().covariance.diagonal()[[FORWARD, LATERAL, YAW_RATE]])
+        return bool(seconds > _SETTLED and np.all(deviation < _CONVERGED))
+
+    def condition(self, converged: bool) -> str:
+        if self.heading_known:
+            return "converged" if converged else "converging"
+        moving = any(sensor.tells & {"course", "position"} for sensor in self.sensors.values())
+        silent = all(not self.intake.sends(i) for i, sensor in enumerate(self.sensors.values()) if sensor.on_map)
+        until = "GNSS comes" if moving and silent else "the car moves" if moving else "two antennas tell it"
+        return f"heading unknown until {until}"
+
+    def snapshot(self, stamp: int) -> Estimate:
+        return Estimate.of(stamp, self.filter)
+
+    def watch(self, snapshot: Any, converged: Callable[[], bool]) -> None:
+        snapshot.unbalanced[:] = self.balance.residual(snapshot)
+        self.tilt.look(snapshot.stamp, converged)
+
+    def messages(self, snapshot: Estimate) -> list[Sample]:
+        return estimate_samples(snapshot)
+
+    def columns(self, snapshots: Sequence[Estimate]) -> list[Sample]:
+        return estimate_samples(stacked(snapshots))
+
+    def parameters(self, snapshot: Estimate) -> dict[str, tuple[float, float]]:
+        values = zip(snapshot.parameters.tolist(), snapshot.parameter_deviations.tolist(), strict=True)
+        return dict(zip(snapshot.parameter_names, values, strict=True))
+
+    def monitored(
+        self, gates: Sequence[float], ready: Callable[[], bool], limits: Limits | None, report: Report
+    ) -> Monitor:
+        if limits is not None and limits.vehicle != self.vehicle.name:
+            raise InputError(
+                f"the limits of the monitor are those of the vehicle {limits.vehicle!r}, this is {self.vehicle.name!r}"
+            )
+        self.monitor = Monitor(self.car, self.sensors, gates, ready, limits, report)
+        return self.monitor
+
+    def doubt(self, sensor: str) -> str:
+        return self.tilt.sentence() if sensor == self.tilt.sensor else ""
+
+    def diagnostics(self) -> list[Diagnostic]:
+        lines = [Diagnostic("effects", Level.WARN, self.left_out)] if self.left_out else []
+        if isinstance(self.filter, Spi):
+            lines.append(_parameters(self.filter))
+        if self.monitor is not None and self.monitor.limits is not None:
+            lines.append(self.monitor.diagnostic())
+        if self.balance.sensor is not None:
+            lines.append(self.balance.diagnostic())
+        return lines
+
+    @property
+    def steering_angle(self) -> float:
+        return float(self.filter.inputs[0])
+
+
+def _channel(name: str, sensor: SensorBase) -> Channel:
+    part = sensor.inputs
+    limit = largest_nis(sensor.gate, len(sensor.deviations()))
+    return Channel(name, limit, None if part is None else part.start)
+
+
+def _parameters(spi: Spi) -> Diagnostic:
+    """One line about the parameters that an SPI estimates."""
+    seen = spi.observability()
+    values = {
+        name: f"{value:.6g} ± {deviation:.2g}, {share:.0%} of the deviation at start"
+        for name, value, deviation, share in zip(seen.names, spi.values, seen.deviation, seen.share, strict=True)
+    }
+    values["independent combinations told"] = f"{seen.rank} of {len(seen.names)}"
+    closest = np.abs(np.triu(seen.correlation, 1))
+    if closest.max(initial=0.0) > _ALIKE:
+        i, j = np.unravel_index(closest.argmax(), closest.shape)
+        values["hard to tell apart"] = f"{seen.names[i]} and {seen.names[j]} ({seen.correlation[i, j]:+.2f})"
+    if stuck := spi.at_bounds():
+        return Diagnostic("parameters", Level.WARN, f"at its bound: {', '.join(stuck)}; {seen}", values)
+    return Diagnostic("parameters", Level.OK, str(seen), values)
+
+
+adapter_of.register(CarFilter, CarAdapter)

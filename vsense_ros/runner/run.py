@@ -1,0 +1,114 @@
+"""A filter on a recording, without ROS: the same job as the node, as fast as the machine can."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsense_ros.errors import InputError
+from vsense_ros.messages.diagnostic import Diagnostic
+from vsense_ros.messages.recording import Channel, Recording
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.estimate import BALANCE
+from vsense_ros.runner.adapter import Adapter, MakeFilter
+from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.runner import Runner
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a filter made of a recording."""
+
+    output: Recording
+    step_us_median: float  # computing time of one message that moved the filter [µs]
+    realtime_factor: float  # length of the recording over computing time
+    messages_lost: int
+    diagnostics: list[Diagnostic]
+    parameters: dict[str, tuple[float, float]]  # value and standard deviation at the end
+
+
+def run(
+    recording: Recording,
+    vehicle: Vehicle,
+    name: str = "",
+    *,
+    rate: float = 100.0,
+    make: MakeFilter | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Feed all messages of a recording in order of arrival, and collect the estimates at `rate` [Hz] or less.
+
+    The filter is the one with this `name` in the catalogue, unless `make` builds another, as for `Runner`. `progress`
+    is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's sensors, or
+    the filter never starts.
+    """
+    runner = Runner(vehicle, recording.map_origin, make or (FILTERS[name].make if name else None))
+    present = topics_in(recording, runner.topics)
+    total = sum(len(recording[t]) for t in present)
+    interval = int(0.999e9 / rate)
+    snapshots: list[Any] = []
+    times: list[float] = []
+    last = 0
+    began = time.perf_counter()
+    for i, sample in enumerate(recording.samples(present)):
+        before = time.perf_counter()
+        runner.add(sample)
+        times.append(time.perf_counter() - before)
+        if runner.started and runner.stamp >= last + interval:
+            snapshots.append(runner.snapshot())
+            last = runner.stamp
+        if progress is not None and i % 500 == 0:
+            progress(i / total)
+    elapsed = time.perf_counter() - began
+    if not snapshots:
+        raise never_started(recording, runner)
+    if progress is not None:
+        progress(1.0)
+    return Run(
+        output=as_recording(runner.adapter, snapshots, recording),
+        step_us_median=float(np.median(times) * 1e6),
+        realtime_factor=recording.duration / elapsed,
+        messages_lost=recording.messages_lost,
+        diagnostics=runner.diagnostics(),
+        parameters=runner.parameters(),
+    )
+
+
+def never_started(recording: Recording, runner: Runner) -> InputError:
+    """The error for a recording on which a filter never started, with what it waits for."""
+    text = "; ".join(f"{line.name}: {line.message}" for line in runner.diagnostics())
+    return InputError(f"{recording.name or 'recording'}: the filter {runner.adapter.name} never started ({text})")
+
+
+def topics_in(recording: Recording, topics: Iterable[str]) -> tuple[str, ...]:
+    """Those topics of which a recording has messages. Raises `InputError` if there are none."""
+    topics = tuple(topics)
+    present = tuple(t for t in topics if t in recording and len(recording[t]))
+    if not present:
+        raise InputError(
+            f"{recording.name or 'recording'}: none of the vehicle's sensors is in it; expected {', '.join(topics)}, "
+            f"found {', '.join(sorted(recording.channels)) or 'nothing'}"
+        )
+    return present
+
+
+def as_recording(adapter: Adapter, snapshots: Sequence[Any], recording: Recording) -> Recording:
+    """States of a filter as the output channels of a recording; arrival times are the times they are valid for."""
+    stamps = np.array([one.stamp for one in snapshots], dtype=np.int64)
+    channels = {
+        s.topic: Channel(s.topic, s.kind, stamps, stamps, s.values, s.frame_id, s.names, s.child_frame_id)
+        for s in adapter.columns(snapshots)
+    }
+    if BALANCE in channels:
+        balance = channels[BALANCE]
+        compared = np.hstack([balance.columns["force"], balance.columns["torque"]])
+        known = np.asarray(np.isfinite(compared).any(axis=1), dtype=bool)
+        if not known.any():
+            del channels[BALANCE]
+        elif not known.all():
+            channels[BALANCE] = balance.select(known)
+    return Recording(channels, name=recording.name, metadata=dict(recording.metadata))

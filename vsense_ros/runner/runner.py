@@ -1,0 +1,372 @@
+"""The runner: messages in, estimates out, for any filter, whatever the order and the state of the messages.
+
+A measurement that arrives late is used at the time it was made (`estimation.timeline`). What cannot be true is refused
+(`estimation.intake`), a sensor that contradicts the others is left out (`vote`), a filter that is wrong itself is moved
+(`resets`); all of it is reported (`diagnostics`), and the runner carries on. What a filter has of that, its adapter
+says (`adapter`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.filter import Innovation
+from vsense_ros.estimation.intake import FROZEN, Intake, Timing, by_topic
+from vsense_ros.estimation.reading import Map
+from vsense_ros.estimation.timeline import Channel, Event, Timeline
+from vsense_ros.messages.diagnostic import Diagnostic, Level
+from vsense_ros.messages.recording import Sample
+from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.observer.beginning import UNSURE
+from vsense_ros.observer.catalogue import default_filter
+from vsense_ros.observer.estimate import BALANCE
+from vsense_ros.observer.monitor import Limits, Monitor
+from vsense_ros.runner.adapter import Adapter, MakeFilter, Move, Report, adapter_of
+from vsense_ros.runner.placement import Place, Placement
+from vsense_ros.runner.resets import Resets
+from vsense_ros.runner.vote import Vote
+from vsense_ros.runner.vote_settings import VOTE
+
+Array = NDArray[np.float64]
+
+_NEWS = 5_000_000_000  # [ns] for which a reset is reported
+
+
+class Runner:
+    """The filter of one vehicle on a stream of messages.
+
+    `vehicle` names the sensors; those whose messages do not come simply do not contribute. `map_origin` (latitude,
+    longitude [deg], height [m]) fixes the map frame; by default it is where the first GNSS fix was made. `make(vehicle,
+    sensors)` builds the filter, as those of `runner.catalogue` do; by default it is the errorEKF, or the SPI where the
+    vehicle file lists parameters. `on_innovation(sensor, stamp, innovation)` is called once for every measurement that
+    the filter was given in its turn (stamp in ns), not again where the runner goes back.
+
+    Raises `InputError` if the vehicle's sensors do not suffice for the filter, or the filter does not fit the vehicle.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        map_origin: tuple[float, float, float] | None = None,
+        make: MakeFilter | None = None,
+        on_innovation: Callable[[str, int, Innovation], None] | None = None,
+    ) -> None:
+        self.vehicle = vehicle
+        sensors = vehicle.sensing()
+        self.filter = (make or default_filter(vehicle))(vehicle, sensors)
+        self.adapter: Adapter = adapter_of(self.filter, vehicle, sensors)
+        self.sensors = self.adapter.sensors
+        self.names = tuple(self.sensors)
+        self.started = False
+        self.faults = self.restarts = 0
+        self._started_at = 0
+        self._on_innovation = on_innovation
+        self._by_topic = by_topic(tuple(self.sensors.values()))
+        settings, adapter = vehicle.observer, self.adapter
+        self.intake = Intake(self.sensors, Map(map_origin), settings.history, self._is_moving, adapter.merge)
+        self.health = self.intake.health
+        channels = adapter.channels()
+        self.vote = Vote(
+            adapter,
+            channels,
+            others_there=self._others_there,
+            by_hand=self._move,
+            tell=lambda index, sentence: self.health[index].complain(sentence),
+        )
+        self._timeline = Timeline(
+            self.filter,
+            [*channels, Channel("shift", 0.0, by_hand=True)],
+            reach=settings.history,
+            longest_step=settings.longest_step,
+            merge=settings.merge_window,
+            remembered=VOTE.remembered,
+            found=self._count,
+            act=self.act,
+            in_one_go=lambda: adapter.in_one_call and self._on_innovation is None,
+            afterwards=adapter.after_event,
+            fault=self._recover,
+        )
+        adapter.attach(self.intake, self._timeline)
+        self.placement = Placement() if adapter.has_position else None
+        self.resets = Resets(adapter, self.intake)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Topics to subscribe to, with their message types."""
+        return {sensor.topic: sensor.message for sensor in self.sensors.values()}
+
+    @property
+    def stamp(self) -> int:
+        """Time of the newest state [ns]; 0 before the start."""
+        return self._timeline.stamp
+
+    @property
+    def left_out(self) -> str:
+        """Effects of the vehicle file that the filter does not have, as a sentence; empty for none."""
+        return self.adapter.left_out
+
+    @property
+    def heading_known(self) -> bool:
+        """True once the direction of the car on the map is known."""
+        return self.adapter.heading_known
+
+    @property
+    def converged(self) -> bool:
+        """True once the estimates are known well enough to be used."""
+        if not self.started or not self.heading_known:
+            return False
+        return self.adapter.converged((self.stamp - self._started_at) * 1e-9)
+
+    @property
+    def monitor(self) -> Monitor | None:
+        """The monitor of the model, once `watch` has begun one."""
+        return self.adapter.monitor
+
+    def watch(self, limits: Limits | None = None, on_statistics: Report = None) -> Monitor:
+        """Watch from now on how well the model fits; arguments as of `Monitor`. Raises `InputError` for a filter
+        without a model of the car, and for limits that are not of this vehicle and its sensors."""
+        gates = [channel.limit for channel in self._timeline.channels[: len(self.names)]]
+        return self.adapter.monitored(gates, lambda: self.converged, limits, on_statistics)
+
+    def add(self, sample: Sample) -> None:
+        """Use a message of any topic; messages of unknown topics are ignored. Never raises for bad content."""
+        for index in self._by_topic.get(sample.topic, ()):
+            event = self.intake.read(index, sample)
+            if event is None:
+                self._look_for_frozen(index)
+                continue
+            event = self.adapter.timed(event)
+            if not self.started:
+                self.intake.believe(index, sample.stamp)
+                self.gather(event)
+                continue
+            timing = self.intake.timing(event, self._timeline.oldest, self.stamp)
+            if timing is Timing.RESTART:
+                self._stop(valid=True)
+                self.intake.restart(index)
+                self.gather(event)
+            elif timing is Timing.USED:
+                if self.stamp < self._started_at + UNSURE and self.adapter.contradicts_start(event):
+                    continue
+                self.intake.believe(index, sample.stamp)
+                self.adapter.measured(event)
+                if self._timeline.add(event):
+                    self.health[index].late += 1
+                self._settle()
+
+    def readings(self, samples: Iterable[Sample]) -> list[Event]:
+        """The readings in the messages of a whole recording that can be true, in the order of their measurement."""
+        found = []
+        for sample in samples:
+            for index in self._by_topic.get(sample.topic, ()):
+                event = self.intake.read(index, sample)
+                if event is not None:
+                    self.intake.believe(index, sample.stamp)
+                    found.append(self.adapter.timed(event))
+        return sorted(found, key=lambda event: event.stamp)
+
+    def _look_for_frozen(self, index: int) -> None:
+        """Leave out a whole inertial sensor that has repeated itself too often."""
+        health = self.health[index]
+        if self.started and index in self.vote.axes and health.same_in_a_row == FROZEN:
+            self.vote.froze(index, np.frombuffer(health.last_content))
+            self._settle()
+
+    def _settle(self) -> None:
+        """Do what resets and the vote ask for."""
+        if self.resets.waiting:
+            for move in self.resets.asked():
+                self._shift(move)
+        vote = self.vote
+        if vote.due(self.stamp):
+            vote.decide(self._timeline)
+        while vote.returned:
+            sensor, axis, jump = vote.returned.pop()
+            bias = self.adapter.bias(sensor, axis)
+            if bias is not None:
+                element, deviation = bias
+                self._shift(Move(element, 0.0, float(np.hypot(deviation, jump))))
+
+    def _shift(self, move: Move) -> None:
+        """Move an element of the state now, and whenever this instant happens again."""
+        event = Event(len(self.names), self.stamp, np.array(move), np.zeros(3), counted=True)
+        self._timeline.add(event)
+
+    # Start and stop
+
+    def gather(self, event: Event) -> None:
+        """Before the start: keep a reading, and start once the readings suffice."""
+        stamp = self.adapter.gather(event)
+        if stamp is None:
+            return
+        self.started, self._started_at = True, stamp
+        self._timeline.clear()
+        self.vote.forget(stamp)
+        self.resets.forget()
+        if self.placement is not None:
+            self.placement.forget()
+        self.adapter.start(stamp)
+        self._timeline.begin(stamp)
+
+    def _stop(self, *, valid: bool) -> None:
+        """Wait for what it takes to start anew; the filter's state is spoilt if it is not `valid`."""
+        self.restarts += 1
+        self.started = False
+        self._timeline.clear()
+        self.intake.forget_clocks()
+        self.adapter.stop(valid)
+
+    def _recover(self) -> None:
+        """Go on from the newest valid state before this instant, with less trust in it; start anew if there is none."""
+        self.faults += 1
+        if not self._timeline.recover():
+            self._stop(valid=False)
+
+    # Filtering
+
+    def act(self, event: Event) -> None:
+        """Let an event act on the filter at its present time; what happens again is not counted again."""
+        channel, adapter = self._timeline.channels[event.sensor], self.adapter
+        innovation: Innovation | None = None
+        if channel.by_hand:
+            self._move(event)
+            return
+        if channel.first_input is not None:
+            adapter.give(channel, event)
+        elif adapter.accepts(event):
+            axes = self.vote.axes.get(event.sensor)
+            if axes is None:
+                innovation = adapter.correct(channel, event)
+            else:
+                innovation = self.vote.correct(axes, event, first=not event.counted)
+            if self._on_innovation is not None and not event.counted:
+                self._on_innovation(channel.name, event.stamp, innovation)
+        else:
+            event.counted = True
+            return
+        nis = 0.0 if innovation is None else innovation.nis
+        if not event.counted:
+            event.counted = True
+            self._count(event, nis, innovation)
+        if not nis <= channel.limit and innovation is not None:
+            self._contradicted(event, channel, innovation)
+
+    def _contradicted(self, event: Event, channel: Channel, innovation: Innovation) -> None:
+        """A measurement was refused. If that goes on for long, it may be the filter that is wrong."""
+        self.resets.refused(event, innovation)
+        if not self.intake.out_of_patience(event.sensor, innovation.nis, channel.limit):
+            return
+        if self.adapter.begin_anew(event):
+            self.resets.tell(self.stamp, f"heading and velocity begun anew as {channel.name} tells them")
+        elif self.resets.is_alone(event.sensor) and not self.resets.ask(event, self.stamp, channel.name):
+            self.adapter.pull(channel, event, innovation.nis)
+
+    def _count(self, event: Event, nis: float, innovation: Innovation | None) -> None:
+        """Keep what became of an event; its innovation by component, if the filter has not gone on since."""
+        channel = self._timeline.channels[event.sensor]
+        monitor = self.adapter.monitor
+        if monitor is not None:
+            whitened = None if innovation is None else innovation.whitened
+            monitor.measured(event.sensor, nis, self.stamp, whitened)
+        measured = channel.first_input is None
+        self.intake.count(event, nis, channel.limit, measured=measured)
+        place = self.placement
+        if place is not None and 0 <= nis <= channel.limit and "position" in self.intake.sensors[event.sensor].tells:
+            place.believed(event.stamp)
+        if measured and event.sensor not in self.vote.axes:
+            self.vote.measured(event.sensor, self.stamp, nis, len(event.value), channel.limit)
+
+    def _is_moving(self) -> bool:
+        return self.adapter.moving
+
+    def _others_there(self) -> bool:
+        """True if a sensor that is believed measures the car's motion besides inertial sensors."""
+        return any(
+            not sensor.is_input and i not in self.vote.axes and not self.health[i].contradicts and self.intake.sends(i)
+            for i, sensor in enumerate(self.intake.sensors)
+        )
+
+    def _move(self, event: Event) -> None:
+        """Do what `_shift` asks for."""
+        element, by, deviation = event.value.tolist()
+        self.adapter.move(Move(int(element), by, deviation))
+
+    # Results
+
+    def estimate(self) -> list[Sample]:
+        """All output topics at the newest time; empty before the start."""
+        newest = self.output()
+        if not self.started:
+            return []
+        balance = [v for sample in newest if sample.topic == BALANCE for v in sample.values.values()]
+        return [sample for sample in newest if sample.topic != BALANCE or np.isfinite(balance).any()]
+
+    def output(self) -> list[Sample]:
+        """All output topics, also before the start, when their values mean nothing."""
+        return self.adapter.messages(self.snapshot())
+
+    def snapshot(self) -> Any:
+        """The newest state in terms of the car: an `Estimate`, or a `Snapshot` of a filter of GNSS and inertial
+        sensors."""
+        self._timeline.catch_up()
+        if self.started and not self.filter.is_valid():
+            self._recover()
+        newest = self.adapter.snapshot(self.stamp)
+        if self.started:
+            self.adapter.watch(newest, lambda: self.converged)
+        return newest
+
+    def parameters(self) -> dict[str, tuple[float, float]]:
+        """Slow quantities by name: value and standard deviation."""
+        return self.adapter.parameters(self.snapshot())
+
+    def diagnostics(self, now: int | None = None) -> list[Diagnostic]:
+        """One line for the observer and one for each sensor; `now` [ns] on the clock of arrivals."""
+        at = self.intake.newest_arrival if now is None else now
+        found = [self._own_line(), *self.adapter.diagnostics()]
+        for i, ((name, sensor), health) in enumerate(zip(self.sensors.items(), self.health, strict=True)):
+            found.append(self._sensor_line(i, health.diagnostic(name, sensor, at)))
+        return found
+
+    def _own_line(self) -> Diagnostic:
+        """How far the filter has come, what it goes without, and what was reset."""
+        values = {**self.adapter.details, "faults": str(self.faults), "restarts": str(self.restarts)}
+        if not self.started:
+            return Diagnostic("observer", Level.WARN, self.adapter.waiting(), values)
+        converged = self.converged
+        condition = self.adapter.condition(converged)
+        if not self.heading_known:
+            return Diagnostic("observer", Level.WARN, condition, values)
+        doubts = [f"without {axes.name(axis)}" for axes, axis, _ in self.vote.out]
+        if self.placement is not None:
+            place = self.placement.at(self.stamp)
+            if place is not Place.TOLD:
+                doubts.append(place.value)
+            if place in (Place.RECKONED, Place.LOST):
+                values["without position"] = f"{self.placement.age(self.stamp):.1f} s"
+        if self.resets.told:
+            stamp, sentence = self.resets.told[-1]
+            values["resets"] = str(len(self.resets.told))
+            if self.stamp - stamp < _NEWS:
+                doubts.append(sentence)
+        level = Level.OK if converged and not doubts else Level.WARN
+        return Diagnostic("observer", level, ", ".join([condition, *doubts]), values)
+
+    def _sensor_line(self, index: int, line: Diagnostic) -> Diagnostic:
+        """The line of a sensor, with its axes that are not believed or absent."""
+        axes = self.vote.axes.get(index)
+        if axes is None or line.level == Level.STALE:
+            return line
+        parts = [f"{axes.words[axis]} {out.why}" for axis, out in axes.out.items()]
+        if parts:
+            return Diagnostic(line.name, max(Level.WARN, line.level), f"not believed: {', '.join(parts)}", line.values)
+        if line.level != Level.OK:
+            return line
+        doubts = [f"without {', '.join(absent)}"] if (absent := axes.absent) else []
+        if doubt := self.adapter.doubt(line.name):
+            doubts.append(doubt)
+        return Diagnostic(line.name, Level.WARN, ", ".join(["in use", *doubts]), line.values) if doubts else line

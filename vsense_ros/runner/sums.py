@@ -1,0 +1,79 @@
+"""Sums of whitened innovations over several times (Mehra 1970): if a filter is right, they are normal numbers."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.runner.vote_settings import VOTE
+
+Array = NDArray[np.float64]
+
+WINDOWS = np.array([1, 2, 10, 50])  # blocks of the sums that are looked at: the first two for jumps
+SHORT = 2  # which of them is that of 0.2 s
+# Which blocks, of a ring of as many as are looked at, each sum is of when the newest is at a place of it.
+_ADDED = 1.0 * ((np.arange(50)[:, None, None] - np.arange(50)) % 50 < WINDOWS[:, None])
+_sum = np.add.reduce
+
+
+class Sums:
+    """Of the whitened innovations of a sensor with m components over the last blocks: `totals` and `counts` (4, m) of
+    each of `WINDOWS`.
+
+    It is called with every message: all views are made ahead, and beside its total each component has its number times
+    `VOTE.alarm`², so that one product tells what a sum is to be held against.
+    """
+
+    def __init__(self, m: int) -> None:
+        rows, blocks = np.full((VOTE.rows, 2 * m), VOTE.alarm**2), np.zeros((len(_ADDED), 2 * m))
+        self._components, self._rows, self._blocks = m, rows, blocks
+        self._values = [row[:m] for row in rows]
+        self._first = [rows[:k] for k in range(VOTE.rows + 1)]
+        self._sums, self._totals = list(blocks), [block[:m] for block in blocks]
+        self._windows = np.zeros((len(WINDOWS), 2 * m))
+        self.totals, self._limits = self._windows[:, :m], self._windows[:, m:]
+        self._square, self._beyond = np.zeros((len(WINDOWS), m)), np.zeros((len(WINDOWS), m), dtype=bool)
+        self._row, self._block, self._until, self.begun = 0, 0, 0, False
+
+    @property
+    def counts(self) -> Array:
+        """How many innovations each sum is of (4, m)."""
+        return np.rint(self._limits / VOTE.alarm**2)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._row, self._blocks[:], self._windows[:], self.begun = 0, 0.0, 0.0, False
+
+    def forget(self, component: int) -> None:
+        """All that a component has said."""
+        self._rows[:, component] = 0.0
+        for part in (self._blocks, self._windows):
+            part[:, [component, self._components + component]] = 0.0
+
+    def add(self, stamp: int, whitened: Array) -> bool:
+        """Take in a message (m,), NaN where a component was absent; True where it ends a block after which a sum is as
+        far from zero as `VOTE.alarm`."""
+        row, place = self._row, self._block
+        self._values[row][:] = whitened
+        self._row = row = row + 1
+        if stamp < self._until and row < VOTE.rows:
+            return False
+        total = self._totals[place]
+        _sum(self._first[row], axis=0, out=self._sums[place])
+        if not isfinite(total.dot(total)):
+            values = self._first[row][:, : self._components]
+            there = values == values
+            self._sums[place][:] = np.hstack(
+                [np.where(there, values, 0.0).sum(axis=0), there.sum(axis=0) * VOTE.alarm**2]
+            )
+        np.dot(_ADDED[place], self._blocks, out=self._windows)
+        self._block = place + 1 if place + 1 < len(_ADDED) else 0
+        self._row, self._until, self.begun = 0, stamp + VOTE.block, True
+        np.square(self.totals, out=self._square)
+        return bool(np.count_nonzero(np.greater(self._square, self._limits, out=self._beyond)))
+
+    def far(self) -> Array:
+        """How far each sum is from zero (4, m) [standard deviations]."""
+        return np.asarray(np.abs(self.totals) / np.sqrt(np.maximum(self.counts, 1.0)))

@@ -1,0 +1,390 @@
+"""The vote about inertial sensors: an axis is wrong if all others agree without it.
+
+The filter is where sensors meet: it predicts what each of them measures from what the others measured and from the laws
+of the car. An axis of an inertial sensor, a gyro or an accelerometer, is judged by three tests, whose limits stand in
+`vote_settings`.
+
+1. *A jump.* An innovation of more than `gate` standard deviations is refused, but of the axis alone. If it is refused
+   for `refused_for`, or if its innovations add up to `jump` standard deviations within 40 ms, the axis is out.
+2. *No noise.* An axis that repeats its value, and used to be noisy, is frozen. It is out from the first repetition on.
+3. *A contradiction* that is too small, or grows too slowly, for a gate. If a filter is right, its whitened innovations
+   have zero mean and unit variance (Mehra 1970): their sum over n messages, divided by √n, is a standard normal
+   number. If it exceeds `alarm` within 0.2 s or 1 s, something is wrong, and a vote is taken: what was measured since
+   shortly before is filtered again, and again without each of the axes. An axis is wrong if the *others* are
+   predicted better without it,
+
+       Δ_i = Σ_{k≠i} (w_k² + 2 ln d_k)  with i  -  Σ_{k≠i} (w_k² + 2 ln d_k)  without i,
+
+   with w the whitened innovation and d its standard deviation: twice the logarithm of what the likelihood of all other
+   measurements gains (Schweppe 1965). A right axis helps to predict the others, so that Δ is negative; Δ > `gain` is
+   evidence of more than 10¹⁹ to 1. Less will do, `gain_with_own`, of an axis whose own innovations of the last 0.2 s
+   add up to `own` standard deviations: two tests then say the same. The filter then goes back to before the
+   contradiction, and on without the axis.
+
+A vote needs somebody to agree with: where nothing but inertial sensors is there, nobody is taken out. One who is out is
+asked on: once its innovations are as they should be for a while, twice as long each time, it is believed again, with a
+bias that is not known any more, since it may have jumped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense_ros.estimation.filter import Innovation
+from vsense_ros.estimation.timeline import Channel, Event, Timeline
+from vsense_ros.runner.adapter import Adapter
+from vsense_ros.runner.axes import Axes, Out
+from vsense_ros.runner.sums import SHORT, WINDOWS
+from vsense_ros.runner.vote_settings import VOTE
+
+Array = NDArray[np.float64]
+
+
+class Found(NamedTuple):
+    """What the others say without some axes of a sensor: `gain` is Δ, `disagreement` the mean of the squares of the
+    whitened innovations of that sensor which agrees least."""
+
+    gain: float
+    disagreement: float
+    axes: Axes
+    left: list[int]
+
+
+class Vote:
+    """The vote about all inertial sensors of a filter on a timeline; `adapter` knows the axes that the filter can do
+    without.
+
+    `others_there()` is true if any other sensor measures the motion of the car. `by_hand` lets an event act on the
+    filter that is no measurement; `tell(sensor, sentence)` is called when something of a sensor is not believed.
+    """
+
+    def __init__(
+        self,
+        adapter: Adapter,
+        channels: Sequence[Channel],
+        *,
+        others_there: Callable[[], bool],
+        by_hand: Callable[[Event], None],
+        tell: Callable[[int, str], None],
+    ) -> None:
+        self._adapter = adapter
+        self._others_there, self._by_hand, self._tell = others_there, by_hand, tell
+        self.axes = {i: Axes(i, channels[i], words, gate**2) for i, (words, gate) in adapter.axes().items()}
+        self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
+        self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
+        self._jumped: list[tuple[Axes, int]] = []
+        self._alarm: int | None = None  # since when something is wrong [ns]
+        self._voted, self._heard, self._pause = 0, 0, VOTE.first_pause
+        self._begun = 0
+        self._loud: dict[
+            int, tuple[float, float]
+        ] = {}  # of other sensors: mean normalized innovation squared, and when
+        self._no_vote: set[int] = set()
+        self.votes = 0
+
+    def forget(self, stamp: int) -> None:
+        """The filter begins anew, at a time [ns]; what is out stays out."""
+        self._begun = stamp
+        self._alarm, self._voted, self._pause = None, 0, VOTE.first_pause
+        self._loud.clear()
+        self._no_vote.clear()
+        self._frozen.clear()
+        self._jumped.clear()
+        self.returned.clear()
+        for axes in self.axes.values():
+            axes.sums.clear()
+            axes.refused_from.clear()
+            axes.newest.clear()
+            for out in axes.out.values():
+                out.agreed_from = 0
+
+    def believe_all(self) -> None:
+        """Judge no axis from now on: each reading counts as far as its gate lets it."""
+        self.axes.clear()
+
+    @property
+    def out(self) -> Iterator[tuple[Axes, int, Out]]:
+        """All axes that are not believed."""
+        for axes in self.axes.values():
+            for axis, out in axes.out.items():
+                yield axes, axis, out
+
+    # One message
+
+    def correct(self, axes: Axes, event: Event, first: bool) -> Innovation:
+        """Let the filter use a message; `first` if it has not been used before. What is not believed of it becomes NaN
+        in the event, so that it is not believed when it happens again either."""
+        if first:
+            axes.newest.append(event.value)
+            axes.looked += 1
+            if axes.looked >= VOTE.looks:
+                self._look_for_frozen(axes)
+            if axes.out:
+                self._ask(axes, event)
+                event.value = axes.masked(event.value)
+        found = self._adapter.correct_inertial(axes.channel, event, axes.gate)
+        if found.nis > axes.gate:
+            return self._look_closer(axes, event, found, first)
+        if first:
+            if axes.refused_from:
+                axes.refused_from.clear()
+            if axes.sums.add(event.stamp, found.whitened):
+                self._is_far(axes, event.stamp)
+        return found
+
+    def _look_closer(self, axes: Axes, event: Event, found: Innovation, first: bool) -> Innovation:
+        """Use a message axis by axis, as one of them, or all together, are far from what was expected."""
+        seen = Innovation(found.whitened.copy(), found.factor.copy(), found.nis, accepted=False)
+        value, used, now = event.value.copy(), 0, event.stamp
+        whitened = np.full_like(value, np.nan)
+        for axis, found in self._adapter.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
+            if found.accepted:
+                used += 1
+                whitened[axis] = found.whitened[axis]
+                axes.refused_from.pop(axis, None)
+                continue
+            event.value = event.value.copy()
+            event.value[axis] = np.nan
+            if not first:
+                continue
+            far = abs(found.nis) ** 0.5
+            self._tell(axes.index, f"{axes.words[axis]}: innovation {far:.1f} standard deviations")
+            begin, last, count = axes.refused_from.get(axis, (now, now, 0))
+            if now - last > VOTE.streak:
+                begin, count = now, 0
+            axes.refused_from[axis] = begin, now, count + 1
+            if now - begin >= VOTE.refused_for and count + 1 >= VOTE.refusals and self._others_there():
+                self._take_out(axes, axis, begin, "jumped away from all others")
+        if first and axes.sums.add(now, whitened):
+            self._is_far(axes, now)
+        limit = axes.channel.limit
+        return seen._replace(nis=min(seen.nis, limit) if used else max(seen.nis, 1.01 * limit), accepted=used > 0)
+
+    def _is_far(self, axes: Axes, stamp: int) -> None:
+        """Raise the alarm where innovations of a sensor add up to more than noise does."""
+        far = axes.sums.far()
+        if far[:2].max() > VOTE.jump and stamp - self._begun >= VOTE.settled and self._others_there():
+            self._jumped.append((axes, int(far[:2].max(axis=0).argmax())))
+        for window, furthest in zip(WINDOWS[2:].tolist(), far[2:].max(axis=1).tolist(), strict=True):
+            if furthest > VOTE.alarm:
+                self._sound(stamp, stamp - window * VOTE.block)
+                break
+
+    def measured(self, index: int, stamp: int, nis: float, components: int, limit: float) -> None:
+        """The normalized innovation squared of a measurement of another sensor. One that is refused, and was in
+        agreement with all just before, has jumped itself: it has no vote."""
+        mean, before = self._loud.get(index) or (1.0, stamp)
+        if nis > limit and mean < VOTE.calm:
+            self._no_vote.add(index)
+        elif self._no_vote and nis <= limit:
+            self._no_vote.discard(index)
+        if index in self._no_vote:
+            return
+        passed = stamp - before
+        if passed > 0:
+            mean += min(passed * 1e-9, 1.0) * (min(nis, 100.0) / components - mean)
+        self._loud[index] = mean, stamp
+        if mean > VOTE.loud:
+            self._sound(stamp, stamp - VOTE.look_back)
+
+    def _sound(self, now: int, since: int) -> None:
+        """Raise the alarm, or keep it up."""
+        if self._alarm is None or now - self._heard > VOTE.last_pause:
+            self._alarm, self._pause = since - VOTE.before, VOTE.first_pause
+        self._heard = now
+
+    def _look_for_frozen(self, axes: Axes) -> None:
+        """Whether an axis is frozen."""
+        axes.looked, newest = 0, axes.newest
+        if len(newest) < VOTE.frozen:
+            return
+        same = newest[-1] == newest[-2]
+        if not np.count_nonzero(same):
+            axes.held *= 1 - VOTE.share  # a noisy sensor hardly says the same twice
+            return
+        if np.count_nonzero(same & (newest[-1] == newest[-VOTE.frozen])):
+            values = np.array(newest)[-VOTE.frozen :]
+            for axis in np.flatnonzero((values == values[-1]).all(axis=0) & (axes.held < VOTE.lively)).tolist():
+                if axis not in axes.out and self._adapter.moving:
+                    self._frozen.append((axes, axis, float(values[-1, axis])))
+        axes.held += VOTE.share * (same - axes.held)
+
+    def froze(self, index: int, value: Array) -> None:
+        """All of a sensor has said this for so long that it is frozen."""
+        axes = self.axes[index]
+        for axis in np.flatnonzero(np.isfinite(value)).tolist():
+            if axis not in axes.out:
+                self._frozen.append((axes, axis, float(value[axis])))
+
+    # Out, and in again
+
+    def _take_out(self, axes: Axes, axis: int, since: int, why: str) -> None:
+        axes.out[axis] = Out(since, why)
+        axes.refused_from.pop(axis, None)
+        axes.sums.forget(axis)
+        self._tell(axes.index, f"{axes.words[axis]} {why}: not believed any more")
+
+    def _ask(self, axes: Axes, event: Event) -> None:
+        """What those that are out would say, and whether they agree by now."""
+        now = event.stamp
+        if now - axes.asked < VOTE.asked:
+            return
+        axes.asked = now
+        for axis, out in list(axes.out.items()):
+            value = float(event.value[axis])
+            out.same = out.same + 1 if value == out.value else 0
+            out.value = value
+            if not np.isfinite(value) or out.same >= VOTE.same:
+                out.agreed_from = 0
+                continue
+            found = self._adapter.innovation_of_axis(axes.channel, event, axis)
+            if not out.agreed_from or not found.nis <= axes.gate:
+                out.agreed_from, out.count, out.squares, out.total = now, 0, 0.0, 0.0
+                continue
+            out.count += 1
+            out.squares += found.nis
+            out.total += float(found.whitened[axis] * found.factor[axis, axis])
+            wait = axes.wait.get(axis, VOTE.agreed)
+            if now - out.agreed_from < wait:
+                continue
+            if out.squares > VOTE.agrees * out.count:
+                out.agreed_from = 0
+                continue
+            del axes.out[axis]
+            axes.wait[axis] = min(2 * wait, VOTE.longest)
+            self.returned.append((axes.index, axis, abs(out.total) / out.count))
+
+    # A vote
+
+    def due(self, now: int) -> bool:
+        """Whether something is to be decided."""
+        return bool(self._frozen or self._jumped) or (
+            self._alarm is not None
+            and self._heard > self._voted
+            and now - self._voted >= self._pause
+            and now - self._begun >= VOTE.settled
+            and self._others_there()
+        )
+
+    def decide(self, timeline: Timeline) -> None:
+        """Go back to before an axis froze; or take a vote, and if an axis is wrong, go back to before it was
+        believed."""
+        now = timeline.stamp
+        for axes, axis, value in self._frozen:
+            self._take_out(axes, axis, now, "is frozen")
+            self._undo(timeline, now - VOTE.look_back, axes, axis, value)
+        for axes, axis in self._jumped:
+            self._take_out(axes, axis, now - VOTE.redone_after_jump, "jumped away from all others")
+            self._undo(timeline, now - VOTE.redone_after_jump, axes, axis)
+        if self._frozen or self._jumped:
+            self._frozen.clear()
+            self._jumped.clear()
+            return
+        since = max(self._alarm or 0, now - VOTE.look_back)
+        if now - since > VOTE.urgent:
+            self._pause = min(2 * self._pause, VOTE.last_pause)
+        self._voted = now
+        self.votes += 1
+        everybody = self._scores(timeline, since, None)
+        if everybody is None:
+            return
+        found: list[Found] = []
+        for axes in self.axes.values():
+            within = [a for a in np.flatnonzero(axes.there).tolist() if a not in axes.out]
+            loud = axes.sums.far()[SHORT].max() > VOTE.own
+            if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
+                continue
+            found += [self._without(timeline, since, everybody, axes, [a]) for a in within]
+        if not found:
+            return
+        best = max(found, key=lambda one: one.gain)
+        enough, suspect = VOTE.gain, VOTE.suspect
+        if best.axes.sums.far()[SHORT, best.left[0]] > VOTE.own:
+            enough = suspect = VOTE.gain_with_own
+        if best.gain < suspect or best.disagreement > VOTE.disagree:
+            return
+        self._pause = VOTE.first_pause
+        if best.gain < enough:
+            return
+        self._alarm = None
+        # Who is nearly as suspect as the worst may be the one: to do without both costs little, to believe one much.
+        for one in found:
+            if one.gain > max(suspect, VOTE.nearly * best.gain) and one.disagreement <= VOTE.disagree:
+                self._take_out(one.axes, one.left[0], since, "contradicts the others")
+                self._undo(timeline, since, one.axes, one.left[0])
+        self._loud.clear()
+        for others in self.axes.values():
+            others.sums.clear()
+
+    def _undo(self, timeline: Timeline, since: int, axes: Axes, axis: int, value: float | None = None) -> None:
+        """Go on from a time as if an axis had not said anything, or not this value."""
+        for event in timeline.rewind(since):
+            if event.sensor == axes.index and (value is None or event.value[axis] == value):
+                event.value = event.value.copy()
+                event.value[axis] = np.nan
+
+    def _without(
+        self, timeline: Timeline, since: int, everybody: dict[int, Array], axes: Axes, left: list[int]
+    ) -> Found:
+        """What the others say without some axes of a sensor."""
+        without = self._scores(timeline, since, (axes.index, left))
+        found = Found(-np.inf, np.inf, axes, left)
+        if without is None:
+            return found
+        gain, disagreement = 0.0, 0.0
+        for index, score in everybody.items():
+            if index in self._no_vote:
+                continue
+            pair = np.array([score, without[index]])
+            if index == axes.index:
+                pair = np.delete(pair, left, axis=2)
+            gain += float((pair[0, 0] - pair[1, 0]).sum())
+            _, squares, count = pair[1].sum(axis=1).tolist()
+            disagreement = max(disagreement, squares / max(count, 1.0))
+        return Found(gain, disagreement, axes, left)
+
+    def _scores(self, timeline: Timeline, since: int, without: tuple[int, list[int]] | None) -> dict[int, Array] | None:
+        """Of each sensor (3, m): Σ (w² + 2 ln d), Σ w² and number of each component since a time, if some axes of one
+        sensor had not been there."""
+        scores: dict[int, Array] = {}
+
+        def act(event: Event) -> None:
+            channel = timeline.channels[event.sensor]
+            if channel.by_hand:
+                self._by_hand(event)
+                return
+            if channel.first_input is not None:
+                self._adapter.give(channel, event)
+                return
+            axes = self.axes.get(event.sensor)
+            if without is not None and event.sensor == without[0]:
+                event = replace(event, value=event.value.copy())
+                event.value[without[1]] = np.nan
+            if axes is None:
+                found = self._adapter.correct(channel, event)
+            else:
+                found = self._adapter.correct_inertial(channel, event, axes.gate)
+            score = scores.setdefault(event.sensor, np.zeros((3, len(found.whitened))))
+            if axes is None or not found.nis > axes.gate:
+                _score(score, found)
+                return
+            for _, alone in self._adapter.correct_by_axis(channel, event, axes.gate):
+                _score(score, alone)
+
+        return scores if timeline.again(since, act) else None
+
+
+def _score(score: Array, found: Innovation) -> None:
+    if found.nis < 0:
+        return
+    whitened, deviation = found.whitened, found.factor.diagonal()
+    there = whitened == whitened
+    squares = np.minimum(whitened[there] ** 2, VOTE.largest_square)
+    score[0, there] += squares + 2 * np.log(np.maximum(deviation[there], 1e-9))
+    score[1, there] += squares
+    score[2, there] += 1.0

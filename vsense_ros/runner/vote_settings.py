@@ -1,0 +1,65 @@
+"""When an axis of an inertial sensor counts as wrong, and when it is believed again.
+
+The limits were chosen on the committed bags and on the recordings of a Genesis and a RAV4, such that no axis is left
+out where nothing is wrong, and every fault of `vsense faults` is named before it moves the lateral velocity by 0.3 m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class VoteSettings:
+    """Times are in ns, as stamps are; sums of whitened innovations in their standard deviations."""
+
+    # A jump: refusals in a row, or a sum of one or two blocks.
+    refused_for: int = 20_000_000  # [ns] of refusals in a row, and
+    refusals: int = 3  # at least so many, after which an axis has jumped: no single outlier does that
+    streak: int = 50_000_000  # [ns] after which a refusal does not belong to those before
+    block: int = 20_000_000  # [ns] in which innovations are summed
+    rows: int = 128  # messages in a block at most
+    jump: float = 9.5  # [-] sum of one block or two: the axis has jumped away from what all others measure
+    redone_after_jump: int = 200_000_000  # [ns] that are filtered again without the axis then
+
+    # An alarm: a sum of 0.2 s or 1 s, or a sensor that is refused at large.
+    alarm: float = 4.5  # [-]
+    calm: float = 3.0  # [-] mean normalized innovation squared per component of a sensor that agrees
+    loud: float = 6.0  # [-] the same, within a second, that is an alarm
+    settled: int = 2_000_000_000  # [ns] from the start without a vote: what nobody knows yet is not one axis's fault
+
+    # A vote.
+    first_pause: int = 100_000_000  # [ns] from a vote that decided nothing to the next one; twice as long each time, up
+    last_pause: int = 1_000_000_000  # [ns] to this
+    urgent: int = 1_000_000_000  # [ns] after the alarm, from which on pauses grow
+    before: int = 200_000_000  # [ns] before the alarm, from which on measurements are filtered again
+    look_back: int = 2_000_000_000  # [ns] that this is at most
+    gain: float = 90.0  # [-] twice a logarithm of likelihoods: evidence of more than 10¹⁹ to 1
+    own: float = 7.0  # [-] an axis's own sum of 0.2 s, with which …
+    gain_with_own: float = 15.0  # [-] … this gain is enough
+    worth_a_vote: float = 0.0  # [-] gain of leaving out a whole sensor, below which its axes are not tried
+    disagree: float = 3.5  # [-] mean square of whitened innovations of a sensor that does not agree with the others
+    nearly: float = 0.35  # [-] share of the largest gain, from which on another axis may be the wrong one
+    suspect: float = 30.0  # [-] gain from which on an axis is asked about again soon
+    largest_square: float = 36.0  # [-] of a whitened innovation, beyond which it counts no more
+
+    # No noise.
+    frozen: int = 20  # equal values in a row, of an axis that has noise
+    looks: int = 10  # values from one look for frozen axes to the next
+    lively: float = 0.2  # [-] share of values that equal the one before, up to which an axis has noise
+    share: float = 0.03  # [-] weight of the newest such share in their mean
+
+    # Return of an axis that is left out.
+    asked: int = 10_000_000  # [ns] from one innovation of the axis to the next
+    same: int = 10  # times that it may repeat its value
+    agreed: int = 1_000_000_000  # [ns] that it has to agree the first time; twice as long each time, up
+    longest: int = 60_000_000_000  # [ns] to this
+    agrees: float = 4.0  # [-] mean normalized innovation squared meanwhile
+
+    @property
+    def remembered(self) -> float:
+        """How far a timeline has to be able to go back [s]: a vote, with a margin for the distance of checkpoints."""
+        return 1.25 * self.look_back * 1e-9
+
+
+VOTE = VoteSettings()
