@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from vsense_ros.navigation.navigator import used_sensors
 
 from marks import exam_except
 from vsense_ros import codegen
@@ -24,6 +23,7 @@ from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import GnssAttitude
 from vsense_ros.model.vehicle import Vehicle
+from vsense_ros.navigation.aided import usable
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.catalogue import DEFINITIONS, FILTERS
 
@@ -89,7 +89,7 @@ def test_a_filter_that_cannot_be_written_is_refused_with_its_reason(name: str, t
 def test_a_filter_in_c_begins_as_that_in_python(name: str, tmp_path: Path) -> None:
     filters.write(car(), name, tmp_path)
     library = compiled(tmp_path, FLAGS, filters.sources(name, tmp_path))
-    definition, numbers = DEFINITIONS[name][1], car_numbers(car(), used_sensors(car()).values())
+    definition, numbers = DEFINITIONS[name][1], car_numbers(car(), usable(car().sensing()).values())
     ours, there = definition.make(numbers), definition.make(numbers)
     ours.start(definition.start(numbers))
     memory = np.full(len(ours.memory), np.nan)

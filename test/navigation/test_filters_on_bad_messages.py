@@ -18,7 +18,7 @@ from vsense_ros.messages.diagnostic import Level
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.runner import Runner
-from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, run
 from vsense_ros.runner.smoothing import run_smoothed
 
@@ -117,7 +117,7 @@ def test_a_receiver_that_freezes_is_refused_and_told(car: Vehicle) -> None:
 
 def test_nothing_starts_before_the_car_moves_and_that_is_told(car: Vehicle) -> None:
     drive = SineDrive(30.0, stands=10.0)
-    runner = Runner(car, make=FILTERS["inertial"].make)
+    runner = Runner(car, make=every_filter()["inertial"].make)
     for sample in drive.recording().samples():
         runner.add(sample)
         if sample.stamp - 1_600_000_000_000_000_000 > 5e9:
@@ -145,7 +145,7 @@ def test_a_filter_without_its_sensor_is_refused_with_its_name(car: Vehicle) -> N
     with pytest.raises(
         InputError, match="'triple_kkf' needs the input spin_rear_left, of a sensor that tells 'rolling"
     ):
-        Runner(poor, make=FILTERS["triple_kkf"].make)
+        Runner(poor, make=every_filter()["triple_kkf"].make)
 
 
 @pytest.mark.slow

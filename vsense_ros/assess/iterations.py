@@ -20,11 +20,11 @@ from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
 from vsense_ros.model.simulation.full_car import simulate_full_car
 from vsense_ros.model.vehicle import Vehicle
-from vsense_ros.runner import run
 from vsense_ros.observer.error_ekf import CarFilter
 from vsense_ros.observer.full_car import FullCarBlocks
 from vsense_ros.observer.implicit import ImplicitCar, accelerated
 from vsense_ros.observer.state import Prior
+from vsense_ros.runner import run
 
 Array = NDArray[np.float64]
 

@@ -167,6 +167,6 @@ def load_car(vehicle: str) -> Vehicle:
 
 def every_filter() -> Catalogue:
     """The filters of the multibody car and those of the GNSS/INS family."""
-    from vsense_ros.runner.catalogue import FILTERS
+    from vsense_ros.runner import catalogue
 
-    return FILTERS
+    return catalogue.every_filter()

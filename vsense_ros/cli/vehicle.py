@@ -140,7 +140,7 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import say, waiting
     from vsense_ros.runner import Runner
-    from vsense_ros.runner.catalogue import FILTERS
+    from vsense_ros.runner.catalogue import every_filter
 
     if codegen.compiler() is None:
         raise InputError(
@@ -150,7 +150,7 @@ def compile_models(vehicles: tuple[str, ...], chosen: str | None) -> None:
         car = load_car(name)
         began = time.perf_counter()
         with waiting(f"compiling {car.name}"):
-            Runner(car, None, FILTERS[chosen].make if chosen else None)
+            Runner(car, None, every_filter()[chosen].make if chosen else None)
         say(f"{car.name}: compiled in {time.perf_counter() - began:.1f} s, kept in {compiled_folder()}.")
 
 

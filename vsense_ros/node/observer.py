@@ -42,7 +42,7 @@ from vsense_ros.observer.catalogue import MakeFilter
 from vsense_ros.observer.implicit import ACCELERATED, accelerated
 from vsense_ros.observer.monitor import load_limits
 from vsense_ros.runner import Runner
-from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.catalogue import every_filter
 
 _MOST_FRAMES = 20  # that are told
 _PERCENTILES = (50, 90, 99, 99.9)
@@ -107,7 +107,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
         if p.accelerator:
             self._observer = Runner(car, origin, self._accelerated(car))
         else:
-            self._observer = Runner(car, origin, FILTERS[p.filter].make if p.filter else None)
+            self._observer = Runner(car, origin, every_filter()[p.filter].make if p.filter else None)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:

@@ -6,4 +6,7 @@ from vsense_ros.estimation.catalogue import Catalogue
 from vsense_ros.navigation.catalogue import FILTERS as NAVIGATION
 from vsense_ros.observer.catalogue import FILTERS as CARS
 
-FILTERS = Catalogue([*CARS, *NAVIGATION])
+
+def every_filter() -> Catalogue:
+    """All filters that there are by now: others may have been added to the catalogues of both families."""
+    return Catalogue([*CARS, *NAVIGATION])

@@ -15,7 +15,7 @@ from vsense_ros.messages.recording import Channel, Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.observer.estimate import BALANCE
 from vsense_ros.runner.adapter import Adapter, MakeFilter
-from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.runner import Runner
 
 
@@ -46,7 +46,7 @@ def run(
     is called with the share done, 0 to 1. Raises `InputError` if the recording has none of the vehicle's sensors, or
     the filter never starts.
     """
-    runner = Runner(vehicle, recording.map_origin, make or (FILTERS[name].make if name else None))
+    runner = Runner(vehicle, recording.map_origin, make or (every_filter()[name].make if name else None))
     present = topics_in(recording, runner.topics)
     total = sum(len(recording[t]) for t in present)
     interval = int(0.999e9 / rate)

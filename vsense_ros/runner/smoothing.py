@@ -19,7 +19,7 @@ from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.aided import Aided
 from vsense_ros.navigation.motion import Snapshot
-from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.run import Run, as_recording, never_started, topics_in
 from vsense_ros.runner.runner import Runner
 
@@ -37,7 +37,7 @@ def run_smoothed(
     """Run the filter `name`, each estimate given the whole recording (Rauch, Tung & Striebel 1965), or `lag` [s] of it
     after the estimate. Raises `InputError` as `run` does, and for a filter that is not one state space."""
     done = progress or (lambda share: None)
-    runner = Runner(vehicle, recording.map_origin, FILTERS[name].make)
+    runner = Runner(vehicle, recording.map_origin, every_filter()[name].make)
     ekf = single_ekf(runner)
     if ekf is None:
         raise InputError(

@@ -22,7 +22,7 @@ from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.navigation.car_numbers import STRAIGHT
 from vsense_ros.navigation.motion import Snapshot
 from vsense_ros.navigation.space import MOTION
-from vsense_ros.runner.catalogue import FILTERS
+from vsense_ros.runner.catalogue import every_filter
 from vsense_ros.runner.kinematic import KinematicAdapter
 from vsense_ros.runner.run import never_started, topics_in
 from vsense_ros.runner.runner import Runner
@@ -70,7 +70,7 @@ def told(
     recording: Recording, vehicle: Vehicle, name: str, progress: Callable[[float], None] = lambda share: None
 ) -> Told:
     """Raises `InputError` if the recording has none of the vehicle's sensors, or the filter never starts."""
-    runner = Runner(vehicle, recording.map_origin, FILTERS[name].make)
+    runner = Runner(vehicle, recording.map_origin, every_filter()[name].make)
     adapter = runner.adapter
     if not isinstance(adapter, KinematicAdapter):
         raise InputError(f"the filter {name} is none of GNSS and inertial sensors, of which this is computed")
