@@ -196,7 +196,8 @@ class Kernel:
     call: Callable[[], None]
 
     def entry(self) -> Entry | None:
-        """The same for C, or None if the function is not compiled. It is valid as long as the kernel lives."""
+        """The kernel for calls from C, or None if the function is not compiled. It is valid as long as the kernel
+        lives."""
         function, arguments = self._keep
         path = _libraries.get(function)
         if path is None:

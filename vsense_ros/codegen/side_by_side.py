@@ -110,8 +110,8 @@ def packed(values: Values, names: list[str], alike: Alike) -> Packing:
 
 
 def _shapes(values: Values, names: list[str], alike: Alike) -> tuple[list[int], list[int]]:
-    """Of each value a number that is the same for expressions of the same form, and the corners that it depends on, a
-    bit for each."""
+    """Two numbers for each value: one that is equal for expressions of equal form, and the corners that the value
+    depends on, a bit for each."""
     shapes, corners = [0] * len(values.operations), [0] * len(values.operations)
     for i, operation in enumerate(values.operations):
         if operation == INPUT:

@@ -45,7 +45,7 @@ def identifier(
     noise: Noise | None = None,
     **more: Sequence[float] | Array,
 ) -> Identifier:
-    """Of the model, with values for all its parameters by name."""
+    """An identifier of the model, with values for all its parameters by name."""
     peak = best_4dof.curves(values).max(axis=1)[:, None]
     scales: Sequence[float] | Array = more.pop("scales", prior(values, free) / PRIOR)
     return Identifier(

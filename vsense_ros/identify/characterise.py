@@ -85,7 +85,8 @@ class Characteristics:
 
 
 def characterise(title: str, drives: Sequence[DriveSignals], vehicle: Vehicle | None) -> Characteristics:
-    """Of drives, which may be of different kinds; without a vehicle file there is no wheelbase, and less to be told.
+    """Characteristics of a car from drives, which may be of different kinds; without a vehicle file there is no
+    wheelbase, and fewer characteristics can be determined.
 
     Raises `InputError` where their steering was not read at the same place.
     """
@@ -422,7 +423,7 @@ def _frequency_response(found: Characteristics, drives: Sequence[DriveSignals], 
 
 
 def _is_narrow(drive: DriveSignals) -> bool:
-    """Whether it is a test whose steering has one frequency or none."""
+    """True if a drive is a test whose steering has one frequency or none."""
     return drive.wheels is not None and drive.name.startswith(("straight", "winding"))
 
 

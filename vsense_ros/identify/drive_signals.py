@@ -48,7 +48,7 @@ def reading_over_angle(vehicle: Vehicle, *, at_steering_wheel: bool) -> float:
 
 
 def of_trajectory(name: str, drive: Trajectory, vehicle: Vehicle) -> DriveSignals:
-    """Of a simulated drive, whose instants are `STEP` apart, without any error."""
+    """Signals of a simulated drive, whose instants are `STEP` apart, without any error."""
     return DriveSignals(
         name,
         np.ones(len(drive.t), dtype=bool),
@@ -65,8 +65,8 @@ def of_trajectory(name: str, drive: Trajectory, vehicle: Vehicle) -> DriveSignal
 
 
 def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
-    """Of a recording: sensors as they are, speed and side slip from the reference where it has one, else the speed by
-    GNSS. The vehicle file tells how the IMU is mounted and where the reference sits.
+    """Signals of a recording: sensors as they are, speed and side slip from the reference where it has one, else the
+    speed by GNSS. The vehicle file gives the mounting of the IMU and the place of the reference.
 
     Raises `InputError` for a recording without steering, without a speed over ground or without a yaw rate.
     """

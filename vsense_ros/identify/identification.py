@@ -261,9 +261,9 @@ def _noise(vehicle: Vehicle, model: Rates, least: Sequence[float]) -> list[float
 def handling_identifier(
     vehicle: Vehicle, model: ModelName, free: Sequence[str] = (), drives: Sequence[Drive] = ()
 ) -> tuple[Identifier, Array]:
-    """Of a handling model with the parameters of a vehicle file, of which some are free, then the errors of its
-    sensors; and the prior deviations of all these. The noise of the outputs is what `drives` say of it, or the vehicle
-    file. Raises `InputError` for a free one that the model does not have."""
+    """An identifier of a handling model with the parameters of a vehicle file, of which some are free, then the errors
+    of its sensors; and the prior deviations of all these. The noise of the outputs is estimated from `drives` if there
+    are any, else taken from the vehicle file. Raises `InputError` for a free parameter that the model does not have."""
     how = MODELS[model]
     base = how.make()
     wanted = tuple(free) or how.free
@@ -384,7 +384,7 @@ def _curves(start: Mapping[str, float], model: str) -> Any:
 def fits(
     made: Identification, model: WithSensorErrors, drives: Sequence[Drive]
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """Of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it
+    """Fit of the model alone, before and after: 1 - standard deviation of the error / that of the output, NaN where it
     cannot follow. A mean error is an offset of the sensor."""
     found: dict[str, dict[str, tuple[float, float]]] = {}
     errors = {name: value for name, value in made.values.items() if name in STEERING}

@@ -34,12 +34,13 @@ _STEP = 1e-4  # of a prior deviation, for slopes of curves
 
 
 def unit_of(name: str) -> str:
-    """Of a parameter of a handling model."""
+    """Unit of a parameter of a handling model."""
     return next((unit for key, unit in UNITS.items() if key in name), "-")
 
 
 def rows(found: Identification) -> list[tuple[str, str, str, str, str, str]]:
-    """Of the free parameters and the errors of the sensors: name, before, after, standard deviation, unit, verdict."""
+    """Rows for the free parameters and the errors of the sensors: name, before, after, standard deviation, unit,
+    verdict."""
     refused = {refusal.name: refusal for refusal in found.refused}
     made = []
     for name, value, deviation in zip(found.found.names, found.found.values, found.found.deviations, strict=True):

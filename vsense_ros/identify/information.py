@@ -27,7 +27,8 @@ CORRELATED = 0.9  # correlation from which on two parameters are named together
 
 @dataclass(frozen=True)
 class Information:
-    """Of the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D (p, p).
+    """Information about the parameters `names` at `values` (p,), with prior deviations (p,): `scaled` information D I D
+    (p, p).
 
     Where the slopes of the log-likelihood of the pieces of the drives are known, `pieces` (c, p), scaled likewise,
     deviations are those of an estimate by a model that is not right, if they are larger (White 1982).
@@ -42,7 +43,7 @@ class Information:
 
     @property
     def covariance(self) -> Array:
-        """Of the parameters, prior and drive together (p, p)."""
+        """Covariance of the parameters, prior and drive together (p, p)."""
         inverse = np.linalg.inv(self.scaled + np.eye(len(self.names)))
         return self.prior[:, None] * inverse * self.prior
 
@@ -53,7 +54,7 @@ class Information:
 
     @property
     def left(self) -> Array:
-        """Of the prior deviation, (p,)."""
+        """Share of the prior deviation that remains, (p,)."""
         return self.deviations / self.prior
 
     @property
@@ -99,7 +100,7 @@ class Information:
         return Direction(vectors[:, 0], float(values[0]), tuple(self.names[i] for i in stay))
 
     def without(self, name: str) -> Information:
-        """The same if one parameter were known, and is as it is."""
+        """The information if one parameter were known, at its present value."""
         stay = [i for i, one in enumerate(self.names) if one != name]
         square = np.ix_(stay, stay)
         return Information(

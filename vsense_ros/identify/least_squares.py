@@ -56,7 +56,7 @@ class ResidualFunction(Protocol):
         `instead`. Raises `DivergedError` where it diverges and there is nothing instead."""
 
     def diverged(self, parameter_set: ParameterSet) -> Sequence[bool]:
-        """Whether the simulation diverges in each block."""
+        """True for each block in which the simulation diverges."""
 
 
 @dataclass(frozen=True)
@@ -363,9 +363,8 @@ def _weight(settings: Settings, first: Fit | None, at: Fit) -> float:
 
 
 def _best_start(residuals: ResidualFunction, start: ParameterSet, free_parameters: Sequence[FreeParameter]) -> Array:
-    """Of the offsets that a fit may begin from those that fit best, (k,): the first of each free parameter, the second
-    of each, and so on; a parameter that has fewer stays at its first. Raises `DivergedError` if none can be
-    simulated."""
+    """The best of the offsets at which a fit may begin, (k,): the first of each free parameter, the second of each, and
+    so on are tried; a parameter that has fewer stays at its first. Raises `DivergedError` if none can be simulated."""
     found: list[tuple[float, Array]] = []
     for i in range(max((len(parameter.starts) for parameter in free_parameters), default=1)):
         begin = np.array([p.starts[i] if i < len(p.starts) else p.starts[0] for p in free_parameters])

@@ -43,7 +43,7 @@ class Innovations(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """Of each sample, (N,), without its constant."""
+        """Logarithm of the likelihood of each sample, (N,), without its constant."""
         squares = np.einsum("ki,kij,kj->k", self.value, np.linalg.inv(self.covariance), self.value)
         return -0.5 * (squares + np.linalg.slogdet(self.covariance)[1])
 
@@ -62,8 +62,8 @@ class _Disturbed(Integrated):
 
 
 class Likelihood:
-    """Of the free parameters of an identifier, with its model; and of factors of the noise in `noisy` states and in all
-    outputs, whose logarithms are the `factors` (q,)."""
+    """Likelihood of the free parameters of an identifier, with its model; and of factors of the noise in `noisy` states
+    and in all outputs, whose logarithms are the `factors` (q,)."""
 
     def __init__(self, identifier: Identifier) -> None:
         self.identifier = identifier
@@ -92,7 +92,8 @@ class Likelihood:
         return np.array([known.get(name, 0.0) if "noise_" in name else known[name] for name in self._parameters])
 
     def innovations(self, drive: Drive, values: Array, factors: Array | None = None) -> Innovations:
-        """Of a drive with these parameters (p,). Raises `FloatingPointError` where the filter cannot go on."""
+        """Innovations of a drive with these parameters (p,). Raises `FloatingPointError` where the filter cannot go
+        on."""
         factors = self.factors if factors is None else factors
         n, m, fixed = self._n, self._m, self._of(values, factors)
         variance = self._variance * np.exp(2 * factors[len(self.noisy) :])

@@ -89,12 +89,12 @@ class Found:
 
     @property
     def determined(self) -> bool:
-        """Whether the recordings say something about it."""
+        """True if the recordings determine it."""
         return self.deviation < DETERMINED * PRIOR
 
     @property
     def at_bound(self) -> bool:
-        """Whether it would have gone further."""
+        """True if it has reached its bound."""
         return bool(abs(np.log(self.after / self.before)) > 0.99 * BOUND)
 
 
@@ -192,7 +192,7 @@ def tune(
 def _innovations_of(
     pool: Executor, cars: Sequence[Vehicle], recordings: int, progress: Progress | None
 ) -> list[list[Innovations]]:
-    """Of each car, on the first so many recordings, by sensor and recording."""
+    """Innovations of each car, on the first so many recordings, by sensor and recording."""
     asked = [[pool.submit(_innovations, i, car) for i in range(recordings)] for car in cars]
     found: list[list[Innovations]] = []
     for i, of_car in enumerate(asked):
@@ -238,7 +238,7 @@ def maximise(
         return [[one.at(stamp) for one, stamp in zip(of, stamps, strict=True)] for of in evaluate(points, done)]
 
     def rise(there: Array, found: Sequence[Innovations]) -> float:
-        """Of the log-likelihood and the prior together, from where it is, doubled."""
+        """Twice the rise of log-likelihood and prior together, from the present values."""
         both = [of & one.there & other.there for of, one, other in zip(credible, now, found, strict=True)]
         before, after = (_minus_twice_log_likelihood(of, both) for of in (now, found))
         return before - after + float(np.sum((here / deviations) ** 2) - np.sum((there / deviations) ** 2))
@@ -281,7 +281,7 @@ _Mask = NDArray[np.bool_]
 
 
 def _minus_twice_log_likelihood(found: Sequence[Innovations], credible: Sequence[_Mask]) -> float:
-    """Of innovations: what is minimised, as squared residuals are in least squares."""
+    """Minus twice the log-likelihood of innovations, which is minimised as squared residuals are in least squares."""
     return -2.0 * sum(float(i.log_density()[of].sum()) for i, of in zip(found, credible, strict=True))
 
 

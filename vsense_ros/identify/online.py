@@ -37,15 +37,16 @@ _AT_MOST = 100  # steps that one message may bring about
 
 
 def fingerprint(vehicle: Vehicle) -> str:
-    """Of the car that a vehicle file describes: its name and its physics."""
+    """Fingerprint of the car that a vehicle file describes: of its name and its physics."""
     return sha256(f"{vehicle.name}\n{vehicle.physics.model_dump_json()}".encode()).hexdigest()[:16]
 
 
 class OnlineIdentification:
-    """Of one vehicle. `add` takes messages in order of arrival; `sample` is what is published; `save` keeps it.
+    """Online identification of one vehicle. `add` takes messages in order of arrival; `sample` is what is published;
+    `save` keeps it.
 
-    Raises `InputError` for a vehicle whose sensors tell no steering angle, rates and forces, or rolling speed, and for
-    a stored set of another vehicle or another kind.
+    Raises `InputError` for a vehicle whose sensors do not measure steering angle, rates and forces, or rolling speed,
+    and for a stored set of another vehicle or another kind.
     """
 
     def __init__(self, vehicle: Vehicle, stored: Path | None = None) -> None:
@@ -177,7 +178,7 @@ class OnlineIdentification:
             self.stamp = 0
 
     def belief(self) -> Gaussian:
-        """Of the parameters (p,)."""
+        """Mean and covariance of the parameters (p,)."""
         if not self.stamp:
             return self._belief
         found, n = self._filter.belief(), self._states

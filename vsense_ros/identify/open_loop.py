@@ -17,10 +17,10 @@ from vsense_ros.identify.rinsing import SENSOR, Drive
 
 
 class OpenLoop:
-    """Of a model with values for all its parameters, of which some are `free`.
+    """Open-loop simulation of a model with values for all its parameters, of which some are `free`.
 
-    An extended filter without measurements carries the derivatives in its covariance: where that of the parameters is
-    1 and nothing disturbs the state, the covariance of state and parameters is the derivative of the one by the other.
+    An extended filter without measurements carries the derivatives in its covariance: where that of the parameters is 1
+    and nothing disturbs the state, the covariance of state and parameters is the derivative of the one by the other.
     """
 
     def __init__(self, model: Rates, values: Mapping[str, float], free: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ class ParameterSet:
     values: Values
 
     def changed(self, changes: Values) -> ParameterSet:
-        """The same with some numbers changed or added."""
+        """This set with some numbers changed or added."""
         return ParameterSet({**self.values, **changes})
 
 
@@ -57,7 +57,7 @@ def rounded(value: float, digits: int) -> float:
 
 
 def _numbers(node: Any, name: str = "") -> Iterator[tuple[str, Any, str | int]]:
-    """Of each number below a node of a vehicle file: its name, what holds it, and its key there."""
+    """All numbers below a node of a vehicle file: the name of each, what holds it, and its key there."""
     keys: Iterator[tuple[str | int, Any]] = iter(node.items() if isinstance(node, dict) else enumerate(node))
     for key, value in keys:
         path = f"{name}{key}"

@@ -34,8 +34,9 @@ _STRAIGHT, _STEADY = 0.02, 0.5  # [rad/s], [m/s²] up to which a car is taken to
 
 @dataclass(frozen=True)
 class Signals:
-    """Of one recording on common instants `t` (N,) [s]: road-wheel angle (N,), wheel spins (N, 4), speed (N,),
-    accelerations and rates at the centre of gravity in the axes of the car (N, 3); None where no sensor tells."""
+    """Signals of one recording on common instants `t` (N,) [s]: road-wheel angle (N,), wheel spins (N, 4), speed
+    (N,), accelerations and rates at the centre of gravity in the axes of the car (N, 3); None where no sensor
+    measures them."""
 
     name: str
     t: Array
@@ -190,7 +191,8 @@ def left_by(cut_off: float, taken_away: Array) -> Array:
 
 
 def cut_off_of(one: Signals, stretch: slice) -> float:
-    """Of the low-pass [Hz]: lower for everyday driving, in which slip is small beside the noise of the wheels."""
+    """Cut-off frequency of the low-pass [Hz]: lower for everyday driving, in which slip is small beside the noise of
+    the wheels."""
     return EVERYDAY_CUT_OFF if _strongest(one, stretch) < EVERYDAY else CUT_OFF
 
 

@@ -119,15 +119,15 @@ class Schedule:
         return max(self.first * self.ratio**index, self.least)
 
     def deviations(self, index: int, scales: Array) -> Array:
-        """Of the free parameters before this pass, (p,)."""
+        """Deviations of the free parameters before this pass, (p,)."""
         return self.share(index) * scales
 
     def may_end(self, index: int) -> bool:
-        """Whether a pass in which nothing moves may be the last."""
+        """True if a pass in which nothing moves may be the last."""
         return self.share(index) <= self.least
 
     def variance(self, before: Pass | None, outputs: Sequence[float]) -> Array:
-        """Of the outputs (m,), after the pass before."""
+        """Variance of the outputs (m,), after the pass before."""
         return np.square(np.asarray(outputs, dtype=float))
 
 
@@ -141,15 +141,15 @@ class Literal2016(Schedule):
     ends: bool = False  # where the curves stand still
 
     def deviations(self, index: int, scales: Array) -> Array:
-        """Of the free parameters before this pass, (p,)."""
+        """Deviations of the free parameters before this pass, (p,)."""
         return LITERAL_DENSITY**0.5 * np.array(self.units)
 
     def may_end(self, index: int) -> bool:
-        """Whether a pass in which nothing moves may be the last."""
+        """True if a pass in which nothing moves may be the last."""
         return self.ends
 
     def variance(self, before: Pass | None, outputs: Sequence[float]) -> Array:
-        """Of the innovations of the pass before."""
+        """Variance of the innovations of the pass before, (m,)."""
         return super().variance(None, outputs) if before is None else before.variance
 
 

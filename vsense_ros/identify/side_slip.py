@@ -77,7 +77,7 @@ class SideSlipResiduals:
                 self._jobs(vehicle)
 
     def diverged(self, parameter_set: ParameterSet) -> list[bool]:
-        """Whether there can be no such vehicle, for each recording."""
+        """True for each recording if there can be no such vehicle."""
         return [self._with(parameter_set) is None] * len(self._recordings)
 
     def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
@@ -168,7 +168,7 @@ def side_slip_error(vehicle: Vehicle, recording: Recording) -> Array:
 
 
 def rmse(errors: Sequence[Array]) -> tuple[float, ...]:
-    """Of each recording, without the mean error of all [rad]."""
+    """Root mean square error of each recording, without the mean error of all [rad]."""
     mean = _mean(errors)
     return tuple(float(np.sqrt(np.mean((error - mean) ** 2))) for error in errors)
 

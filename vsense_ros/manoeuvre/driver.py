@@ -43,7 +43,7 @@ def wheelbase(vehicle: Vehicle) -> float:
 
 
 def cornering_stiffness(axle: Axle, load: float) -> float:
-    """Of both tyres of an axle, each under `load` [N]; [N/rad]."""
+    """Cornering stiffness of both tyres of an axle together, each under `load` [N]; [N/rad]."""
     return 2 * float(axle.tyre.cornering_stiffness_at(load))
 
 

@@ -96,8 +96,8 @@ class RoadSurface(Surface):
         return i, ahead, left
 
     def _beside(self, i: int, x: float, y: float) -> tuple[float, float]:
-        """Of the arc that begins at the i-th point: the way along it to a place's foot, and the place's distance to its
-        left [m]."""
+        """Position beside the arc that begins at the i-th point: the way along the arc to the foot of a place, and the
+        place's distance to its left [m]."""
         c, s, curvature = cos(self._heading[i]), sin(self._heading[i]), self._curvature[i]
         dx, dy = x - self._x[i], y - self._y[i]
         u, v = c * dx + s * dy, c * dy - s * dx

@@ -51,13 +51,13 @@ def left_turn(radius: float, degrees: float, *, grade: float = 0.0, bank: float 
 
 
 def right_turn(radius: float, degrees: float, *, grade: float = 0.0, bank: float = 0.0) -> Piece:
-    """The same to the right."""
+    """Track that turns right by `degrees` on a circle of `radius` [m]."""
     return left_turn(radius, -degrees, grade=grade, bank=bank)
 
 
 def with_clothoids(pieces: Sequence[Piece], length: float) -> list[Piece]:
-    """The same track with a clothoid of `length` [m] across each jump of the curvature, half of it before the jump and
-    half behind: an arc after a straight asks for a jump of the lateral acceleration, which no driver can follow.
+    """A track with a clothoid of `length` [m] across each jump of the curvature, half of it before the jump and half
+    behind: an arc after a straight asks for a jump of the lateral acceleration, which no driver can follow.
 
     Length and changes of heading stay what they were; positions move by about `length`² / (24 radius) at each jump.
     Raises `ValueError` where a piece is shorter than its clothoids.

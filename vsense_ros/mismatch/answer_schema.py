@@ -38,7 +38,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def with_(self, **changes: Any) -> Self:
-        """The same with other values, which are checked."""
+        """A copy with other values, which are checked."""
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
     def as_json(self) -> dict[str, Any]:
@@ -320,7 +320,7 @@ class ObserverFigures(_Part):
 
 
 class ObserverComparison(_Part):
-    """Whether the observer is better with what was found."""
+    """Comparison of the observer with the nominal and with the extended model."""
 
     recordings: tuple[str, ...] = _field("The recordings that it was judged on.")
     held_out: bool = _field("Whether these were held out of all fits.")

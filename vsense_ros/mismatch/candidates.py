@@ -92,7 +92,7 @@ class Candidate:
 
     @property
     def along_road(self) -> bool:
-        """Whether it has a profile: a size for every place of the road."""
+        """True if it has a profile: a size for every place of the road."""
         return bool(self.places)
 
     @property

@@ -106,24 +106,24 @@ def chosen(parts: Sequence[Array], rows: Sequence[NDArray[np.bool_]]) -> list[Ar
 
 
 def odd(window: Window) -> NDArray[np.bool_]:
-    """Whether each instant of a window that is compared is on an odd piece of the road."""
+    """True for each compared instant of a window that is on an odd piece of the road."""
     return np.asarray(places(window) // SPACING % 2 == 1)
 
 
 def tells_its_pieces(dataset: Dataset) -> bool:
-    """Whether a road is long enough to be proven by its pieces: what one manoeuvre leaves over lasts for a few of
+    """True if a road is long enough to be validated by its pieces: the residuals of one manoeuvre last for a few of
     them."""
     return len(dataset.points) >= PIECES * len(dataset.by_recording())
 
 
 def pieces_alone_tell(dataset: Dataset) -> bool:
-    """Whether nothing but its pieces can prove the road: no place is met twice, in one recording or in several long
-    ones. Of several short ones, folds are recordings."""
+    """True if nothing but its pieces can validate the road: no place is met twice, in one recording or in several long
+    ones. If there are several short ones, folds are recordings."""
     return passed_once(dataset.windows) and (len(dataset.by_recording()) == 1 or tells_its_pieces(dataset))
 
 
 def passed_once(windows: Sequence[Window]) -> bool:
-    """Whether most of the road is passed once, so that no window tells what another one meets on its way."""
+    """True if most of the road is passed once, so that no window predicts what another one meets on its way."""
     times = Counter(point for window in windows for point in passed(window))
     return 2 * sum(count == 1 for count in times.values()) > len(times)
 

@@ -308,7 +308,8 @@ def _seen(name: str, size: float, test: Option) -> float:
 
 
 def _steered_truly(dataset: Dataset, motion: Trajectory) -> Dataset:
-    """The same without the noise of the steering angle, to which the models would respond although the car did not."""
+    """The dataset without the noise of the steering angle, to which the models would respond although the car did
+    not."""
     steering = {name for name, sensor in dataset.sensors.items() if sensor.kind == "steering"}
     windows = []
     for window in dataset.windows:

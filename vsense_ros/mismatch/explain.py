@@ -380,8 +380,8 @@ def _judged_with_further(
 
 
 def _with_final_sizes(search: Search, judged: Judged, validation: Validation) -> tuple[Judged, str]:
-    """The same verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then
-    still proven; or with another size at every place of the road, if that lasts better. If it does not last better, but
+    """The verdict with the sizes of the leader fitted once more, hardly drawn to zero any longer, if it is then still
+    proven; or with another size at every place of the road, if that predicts better. If it does not predict better, but
     brings the worst signal near a good model, also the name of that signal."""
     if judged.leader is None:
         return judged, ""

@@ -221,5 +221,5 @@ def _frequency(results: Sequence[Result]) -> dict[str, list[str]]:
 
 
 def _mark(result: Result, id: str) -> str:
-    """Whether an effect is named or ambiguous for a vehicle; empty for neither."""
+    """The verdict on an effect for a vehicle if its answer names it, else empty."""
     return result.found.verdict if id in {effect.id for effect in result.in_answer} else ""

@@ -51,7 +51,7 @@ class Objections:
         return self._found[e]
 
     def to_part(self, e: Hypothesis) -> str:
-        """The same, of an explanation that need not be all: what it leaves over may be something else, but not in the
+        """Objection to an explanation that need not be complete: its residual may be something else, but not in the
         signals that each of its effects changes most."""
         if e not in self._of_part:
             self._of_part[e] = self._of_gain(e) or (MIGHT_BE_ZERO if self._negligible(e) else "") or self._unmended(e)
@@ -65,7 +65,7 @@ class Objections:
         return ""
 
     def agreed(self, e: Hypothesis) -> bool:
-        """Whether signals and recordings agree in each of its effects."""
+        """True if signals and recordings agree in each of its effects."""
         most = self.thresholds.disagreement
         if len(e.effects) == 1:
             return self.validation.disagreement(e) < most
@@ -73,12 +73,12 @@ class Objections:
         return all(self.validation.disagreement(e, one) < most for one in known if one is not None)
 
     def mends_unseen(self, e: Hypothesis) -> bool:
-        """Whether held-out recordings as a whole, if there are any, are better with an explanation."""
+        """True if held-out recordings as a whole, if there are any, are better with an explanation."""
         unseen = self.validation.gain(e)
         return unseen is None or unseen > 0
 
     def _of_gain(self, e: Hypothesis) -> str:
-        """Whether it explains too little, or too little where it was not fitted."""
+        """Objection that it explains too little, or too little where it was not fitted; empty for none."""
         limits, proven = self.thresholds, self.validation.proven(e)
         asked = float(np.clip(limits.small_independent_share / max(e.independent_share, 1e-3), 1.0, limits.most_asked))
         least = self.least_gain * asked
@@ -100,7 +100,7 @@ class Objections:
         return ""
 
     def _of_size(self, e: Hypothesis) -> str:
-        """Whether its size may be zero, or it leaves too much over."""
+        """Objection that its size may be zero, or that its residual is too large; empty for none."""
         if any(not issubclass(EVERY[c.effect], RoadEffect) for c in self._negligible(e)):
             return MIGHT_BE_ZERO
         # That the road is not level or even, one size tells; what it is where may be another at every place.
@@ -119,7 +119,7 @@ class Objections:
         sizes, deviations, limits = e.sizes, e.deviations, self.thresholds
 
         def told(parameter: FreeParameter) -> bool:
-            """Whether it is worth telling, and zero outside of the interval that is told."""
+            """True if its size is worth reporting, and zero is outside of the reported interval."""
             size = sizes[parameter.name]
             low, high = interval(size, deviations[parameter.name], limits)
             return abs(size) >= limits.negligible_size * parameter.likely and not low <= 0.0 <= high

@@ -208,7 +208,7 @@ def _caption(answer: Answer, shown: Trace) -> str:
 
 
 def _first(answer: Answer) -> str:
-    """Of several answers the one with which the model is shown."""
+    """The answer with which the model is shown, if there are several."""
     if answer.verdict != "ambiguous" or not answer.effects:
         return ""
     return " and ".join(label(id) for id in fitted_with(answer, answer.effects[0].id))

@@ -227,7 +227,7 @@ def _curves(axes: Axes, trace: Trace) -> None:
 
 
 def _drifts(name: str) -> bool:
-    """Whether a signal is compared up to a constant and a slope."""
+    """True if a signal is compared up to a constant and a slope."""
     signal = compared_signals().get(name)
     return signal is not None and signal.drifting
 

@@ -51,12 +51,13 @@ class Residuals:
         self.predictor.foresee(parameter_sets)
 
     def diverged(self, parameter_set: ParameterSet) -> list[bool]:
-        """Whether the simulated car gets lost in each window."""
+        """True for each window in which the simulated car gets lost."""
         return self.predictor.lost(parameter_set)
 
     def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
-        """Of each window, (signals × instants,) in the order of `layout`; in standard deviations, and less where the
-        simulation has gone `FAR`. Once the simulated car is lost they are those of `instead`, if that is given.
+        """Residuals of each window, (signals × instants,) in the order of `layout`; in standard deviations, and less
+        where the simulation has gone `FAR`. Once the simulated car is lost they are those of `instead`, if that is
+        given.
 
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
@@ -72,11 +73,12 @@ class Residuals:
         ]
 
     def compared(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
-        """The same, of each window until a time [s]."""
+        """Residuals of each window until a time [s]."""
         return [rows.reshape(-1) for rows in self._until(parameter_set, until)]
 
     def _until(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
-        """Of each window (signals, instants) until `ASTRAY_BEFORE` its time [s]; no instants if those are few."""
+        """Residuals of each window (signals, instants) until `ASTRAY_BEFORE` its time [s]; no instants if those are
+        few."""
         result = []
         simulations = zip(self.predictor.measured, self.predictor.simulated(parameter_set), strict=True)
         for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):

@@ -243,7 +243,7 @@ class Search:
         return sorted(fitted, key=lambda e: e.score, reverse=True)
 
     def secants(self) -> Iterator[tuple[Candidate, list[Array]]]:
-        """Of each candidate with one size its secant at the base fit, per deviation, by window."""
+        """Secants at the base fit of the candidates with one size, per deviation, by window."""
         self._simulate_new(self.offered)
         for candidate in self.offered:
             if len(candidate.free_parameters) == 1:
@@ -260,7 +260,7 @@ class Search:
         return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
 
     def _possible(self, term: Candidate) -> bool:
-        """Whether a term is one that this car may have: a torque from one wheel of an axle to the other needs an axle
+        """True if a term is one that this car may have: a torque from one wheel of an axle to the other needs an axle
         that is driven, or brakes."""
         across = {parameter.name: axle_of_torque(parameter.name) for parameter in term.free_parameters}
         return all(axle is None or axle in self._driven for axle in across.values())
@@ -284,9 +284,9 @@ class Search:
         return self._refined_each(fitted)
 
     def exchanged(self, hypothesis: Hypothesis, known: Sequence[Hypothesis], share: float) -> list[Hypothesis]:
-        """Of several effects each exchanged for those that it is mistaken for, where that promises a `share` of what it
-        explains beside the others; and the others alone, where that was not known. Sets grow from the best, so that a
-        set may never have been fitted that explains as much as one that was."""
+        """Hypotheses in which each of several effects is exchanged for those that it is mistaken for, where that
+        promises a `share` of what it explains beside the others; and the others alone, where that was not known. Sets
+        grow from the best, so that a set may never have been fitted that explains as much as one that was."""
         self._simulate_new(self.offered)
         fitted = {frozenset(e.effects): e for e in sorted(known, key=lambda e: e.score)}
         single = [c for c in hypothesis.candidates if len(hypothesis.candidates) > 1 and not c.along_road]
@@ -408,8 +408,8 @@ class Search:
         return found
 
     def _may_vary(self, profile: Candidate, present: Sequence[Candidate]) -> bool:
-        """Whether a profile may be fitted with the candidates present: it would mend whatever another effect leaves, as
-        none is quite right, unless it was worth its many parameters alone."""
+        """True if a profile may be fitted with the candidates present: it would mend the residuals of any other effect,
+        as none is quite right, unless it was worth its many parameters alone."""
         if any(candidate.along_road for candidate in present) or not self._known_well:
             return False
         return not present or profile.name in self._varying
@@ -513,7 +513,7 @@ class Search:
 
     @cached_property
     def _in_pieces(self) -> bool:
-        """Whether a road can be proven by nothing but how its pieces foretell one another."""
+        """True if a road can be validated by nothing but how its pieces predict one another."""
         return pieces_alone_tell(self.residuals.predictor.dataset)
 
     @cached_property
@@ -529,7 +529,7 @@ class Search:
 
     @cached_property
     def _known_well(self) -> bool:
-        """Whether the recordings can prove a profile."""
+        """True if the recordings can validate a profile."""
         return not self._in_pieces or tells_its_pieces(self.residuals.predictor.dataset)
 
     def _folds_for(self, candidates: Sequence[Candidate]) -> Folds:
@@ -666,7 +666,7 @@ def _of_both_layers(likeliest: Sequence[tuple[float, Signature]]) -> list[tuple[
 
 
 def _mistaken(one: str, other: str) -> bool:
-    """Whether two effects, by their ids, are mistaken for each other."""
+    """True if two effects, by their ids, are mistaken for each other."""
     return other in EVERY[one].mistaken_for or one in EVERY[other].mistaken_for
 
 

@@ -69,7 +69,7 @@ def _description(window: Window, steering: Readings) -> Array:
 
 
 def _standardised(told: Sequence[Array]) -> list[Array]:
-    """The same with mean 0 and standard deviation 1 over all windows."""
+    """Values with mean 0 and standard deviation 1 over all windows."""
     every = np.concatenate(told)
     mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9)
     return [(one - mean) / deviation for one in told]

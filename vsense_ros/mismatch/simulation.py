@@ -189,7 +189,7 @@ class Predictor:
         return result
 
     def lost(self, parameter_set: ParameterSet) -> list[bool]:
-        """Whether the simulated car gets lost in each window."""
+        """True for each window in which the simulated car gets lost."""
         return [bool(np.isfinite(instant)) for instant in self.lost_from(parameter_set)]
 
     def lost_from(self, parameter_set: ParameterSet) -> list[float]:
@@ -200,7 +200,7 @@ class Predictor:
         return [self._lost_from(index, motion) for index, (motion, _, _) in enumerate(moved)]
 
     def _lost_from(self, index: int, motion: StateHistory) -> float:
-        """The same of one window."""
+        """The instant from which the simulated car is lost in one window [s], as `lost_from`."""
         begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
             return begin
@@ -212,7 +212,7 @@ class Predictor:
 
     @cached_property
     def _slipped(self) -> list[bool]:
-        """Whether wheels locked or spun in each window."""
+        """True for each window in which wheels locked or spun."""
         found = []
         for window in self.dataset.windows:
             slips = False
@@ -297,7 +297,7 @@ class Predictor:
 
     @cached_property
     def _curvature(self) -> list[Array]:
-        """Of the road in the middle of each step [1/m], by window."""
+        """Curvature of the road in the middle of each step [1/m], by window."""
         return [curvature(place, turned) for turned, place in self._way]
 
     @cached_property

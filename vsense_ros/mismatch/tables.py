@@ -249,12 +249,12 @@ def signal_rows(answer: Answer) -> list[SignalRow]:
 
 
 def proven(answer: Answer) -> bool:
-    """Whether errors on recordings that no fit has seen are known."""
+    """True if errors on recordings that no fit has seen are known."""
     return any(errors.held_out for errors in answer.fit.values())
 
 
 def changed(answer: Answer) -> bool:
-    """Whether something was added to the model, so that there is an error after beside the one before."""
+    """True if something was added to the model, so that there is an error after beside the one before."""
     return any(row.training.changed for row in signal_rows(answer))
 
 

@@ -97,7 +97,7 @@ class Validation:
         return self._until_lost(self.residuals, self.before, fitted)
 
     def training(self, fitted: Fit) -> tuple[list[Array], list[Array]]:
-        """The same on what was fitted."""
+        """Residuals before and after on the recordings that were fitted."""
         return self._until_lost(self.fitted, self.base.residuals, fitted)
 
     def simulated(self, fitted: Fit) -> list[dict[str, Array]]:
@@ -107,7 +107,8 @@ class Validation:
         return there.simulated() if there is not None else self.residuals.predictor.simulated(fitted.parameter_set)
 
     def by_pieces(self, fitted: Fit) -> bool:
-        """Whether a fit has found a road, and the held-out road is another, which is predicted by its own pieces."""
+        """True if a fit has estimated a road, and the held-out road is another, which is predicted by its own
+        pieces."""
         return self._road(fitted) is not None
 
     def _road(self, fitted: Fit) -> RoadPrediction | None:
@@ -233,9 +234,9 @@ class Validation:
     def _resized(
         self, before: Sequence[Array], after: Sequence[Array], layout: Sequence[Sequence[str]], of_others: float
     ) -> list[tuple[float, float]]:
-        """Of each window what the best multiple of a change in each of its signals would gain besides, and what the
-        change gains; squared deviations. Windows that are not compared over the same time do not count, nor do signals
-        of less than a share `of_others` of the largest squared change of a signal."""
+        """Gains of each window in squared deviations: what the best multiple of a change in each of its signals would
+        gain besides, and what the change gains. Windows that are not compared over the same time do not count, nor do
+        signals of less than a share `of_others` of the largest squared change of a signal."""
         found = []
         for old, new, names in zip(before, after, layout, strict=True):
             if len(old) != len(new) or not len(new):
@@ -250,7 +251,7 @@ class Validation:
 
     @cached_property
     def on_another_road(self) -> bool:
-        """Whether most of the held-out road is not that of what was fitted."""
+        """True if most of the held-out road is not that of what was fitted."""
         if self.residuals is None:
             return False
         both = (self.fitted.predictor.dataset.windows, self.residuals.predictor.dataset.windows)
@@ -258,7 +259,7 @@ class Validation:
         return 2 * len(fitted & unseen) < len(unseen)
 
     def something_left_over(self) -> bool:
-        """Whether the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
+        """True if the base fit leaves more than a good model does, or its car gets lost on its own recordings."""
         return self.worst > self.thresholds.signal_off or bool(self.fitted.predictor.dataset.dropped)
 
     @cached_property
@@ -275,7 +276,7 @@ class Validation:
 
     @property
     def fits_together(self) -> bool:
-        """Whether held-out recordings are far off for the base fit, but not for base parameters fitted to all."""
+        """True if held-out recordings are far off for the base fit, but not for base parameters fitted to all."""
         return self._worst_of_both is not None and self._worst_of_both <= self.thresholds.signal_off
 
     @cached_property

@@ -44,7 +44,7 @@ class Judged:
         return frozenset.intersection(*(frozenset(e.effects) for e in self.rivals))
 
     def led_by(self, leader: Hypothesis, validation: Validation) -> Judged:
-        """The same verdict with the leader fitted further."""
+        """This verdict with the leader fitted further."""
         return replace(
             self, leader=leader, rivals=(leader, *self.rivals[1:]) if self.rivals else (),
             proven={**self.proven, leader: validation.proven(leader)},
@@ -112,7 +112,7 @@ def judge(
 
 
 def _as_good(gain: float, most: float, thresholds: Thresholds, shared: float = 0.0) -> bool:
-    """Whether a gain is within reach of the largest, of both of which `shared` is a part."""
+    """True if a gain is within reach of the largest, of both of which `shared` is a part."""
     return gain - shared >= thresholds.rival_share * (most - shared) and 1 - gain <= thresholds.rival_left * (1 - most)
 
 
@@ -199,7 +199,7 @@ class _Judge:
         return best
 
     def nothing_known(self, leading: _Leading, term: Hypothesis | None) -> Judged:
-        """Whether something is left over all the same, which a term may describe."""
+        """The verdict that no known effect explains the difference; a term may describe what remains unexplained."""
         disagreed = leading.likeliest is not None and leading.leader is None
         left_over = term is not None or disagreed or self.validation.something_left_over()
         judged = self.said("unknown" if left_over else "no_mismatch", term)
@@ -230,12 +230,12 @@ class _Judge:
         return most if most is not None and self.proven[most] > self.least_term_gain else None
 
     def displaced(self, leader: Hypothesis, term: Hypothesis) -> bool:
-        """Whether a term explains clearly more than what is known."""
+        """True if a term explains clearly more than the known effects."""
         more = self.proven[term] - self.proven[leader]
         return more > max(self.least_term_gain, self.thresholds.term_advantage * self.proven[leader])
 
     def surpassed(self, e: Hypothesis, by: Hypothesis) -> bool:
-        """Whether the two were fitted together and one adds next to nothing to what it is surpassed by."""
+        """True if the two were fitted together and one adds next to nothing to what it is surpassed by."""
         joint = self.best.get(frozenset((*by.effects, *e.effects)))
         if joint is None:
             return False
@@ -302,16 +302,16 @@ class _Judge:
         return leader, *sorted(filter(is_rival, alike), key=self.proven.__getitem__, reverse=True)
 
     def further_off(self, e: Hypothesis, by: Hypothesis) -> bool:
-        """Whether an explanation leaves signals further off than another one, and hardly any nearer. Where others leave
-        much over in some signals, what tells the two apart in others is little of the whole."""
+        """True if an explanation leaves signals further off than another one, and hardly any nearer. Where others leave
+        large residuals in some signals, the difference between the two in others is little of the whole."""
         limits, shares = self.thresholds, self.validation.nearer(by, e)
         return bool(shares) and all(
             less > limits.further_share and more < limits.surpassed_share * less for less, more in shares
         )
 
     def excluded(self, e: Hypothesis, by: Hypothesis) -> bool:
-        """Whether an explanation is not within reach of another, adds next to nothing to it, leaves signals further
-        off, or explains something else: then both may be there, and it adds to the other most of what it explains
+        """True if an explanation is not within reach of another, adds next to nothing to it, leaves signals further
+        off, or explains something else: then both may be present, and it adds to the other most of what it explains
         beyond what the two share."""
         shared = frozenset(e.effects) & frozenset(by.effects)
         known = self.proven[self.best[shared]] if shared in self.best else 0.0

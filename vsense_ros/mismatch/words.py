@@ -125,7 +125,7 @@ def range_along_road(effect: EffectEntry) -> SizeInWords:
 
 
 def is_share(name: str, unit: str) -> bool:
-    """Whether people read a size of an effect in percent."""
+    """True if people read a size of an effect in percent."""
     return unit == "-" and not name.endswith(NO_SHARES)
 
 

@@ -39,7 +39,7 @@ def wheel_on_ground(vehicle: Vehicle, wheel: str) -> Triple:
 
 
 def sensor_frames(vehicle: Vehicle) -> list[Frame]:
-    """Of the sensors on the car, one for each frame that their messages have."""
+    """Frames of the sensors on the car, one for each frame name that their messages have."""
     found: dict[str, Frame] = {}
     for sensor in vehicle.sensors.values():
         position = getattr(sensor, "position", None)
@@ -58,7 +58,7 @@ def fixed_frames(vehicle: Vehicle, base: str = "base_link") -> list[Frame]:
 
 
 def contact_frames(vehicle: Vehicle, steering: float, base: str = "base_link") -> list[Frame]:
-    """Of the contact patches, x along the wheels' heading: `steering` [rad] is that of the front wheels."""
+    """Frames of the contact patches, x along the wheels' heading: `steering` [rad] is that of the front wheels."""
     return [
         Frame(
             f"contact_{wheel}",

@@ -24,8 +24,8 @@ def changes(at: Array, value: Array) -> Array:
 
 
 def between(share: float, length: float, value: Array, change: Array) -> tuple[float, float]:
-    """The same spline's value, and what it changes by per metre, where a `share` of the way from one place to the next,
-    which is so long [m], has been driven; (2,) are what both places have of them (Hermite's form)."""
+    """Value of a cubic spline and its derivative per metre at a `share` of the way between two places that are a
+    `length` [m] apart, from the values and derivatives (2,) at both places (Hermite's form)."""
     (begin, end), rest = value.tolist(), 1 - share
     first, last = length * change.item(0) - (end - begin), (end - begin) - length * change.item(1)
     bent = rest * first + share * last

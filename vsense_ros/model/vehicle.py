@@ -93,7 +93,8 @@ class Vehicle(Part):
 
     @model_validator(mode="after")
     def _the_car_stands_up_with_its_loads(self) -> Vehicle:
-        """Of files alone: a search may pass through what no car can be."""
+        """Refuses a file whose loads would tip the car over. A search may pass through such values: it is not
+        checked."""
         chassis, front, rear, values = self.physics.chassis, self.physics.front, self.physics.rear, self.values()
         arms = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
         track = (front.track * arms[1] + rear.track * arms[0]) / sum(arms)  # beside cog

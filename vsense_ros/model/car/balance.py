@@ -22,7 +22,7 @@ SHARES = ("longitudinal force", "lateral force", "vertical force", "front load",
 
 
 class CarBalance:
-    """Of one car; `physics` is that of its vehicle file."""
+    """Balance of forces and moments on one car with the parameters `physics` of its vehicle file."""
 
     def __init__(self, physics: Physics) -> None:
         chassis, self._drag = physics.chassis, 0.5 * AIR_DENSITY * physics.aerodynamics.drag_area

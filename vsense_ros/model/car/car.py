@@ -88,7 +88,7 @@ class Car:
 
     @cached_property
     def corners_alike(self) -> Car:
-        """The same car, with corners that have the same equations down to each operation."""
+        """This car with corners that have equal equations down to each operation."""
         return Car(self._vehicle, corners_alike=True)
 
     @cached_property
@@ -238,8 +238,8 @@ class Car:
 
     @cached_property
     def wheel_outputs(self) -> ca.SX:
-        """Of each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal slip,
-        slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
+        """A column for each wheel fl, fr, rl, rr: force x, y, z [N], aligning moment [N m] in `contact_*`, longitudinal
+        slip, slip angle [rad], inclination angle (positive where the top leans to the right, ISO 8855) [rad]; 7×4."""
         return ca.horzcat(*(wheel_outputs(contact.tyre, contact.touch) for contact in self.contacts))
 
     def inertia_times(self, acceleration: ca.SX) -> ca.SX:

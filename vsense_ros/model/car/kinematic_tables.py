@@ -55,13 +55,13 @@ class SteeringRack:
 
     @cached_property
     def _coefficients(self) -> tuple[list[float], ...]:
-        """Of the displacement and its first two derivatives, of the highest power first."""
+        """Coefficients of the displacement and of its first two derivatives, highest power first."""
         slope = self.displacement.deriv()
         return tuple(p.convert().coef[::-1].tolist() for p in (self.displacement, slope, slope.deriv()))
 
 
 def _value(coefficients: list[float], x: float) -> float:
-    """Of a polynomial with its highest power first, by Horner's rule: numpy's takes ten times as long for one x."""
+    """Value of a polynomial, highest power first, by Horner's rule: numpy's takes ten times as long for one x."""
     value = 0.0
     for coefficient in coefficients:
         value = value * x + coefficient
@@ -113,8 +113,8 @@ def kinematic_tables(
 def largest_errors(
     vehicle: Vehicle, tables: SuspensionTables, rack: float = 0.04, points: int = 8
 ) -> dict[str, dict[str, float]]:
-    """Of each axle and column the largest difference between `tables`, made with this `rack`, and the linkage of a
-    vehicle [m, rad], in the middles of `points` equal parts of travel and steering."""
+    """Largest differences, by axle and column, between `tables`, made with this `rack`, and the linkage of a vehicle
+    [m, rad], in the middles of `points` equal parts of travel and steering."""
     front, rear = _positions(vehicle)
     steering = _steering_rack(front, vehicle, rack)
     low, high = tables.travel

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def position_on_map(q: Array, disturbances: Array) -> Array:
-    """Of `cog` (…, 3) [m], from coordinates (…, 14) and disturbances (…, 7)."""
+    """Position of `cog` on the map (…, 3) [m], from coordinates (…, 14) and disturbances (…, 7)."""
     along, across = np.sin(disturbances[..., GRADE]), np.sin(disturbances[..., BANK])
     height = disturbances[..., ROAD_HEIGHT] + q[..., Z] * np.sqrt(1 - along**2 - across**2)
     result = np.empty((*np.shape(height), 3))
@@ -20,7 +20,8 @@ def position_on_map(q: Array, disturbances: Array) -> Array:
 
 
 def orientation_on_map(q: Array, disturbances: Array) -> Array:
-    """Of the body as a quaternion x, y, z, w (…, 4), from coordinates (…, 14) and disturbances (…, 7)."""
+    """Orientation of the body on the map as a quaternion x, y, z, w (…, 4), from coordinates (…, 14) and disturbances
+    (…, 7)."""
     grade = disturbances[..., GRADE]
     road = quaternion(leaning(grade, disturbances[..., BANK]), -grade, q[..., YAW])
     return product(road, quaternion(q[..., ROLL], q[..., PITCH], 0.0 * grade))
@@ -44,7 +45,7 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
 
 
 def product(first: Array, second: Array) -> Array:
-    """Of two quaternions x, y, z, w (…, 4): what is turned by the second, and then by the first."""
+    """Product of two quaternions x, y, z, w (…, 4): the rotation by the second, followed by that by the first."""
     ax, ay, az, aw = first.T
     bx, by, bz, bw = second.T
     return np.array(

@@ -21,8 +21,8 @@ from vsense_ros.model.coordinates import BANK, BANK_CHANGE, GRADE, GRADE_CHANGE,
 
 
 def bent(disturbances: Any, along: Any, across: Any) -> tuple[Any, Any, Any]:
-    """Of the surface at a place (`along`, `across`) [m] in road axes: by how much its tangent plane passes below the
-    axes' origin [m], and its slopes along and across [-]; for numbers and symbols alike."""
+    """Shape of the surface at a place (`along`, `across`) [m] in road axes: the distance by which its tangent plane
+    passes below the axes' origin [m], and its slopes along and across [-]; for numbers and symbols alike."""
     bend, twist = disturbances[GRADE_CHANGE], disturbances[BANK_CHANGE]
     return (bend * along / 2 + twist * across) * along, bend * along + twist * across, twist * along
 

@@ -59,7 +59,7 @@ def _names(car: Car) -> list[str]:
 
 
 def _symbols(car: Car) -> list[ca.MX]:
-    """The same for matrix expressions."""
+    """Symbols of matrix expressions with the names and shapes of `_arguments`."""
     return [ca.MX.sym(name, argument.shape) for name, argument in zip(_names(car), _arguments(car), strict=True)]
 
 

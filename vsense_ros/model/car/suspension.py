@@ -70,7 +70,8 @@ def table_guide(
 
 
 def hub_from_columns(within: Columns, place: TablePlace, side: ca.SX, design: ca.SX, travel: ca.SX) -> HubMotion:
-    """The same from what `columns_within` gives at a place of the tables."""
+    """The motion of a hub as `table_guide` gives it, from the columns that `columns_within` gives at a place of the
+    tables."""
     at = columns_beyond(within, place)
     x, y = at["x"], [side * v for v in at["y"]]
     # The hub is turned by toe about z, lean about the horizontal line forwards, and pitch about the axle.

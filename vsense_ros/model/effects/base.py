@@ -181,7 +181,7 @@ class Effect(Part):
 
     @property
     def has_size(self) -> bool:
-        """Whether any of its sizes is not zero."""
+        """True if any of its sizes is not zero."""
         fields = type(self).model_fields.items()
         return any(getattr(self, name) for name, field in fields if role(field) == "size")
 
@@ -223,7 +223,7 @@ class RoadEffect(Effect):
 
     @property
     def _is_plane(self) -> bool:
-        """Whether it is a slope that does not turn as the car does."""
+        """True if it is a slope that does not turn as the car does."""
         steep = self.model_copy(update={self.size_name(): 1.0})
         return type(self).slope is not Effect.slope and not any(steep.mean_slope)
 

@@ -31,8 +31,8 @@ class SloshingLoad(Effect):
     frequency: float = shape("rad/s", "natural frequency of the swing", default=4.0, typical=1.5, low=1.0, high=20.0)
 
     def _acceleration(self, internal_state: ca.SX, car: MovingCar) -> ca.SX:
-        """Of the load relative to the body [m/s²]: a pendulum on a cart, of whose mass it is part, so that it pushes
-        the cart away from under itself. In a body that rolls it falls to the lower side as well."""
+        """Acceleration of the load relative to the body [m/s²]: a pendulum on a cart, of whose mass it is part, so that
+        it pushes the cart away from under itself. In a body that rolls it falls to the lower side as well."""
         mass = car.parameters.chassis.mass
         across = ca.sum2(car.wheel_outputs[FORCE_Y, :]) + ca.sin(car.q[ROLL]) * ca.sum2(car.wheel_outputs[FORCE_Z, :])
         restoring = 2 * DAMPING * self.frequency * internal_state[1] + self.frequency**2 * internal_state[0]

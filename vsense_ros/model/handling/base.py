@@ -81,7 +81,7 @@ class Tyres:
         }
 
     def forces(self, place: str, wheel: TyreInput, p: Any) -> tuple[Scalar, Scalar]:
-        """Of the tyre at a place, along and across the wheel [N]."""
+        """Forces of the tyre at a place, along and across the wheel [N]."""
         tyre = self.at[place]
         if self.free:
             tyre = with_expressions(tyre, {name: p[_parameter(place, name)] for name in self.free})
@@ -154,11 +154,11 @@ class Planar(HandlingModel):
 
     @abstractmethod
     def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:
-        """Of all tyres on the car: ahead and to the left [N], moment about the upward axis [N m], and of each wheel of
-        the model the force along itself [N]."""
+        """Forces of all tyres on the car: ahead and to the left [N], moment about the upward axis [N m], and for each
+        wheel of the model the force along itself [N]."""
 
     def accelerations(self, x: Any, ahead: Scalar, left: Scalar, p: Any) -> tuple[Scalar, Scalar]:
-        """Of the centre of gravity over ground, ahead and to the left [m/s²]."""
+        """Accelerations of the centre of gravity over ground, ahead and to the left [m/s²]."""
         speed = x.forward_velocity
         drag = 0.5 * p.air_density * p.drag_area * speed * ca.fabs(speed)
         return (ahead - drag) / p.mass, left / p.mass
@@ -198,13 +198,13 @@ def in_car_axes(along: Scalar, across: Scalar, steering: Scalar) -> tuple[Scalar
 
 
 def loads_at_rest(p: Any) -> tuple[Scalar, Scalar]:
-    """Of one front and one rear wheel [N]."""
+    """Wheel loads at rest of one front and one rear wheel [N]."""
     half = p.mass * GRAVITY / (p.to_front + p.to_rear) / 2
     return half * p.to_rear, half * p.to_front
 
 
 def static_loads(vehicle: Vehicle) -> tuple[float, float]:
-    """Of one front and one rear wheel of a vehicle [N]."""
+    """Wheel loads at rest of one front and one rear wheel of a vehicle [N]."""
     chassis = vehicle.physics.chassis
     a, b = chassis.cog_to_front_axle, chassis.cog_to_rear_axle
     half = chassis.mass * GRAVITY / (a + b) / 2
@@ -212,7 +212,7 @@ def static_loads(vehicle: Vehicle) -> tuple[float, float]:
 
 
 def slopes(axle: Axle, load: float) -> tuple[float, float]:
-    """Of one tyre at small slips: longitudinal force per slip [N], lateral force per slip angle [N/rad]."""
+    """Slopes of one tyre at small slips: longitudinal force per slip [N], lateral force per slip angle [N/rad]."""
     driven, braked = (
         axle.tyre.forces(TyreInput(load, _AT, 0.0, _AT * (1 + slip))).longitudinal for slip in (_SMALL, -_SMALL)
     )

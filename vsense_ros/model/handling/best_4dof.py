@@ -132,11 +132,11 @@ class Best4Dof:
         return [*found, x.yaw_rate] if "yaw_rate" in self.outputs else found
 
     def tyre_forces(self, x: Any) -> tuple[list[Scalar], list[Scalar]]:
-        """Of the four wheels, along and across each [N]."""
+        """Forces of the four tyres, along and across each wheel [N]."""
         return [x[f"longitudinal_force_{w}"] for w in WHEELS], [x[f"lateral_force_{w}"] for w in WHEELS]
 
     def road_forces(self, x: Any, u: Any) -> tuple[list[Scalar], list[Scalar]]:
-        """Of the four wheels, in the axes of the car [N] (eq. 20)."""
+        """Forces of the four tyres in the axes of the car [N] (eq. 20)."""
         along, across = self.tyre_forces(x)
         cos, sin = ca.cos(u.steering), ca.sin(u.steering)
         ahead = [along[i] * cos - across[i] * sin if i < 2 else along[i] for i in range(4)]
@@ -162,7 +162,7 @@ class Best4Dof:
         return [(load + ca.sqrt(load * load + SMOOTH_LOAD**2)) / 2 for load in straight]
 
     def steady_forces(self, x: Any, u: Any, p: Any, loads: list[Scalar]) -> list[tuple[Scalar, Scalar]]:
-        """Of the four tyres, along and across [N], to which the forces tend (eqs. 22 to 27)."""
+        """Steady forces of the four tyres, along and across [N], which the actual ones approach (eqs. 22 to 27)."""
         to_front = p.wheelbase * p.rear_weight / (p.front_weight + p.rear_weight)
         to_rear = p.wheelbase - to_front
         cos, sin = ca.cos(u.steering), ca.sin(u.steering)

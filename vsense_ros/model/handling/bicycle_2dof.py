@@ -38,7 +38,7 @@ class Bicycle2Dof(HandlingModel):
         return cls(Tyres.of_vehicle(vehicle, AXLES, "own"))
 
     def axle_forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar]:
-        """Of both wheels of the front and of the rear axle, to the left [N]."""
+        """Lateral forces of the front and of the rear axle, both wheels together, to the left [N]."""
         speed = ca.fmax(u.speed, SLOWEST)
         front = x.side_slip + p.to_front * x.yaw_rate / speed - u.steering
         rear = x.side_slip - p.to_rear * x.yaw_rate / speed

@@ -41,7 +41,7 @@ class Bicycle3Dof(Planar):
         return cls(Tyres.of_vehicle(vehicle, AXLES, kind))
 
     def spins(self, x: Any, u: Any) -> tuple[Scalar, Scalar]:
-        """Of both axles [rad/s]."""
+        """Spin speeds of both axles [rad/s]."""
         return u.spin_front, u.spin_rear
 
     def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:

@@ -107,8 +107,8 @@ class Response:
     def frequency_response(
         self, speed: float, frequency: Array, output: str = "lateral_velocity"
     ) -> NDArray[np.complex128]:
-        """Of an output to the road-wheel angle in straight running at `speed` [m/s], both front wheels turned alike, at
-        angular frequencies (w,) [rad/s]."""
+        """Frequency response of an output to the road-wheel angle in straight running at `speed` [m/s], both front
+        wheels turned alike, at angular frequencies (w,) [rad/s]."""
         direction = np.array([float(name.startswith("steering")) for name in self.model.inputs])
         return self.linear(*self.straight(speed)).gain(frequency, self.model.outputs.index(output), direction)
 

@@ -41,7 +41,7 @@ class TwinTrack3Dof(Planar):
         return cls(Tyres.of_vehicle(vehicle, WHEELS, kind))
 
     def spins(self, x: Any, u: Any) -> list[Scalar]:
-        """Of the wheels [rad/s]."""
+        """Spin speeds of the wheels [rad/s]."""
         return [u[f"spin_{wheel}"] for wheel in WHEELS]
 
     def forces(self, x: Any, u: Any, p: Any) -> tuple[Scalar, Scalar, Scalar, list[Scalar]]:

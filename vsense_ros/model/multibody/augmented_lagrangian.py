@@ -271,7 +271,7 @@ class Equations:
     def _factor(
         self, z: ca.MX, dz: ca.MX, ddz: ca.MX, multipliers: ca.MX, h: ca.MX | None = None
     ) -> tuple[list[tuple[ca.MX, ...]], ca.MX]:
-        """Of each branch what `_Branch.factor` gives, and the inverse (6×6) at the base."""
+        """Results of `_Branch.factor` for each branch, and the inverse (6×6) at the base."""
         base = self._base(z, dz, ddz)
         factors = self._branches("factor", z, dz, ddz, multipliers, base, h)
         if self.mechanism.base is None:

@@ -37,8 +37,8 @@ TURNED = 9  # numbers that are computed for a body
 
 
 def turned(bodies: Array) -> Array:
-    """Of bodies (k, 19), each R by rows, J as xx yy zz xy xz yz, s and m, their R J Rᵀ as xx xy xz yy yz zz and m R s;
-    (k, 9)."""
+    """Matrices of bodies in turned axes, (k, 9): R J Rᵀ as xx xy xz yy yz zz and m R s, from bodies (k, 19) with R by
+    rows, J as xx yy zz xy xz yz, s and m."""
     r, (xx, yy, zz, xy, xz, yz) = bodies[:, :9].reshape(-1, 3, 3), bodies[:, 9:15].T
     j = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
     matrix = r @ j @ r.transpose(0, 2, 1)

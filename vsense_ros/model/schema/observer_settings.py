@@ -53,7 +53,8 @@ class Disturbances(Part):
     @model_validator(mode="before")
     @classmethod
     def _without_what_it_had(cls, given: Any) -> Any:
-        """Of files that were written when slopes went back to their means by time instead of by distance."""
+        """Accepts files from the time when slopes returned to their means by time instead of by distance: their keys
+        for it are ignored."""
         if not isinstance(given, dict):
             return given
         return {name: value for name, value in given.items() if name not in _FORMER}

@@ -96,7 +96,7 @@ class SuspensionTables(Part):
         return self
 
     def columns(self, axle: str, travel: float, steering: float) -> dict[str, NDArray[np.float64]]:
-        """Of each column of an axle's table value, first and second derivative by the travel (3,), for its left wheel
+        """Value, first and second derivative by the travel (3,) of each column of an axle's table, for its left wheel
         at `travel` [m] and a mean angle of the front wheels [rad]; beyond the table as the class says."""
         found = np.asarray(_function(self, axle)(travel, steering))
         return dict(zip(AxleTable.model_fields, found, strict=True))
@@ -159,7 +159,7 @@ def place_in_tables(tables: SuspensionTables, travel: ca.SX, steering: ca.SX) ->
 
 
 def columns_within(table: Coefficients, place: TablePlace) -> Columns:
-    """Of each column of an axle's tables its value, slope and half its curvature by ξ."""
+    """Value, slope and half the curvature by ξ of each column of an axle's tables."""
     return {
         name: _horner([_horner(row, place.across)[0] for row in rows], place.within) for name, rows in table.items()
     }

@@ -69,7 +69,7 @@ def known_topics() -> dict[str, Topic]:
 
 
 def unheard(topics: Iterable[str], sensors: Iterable[SensorBase], vehicle: str) -> list[str]:
-    """Of the topics that a recording has, those to which no sensor of a vehicle listens, each in a sentence."""
+    """Sentences about the topics of a recording to which no sensor of a vehicle listens."""
     heard = {sensor.topic for sensor in sensors}
     kinds = {str(kind.model_fields["topic"].default): name for name, kind in KINDS.items()}
     return [

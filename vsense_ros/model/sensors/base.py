@@ -190,27 +190,27 @@ class SensorBase(Part):
 
     @property
     def is_input(self) -> bool:
-        """Whether the values drive the model instead of correcting it."""
+        """True if its values drive the model instead of correcting it."""
         return self.inputs is not None
 
     @property
     def on_map(self) -> bool:
-        """Whether it knows north."""
+        """True if it measures something that refers to north."""
         return bool(self.tells & _OF_THE_MAP)
 
     @property
     def tells_speed(self) -> bool:
-        """Whether it tells the car's speed."""
+        """True if it measures the car's speed."""
         return not self.tells.isdisjoint({"rolling speed", "ground speed"})
 
     @property
     def tells_turning(self) -> bool:
-        """Whether it tells how the car turns."""
+        """True if it measures how the car turns."""
         return not self.tells.isdisjoint({"steering", "rates and forces"})
 
     @property
     def is_compared(self) -> bool:
-        """Whether a simulation needs it, or is compared with it: then one of its kind is enough."""
+        """True if a simulation needs it, or is compared with it: then one of its kind is enough."""
         return bool(self.signals) or self.is_input
 
     def longest(self, *, coarse: bool) -> float:
@@ -297,7 +297,8 @@ class SensorBase(Part):
         return np.full(len(self.deviations()), self.latency)
 
     def mean_speed(self, value: Vector, radius: float) -> Vector:
-        """The same with one rolling radius [m], and absent where any component is."""
+        """Speeds of the car [m/s] that measurements (n, m) give with one rolling radius [m], (n,), NaN where any
+        component is absent."""
         raise NotImplementedError
 
     def in_axes_of_car(self, value: Vector) -> Vector:
@@ -305,7 +306,7 @@ class SensorBase(Part):
         return value
 
     def message_in_axes_of_car(self, columns: Values) -> dict[str, Any]:
-        """The same for the columns of a recorded channel: those that change."""
+        """The columns of a recorded channel that change if its vectors are expressed in the axes of the car."""
         return {}
 
 

@@ -61,7 +61,7 @@ class Steering(SensorBase):
             out[0] = np.nan
 
     def simulated(self, drive: SimulatedDrive) -> Content:
-        """Of the steering wheel. Raises `ValueError` where nobody knows the ratio."""
+        """Messages of the angle of the steering wheel. Raises `ValueError` if the steering ratio is not known."""
         if self.ratio is None:
             raise ValueError("a steering sensor without a ratio cannot be simulated; `of_car` gives it the vehicle's")
         angle = self.ratio * drive.truth + drive.bias * self.simulated_bias * drive.rng.standard_normal()

@@ -266,7 +266,7 @@ class FullCarPlant:
             integrator.inputs[self.car.input_index(wheel, "travel_force")] = force[TRAVEL][i]
 
     def _under_wheels(self) -> Array:
-        """Of each wheel the road below it (4, 3), as `CORNER_INPUTS` has it."""
+        """The road below each wheel (4, 3), as `CORNER_INPUTS` has it."""
         if self.surface is None:
             return np.column_stack(bent(self.disturbances, *self._stands.T))
         axes = _rotation(0.0, 0.0, self._heading) @ _axes(self.disturbances[GRADE], self.disturbances[BANK])

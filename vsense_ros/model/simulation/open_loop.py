@@ -41,7 +41,7 @@ class Inputs:
         return len(self.inputs)
 
     def first(self, steps: int) -> Inputs:
-        """The same of the first so many steps."""
+        """The inputs of the first so many steps."""
         varying = {name: values[:steps] for name, values in self.varying.items()}
         target, gain = (None if values is None else values[:steps] for values in (self.target, self.gain))
         return Inputs(self.step, self.inputs[:steps], self.disturbances[:steps], varying, target, gain)
@@ -89,7 +89,7 @@ class OpenLoop:
         return self.runs([Run(q, u, inputs, parameters)])[0]
 
     def runs(self, runs: Sequence[Run]) -> list[StateHistory]:
-        """Of each run its motion; all of them have steps of the same length, else `ValueError`."""
+        """Motions of several runs, one for each; all of them have steps of the same length, else `ValueError`."""
         if len({run.inputs.step for run in runs}) > 1:
             raise ValueError("runs side by side need steps of the same length")
         found = [self._motion(run) for run in runs]
