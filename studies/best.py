@@ -27,16 +27,7 @@ from vsense_ros.identify import best
 from vsense_ros.identify.information import Information, Refusal, information, refusals
 from vsense_ros.identify.open_loop import OpenLoop
 from vsense_ros.identify.progress import Progress
-from vsense_ros.identify.rinsing import (
-    LITERAL_DENSITY,
-    Drive,
-    Identifier,
-    Kind,
-    Literal2016,
-    Rinsed,
-    literal_noise,
-    rinse,
-)
+from vsense_ros.identify.rinsing import RINSING, Drive, Identifier, Kind, Literal2016, Rinsed, literal_noise, rinse
 from vsense_ros.model.handling import best_4dof
 from vsense_ros.model.handling.best_4dof import PAPER, REACH, SYMBOLS, Best4Dof
 
@@ -143,7 +134,7 @@ def repeat(
             progress(next(done) / jobs)
 
     twins = {seed: best_twin.drive(best_twin.rich_driver(seed), SECONDS) for seed in seeds}
-    drives = {seed: twin.recorded(seed, cut_off=best.CUT_OFF) for seed, twin in twins.items()}
+    drives = {seed: twin.recorded(seed, cut_off=best.SETTINGS.cut_off) for seed, twin in twins.items()}
     report()
     identified: dict[str, list[Identified]] = {name: [] for name in KINDS}
     wall = {}
@@ -178,7 +169,7 @@ def literally(drive: Drive, free: tuple[str, ...], kind: Kind = "extended", pass
     peak = best_4dof.curves(PAPER).max(axis=1)[:, None]
     one = Identifier(
         Best4Dof(), start, free, literal_noise((0.2, 0.2, 0.02), STATE_UNITS, Best4Dof.states), kind=kind,
-        curves=lambda p: best_4dof.curves(p) / peak, drifts=LITERAL_DENSITY**0.5 * units,
+        curves=lambda p: best_4dof.curves(p) / peak, drifts=RINSING.paper_density**0.5 * units,
     )  # fmt: skip
     return rinse(one, [replace(drive, every=1)], Literal2016(units=tuple(units.tolist()), passes=passes))
 
@@ -270,8 +261,11 @@ def peer_pass(drive: Drive, start: Mapping[str, float], steps: int = 150) -> flo
 
     peer = UnscentedKalmanFilter(size, 3, drive.h, seen, along, JulierSigmaPoints(size, kappa=1.0))
     peer.x = np.concatenate([drive.start, one.begin()])
-    peer.P = np.diag(np.concatenate([np.square(best.START), (0.03 * one.begin()) ** 2]))
-    peer.R, peer.Q = np.diag(np.square(best.OUTPUTS)), np.diag([1e-4] * 5 + [1e3] * 8 + [1e-12] * len(FREE))
+    peer.P = np.diag(np.concatenate([np.square(best.SETTINGS.start_deviations), (0.03 * one.begin()) ** 2]))
+    peer.R, peer.Q = (
+        np.diag(np.square(best.SETTINGS.output_deviations)),
+        np.diag([1e-4] * 5 + [1e3] * 8 + [1e-12] * len(FREE)),
+    )
     begun = time.process_time()
     for k in range(steps):
         u[:] = drive.inputs[k]

@@ -53,7 +53,7 @@ class Study:
 
 def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | None = None) -> Study:
     """Takes some ten minutes."""
-    drive = best_twin.drive(best_twin.rich_driver(0), SECONDS).recorded(0, cut_off=best.CUT_OFF)
+    drive = best_twin.drive(best_twin.rich_driver(0), SECONDS).recorded(0, cut_off=best.SETTINGS.cut_off)
     by_filter, by_peer, errors, deviations = [], [], [], []
     counts = dict.fromkeys(REFUSED, 0)
     total = starts + everyday
@@ -81,7 +81,7 @@ def study(starts: int = STARTS, everyday: int = EVERYDAY, progress: Progress | N
 def everyday_drive(seed: int) -> tuple[Information, dict[str, float]]:
     """Information in an everyday drive, and the wrong parameters that it started from."""
     driver = best_twin.rich_driver(1000 + seed, EVERYDAY_LEVEL)
-    drive = best_twin.drive(driver, EVERYDAY_SECONDS).recorded(seed, cut_off=best.EVERYDAY_CUT_OFF)
+    drive = best_twin.drive(driver, EVERYDAY_SECONDS).recorded(seed, cut_off=best.SETTINGS.everyday_cut_off)
     start = wrong_start(seed)
     one = best.identifier(start, FREE)
     rinsed = rinse(one, [drive])
@@ -91,7 +91,7 @@ def everyday_drive(seed: int) -> tuple[Information, dict[str, float]]:
 def output_error(drive: Drive, start: Mapping[str, float]) -> Array:
     """Parameters (14,) that plain least squares finds on the outputs of the model alone."""
     model = OpenLoop(Best4Dof(), PAPER, FREE)
-    weights = 1 / np.array(best.OUTPUTS)
+    weights = 1 / np.array(best.SETTINGS.output_deviations)
     low, high = np.array([BOUNDS[name] for name in FREE]).T
     begin = np.array([start[name] for name in FREE])
     lost = np.full(drive.outputs.size, 1e3)

@@ -15,7 +15,7 @@ from vsense_ros.cli import main
 from vsense_ros.errors import InputError
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify.characterise import Characteristics, Quantity, characterise, drive_tests, regression
-from vsense_ros.identify.drive_signals import STEP, DriveSignals, of_recording
+from vsense_ros.identify.drive_signals import DRIVE_SIGNALS, DriveSignals, of_recording
 from vsense_ros.manoeuvre.leung_tracks import on_track
 from vsense_ros.manoeuvre.sensing import record
 from vsense_ros.manoeuvre.track import Track, left_turn, straight
@@ -42,12 +42,12 @@ def value(found: Characteristics, name: str) -> Quantity:
 
 def linear_drive(car: Vehicle, kph: float, *, roll_gradient: float = 0.05, offset: float = 0.0) -> DriveSignals:
     """A minute of the linear model on a winding road, with a steering wheel that is off by `offset` [rad]."""
-    t = np.arange(0, 60, STEP)
+    t = np.arange(0, 60, DRIVE_SIGNALS.step)
     rng = np.random.default_rng(int(kph))
     angle = 0.02 * np.sin(0.35 * t) + 0.008 * np.sin(1.3 * t + 1) + 0.003 * np.sin(5 * t)
     model = Bicycle2Dof()
     inputs = np.column_stack([angle, np.full(len(t), kph / 3.6)])
-    states = Response(model, model.numbers(car)).drive(np.zeros(2), inputs, STEP)[:-1]
+    states = Response(model, model.numbers(car)).drive(np.zeros(2), inputs, DRIVE_SIGNALS.step)[:-1]
     lateral = inputs[:, 1] * states[:, 1]
     spin = np.tile(inputs[:, [1]] / 0.3, (1, 4)) + 0.04 * rng.standard_normal((len(t), 4))
     return DriveSignals(
@@ -86,14 +86,14 @@ def test_the_frequency_response_is_that_of_the_model(saloon: Vehicle) -> None:
     angle = 0.01 * np.convolve(rng.standard_normal(len(drive)), np.ones(10) / 3, mode="same")
     model = Bicycle2Dof()
     response = Response(model, model.numbers(saloon))
-    rate = response.drive(np.zeros(2), np.column_stack([angle, drive.speed]), STEP)[:-1, 1]
+    rate = response.drive(np.zeros(2), np.column_stack([angle, drive.speed]), DRIVE_SIGNALS.step)[:-1, 1]
     broad = DriveSignals("broad", drive.valid, drive.speed, rate, 17.58 * angle, True)
     found = characterise("broad", [broad], saloon)
     (one,) = found.responses
     expected = response.frequency_response(60 / 3.6, 2 * np.pi * one.frequency, "yaw_rate")
     assert one.gain == pytest.approx(np.abs(expected), rel=0.1)
     # Inputs are held for a step, which delays by half of one.
-    late = 2 * np.pi * one.frequency * STEP / 2
+    late = 2 * np.pi * one.frequency * DRIVE_SIGNALS.step / 2
     assert one.phase == pytest.approx(np.angle(expected) - late, abs=0.1)
 
 

@@ -24,7 +24,7 @@ from vsense_ros.files.installed import shared_folder, vehicle_path
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.identify import noise
 from vsense_ros.identify.free_parameter import FreeParameter, multiplied
-from vsense_ros.identify.noise import BOUND, PRIOR, maximise, noise_numbers, with_own_noise
+from vsense_ros.identify.noise import NOISE, maximise, noise_numbers, with_own_noise
 from vsense_ros.manoeuvre import generate
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.vehicle import Vehicle
@@ -38,7 +38,7 @@ STARTS = np.array([0.3, 0.5])  # standard deviations of the steps and of the mea
 def free(count: int) -> list[FreeParameter]:
     """Logarithms of standard deviations."""
     names = [f"deviation {i}" for i in range(count)]
-    return [FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied({name: 1.0})) for name in names]
+    return [FreeParameter(name, "-", NOISE.prior, -NOISE.bound, NOISE.bound, multiplied({name: 1.0})) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -80,13 +80,13 @@ def test_the_densities_of_the_innovations_multiply_to_that_of_all_measurements(w
 
 
 def test_the_optimum_and_its_deviations_are_those_of_the_dense_density(walk: Array, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(noise, "LEAST_GAIN", 1e-3)
+    monkeypatch.setattr(noise, "NOISE", replace(noise.NOISE, least_gain=1e-3))
 
     def evaluate(points: Sequence[Array], _) -> list[list[Innovations]]:
         return [[filtered(walk, point)] for point in points]
 
     def cost(point: Array) -> float:
-        return -dense(walk, point) + 0.5 * float(point @ point) / PRIOR**2
+        return -dense(walk, point) + 0.5 * float(point @ point) / NOISE.prior**2
 
     found, deviation = maximise(evaluate, free(2))
     best = minimize(cost, np.zeros(2), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01}).x
@@ -105,7 +105,7 @@ def test_a_number_that_the_measurements_say_nothing_about_stays(walk: Array):
 
     found, deviation = maximise(evaluate, free(3))
     assert found[2] == 0.0
-    assert deviation[2] == pytest.approx(PRIOR)
+    assert deviation[2] == pytest.approx(NOISE.prior)
 
 
 def test_a_filter_that_did_not_judge_some_messages_is_compared_by_the_others(walk: Array):

@@ -24,7 +24,7 @@ from vsense_ros.model.handling.best_4dof import PAPER, Best4Dof
 
 @pytest.fixture(scope="module")
 def drive() -> Drive:
-    return best_twin.drive(best_twin.rich_driver(0), 60.0).recorded(0, cut_off=best.CUT_OFF)
+    return best_twin.drive(best_twin.rich_driver(0), 60.0).recorded(0, cut_off=best.SETTINGS.cut_off)
 
 
 def test_passes_find_the_car_from_a_start_that_is_thirty_percent_off(drive: Drive) -> None:

@@ -86,7 +86,7 @@ def test_a_recording_without_reference_cannot_be_fitted_to(car: Vehicle, drive: 
 
 def test_fitted_numbers_have_the_digits_that_mean_something(car: Vehicle):
     turned = with_offsets(of_vehicle(car), [GAIN], [0.0123456])
-    gain = with_values(car, turned, side_slip.DIGITS).sensors["steering"].gain
+    gain = with_values(car, turned, side_slip.SIDE_SLIP.digits).sensors["steering"].gain
     assert gain == float(f"{gain:.4g}") != car.sensors["steering"].gain
 
 

@@ -7,6 +7,7 @@ hundreds of kilonewtons of longitudinal stiffness. Forces may err by 0.3 kN/√s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,17 +24,29 @@ DISTURBANCES = {
     "roll_rate": 0.03,
     **dict.fromkeys(FORCES, 316.0),
 }
-START = (0.3, 0.3, 0.05, 0.02, 0.05, *(500.0,) * 8)  # deviations of the state at the first sample
-OUTPUTS = (0.1, 0.1, 0.01)  # deviations of accelerations [m/s²] and roll rate [rad/s]
-# Signals are low-passed first, inputs and outputs alike. Noise of the wheel speeds acts like slip that is not there,
-# which makes stiffnesses too small; the paper's 10 Hz take away too much of how wheels spin up and lock (its rear K_x
-# would be 10 % too small). In everyday driving, where slip is small and slow, 25 Hz would let D C_α be 15 % too small,
-# and 5 Hz leave 2 %.
-CUT_OFF = 25.0  # [Hz]
-EVERYDAY_CUT_OFF = 5.0  # [Hz]
-EVERYDAY = 5.0  # [m/s²] that an everyday drive does not exceed, for 99 % of the time
-PRIOR = 0.3  # of its value: how far a parameter may well be from where it starts
-HEIGHT_PRIOR = 0.1  # [m] of a roll centre, whose height may be zero
+
+
+@dataclass(frozen=True)
+class BestSettings:
+    """Settings of the identification of the model of Best & Bogdanski 2016: decisions of this project, but for
+    units."""
+
+    # standard deviations of the state at the first sample, in the order of its states
+    start_deviations: tuple[float, ...] = (0.3, 0.3, 0.05, 0.02, 0.05, *(500.0,) * 8)
+    # standard deviations of accelerations [m/s²] and roll rate [rad/s]
+    output_deviations: tuple[float, float, float] = (0.1, 0.1, 0.01)
+    # Signals are low-passed first, inputs and outputs alike. Noise of the wheel speeds acts like slip that is
+    # not there, which makes stiffnesses too small; the paper's 10 Hz take away too much of how wheels spin up
+    # and lock (its rear K_x would be 10 % too small). In everyday driving, where slip is small and slow, 25 Hz
+    # would let D C_α be 15 % too small, and 5 Hz leave 2 %. [Hz]
+    cut_off: float = 25.0
+    everyday_cut_off: float = 5.0  # [Hz]
+    everyday_acceleration: float = 5.0  # [m/s²] that an everyday drive does not exceed, for 99 % of the time
+    prior_share: float = 0.3  # [-] standard deviation of a parameter around its start, as a share of its value
+    prior_height: float = 0.1  # [m] standard deviation of the height of a roll centre, which may be zero
+
+
+SETTINGS = BestSettings()
 
 
 def identifier(
@@ -47,9 +60,10 @@ def identifier(
 ) -> Identifier:
     """An identifier of the model, with values for all its parameters by name."""
     peak = best_4dof.curves(values).max(axis=1)[:, None]
-    scales: Sequence[float] | Array = more.pop("scales", prior(values, free) / PRIOR)
+    scales: Sequence[float] | Array = more.pop("scales", prior(values, free) / SETTINGS.prior_share)
     return Identifier(
-        model or Best4Dof(), values, free, noise or Noise(OUTPUTS, START, DISTURBANCES), kind=kind,
+        model or Best4Dof(), values, free,
+        noise or Noise(SETTINGS.output_deviations, SETTINGS.start_deviations, DISTURBANCES), kind=kind,
         curves=lambda p: best_4dof.curves(p) / peak, bounds=best_4dof.BOUNDS,
         scales=scales, **more,
     )  # fmt: skip
@@ -57,4 +71,6 @@ def identifier(
 
 def prior(values: Mapping[str, float], free: Sequence[str]) -> Array:
     """Standard deviations (p,) with which the free parameters are known before."""
-    return np.array([HEIGHT_PRIOR if "roll_centre" in name else PRIOR * abs(values[name]) for name in free])
+    return np.array(
+        [SETTINGS.prior_height if "roll_centre" in name else SETTINGS.prior_share * abs(values[name]) for name in free]
+    )

@@ -23,7 +23,7 @@ from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.evaluate.terminal import plain_table
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.information import TOLD
+from vsense_ros.identify.information import INFORMATION
 from vsense_ros.identify.progress import Progress, part
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import EstimatedParameter
@@ -72,7 +72,7 @@ def identify(
     deviations = dict(prior)
     for i, recording in enumerate(recordings):
         now, deviations = _pass(recording, vehicle, now, deviations, part(progress, i, len(recordings) + 1))
-    told = {name: deviations[name] <= TOLD * prior[name] for name in wanted}
+    told = {name: deviations[name] <= INFORMATION.determined_share * prior[name] for name in wanted}
     if not any(told.values()):
         raise InputError(
             "the drives tell none of the free parameters: "

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from vsense_ros.errors import InputError
-from vsense_ros.identify.drive_signals import STEP, DriveSignals, of_trajectory, reading_over_angle
+from vsense_ros.identify.drive_signals import DRIVE_SIGNALS, DriveSignals, of_trajectory, reading_over_angle
 from vsense_ros.manoeuvre import MANOEUVRES
 from vsense_ros.manoeuvre.driver import SpeedKeeper, understeer_gradient
 from vsense_ros.model.constants import GRAVITY
@@ -26,18 +26,30 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-BLOCK = 3.0  # [s] of the stretches that the jackknife leaves out
-STRAIGHT_RATE = np.radians(1.0)  # [rad/s] of yaw rate below which a drive is straight
-LEAST_SPEED = 3.0  # [m/s] below which nothing is looked at
-LINEAR = 4.0  # [m/s²] of lateral acceleration up to which a car is linear, about
-STEADY = 1.0  # [m/s³] of change of the lateral acceleration up to which a turn is a steady one, about
-LINEAR_SLIP, LINEAR_ANGLE = 0.02, np.radians(2.0)  # up to which a tyre is
-SLOW = 0.5  # [Hz] below which a car follows its steering as in a steady turn
-LEAST_EXPLAINED = 0.5  # of the variance of the roll angle, for a roll gradient to be told
-LEAST_COHERENCE = 0.8  # of a frequency whose response is told
-SEGMENT = 8.0  # [s] of the frequency response's windows, in which its slowest oscillation goes twice
-VAGUE = 0.2  # of its value: a stiffness with a larger standard deviation is not told
-SLOW_SPEED, FAST_SPEED = 15 / 3.6, 50 / 3.6  # [m/s] at which the thesis measures radii
+
+@dataclass(frozen=True)
+class CharacteriseSettings:
+    """Bounds of the driving from which characteristics are read: decisions of this project unless a source is named."""
+
+    block: float = 3.0  # [s] of the stretches that the jackknife leaves out
+    straight_yaw_rate: float = np.radians(1.0)  # [rad/s] yaw rate below which a drive is straight
+    least_speed: float = 3.0  # [m/s] below which nothing is evaluated
+    linear_acceleration: float = 4.0  # [m/s²] lateral acceleration up to which a car is linear, about
+    steady_jerk: float = 1.0  # [m/s³] change of the lateral acceleration up to which a turn is a steady one, about
+    linear_slip: float = 0.02  # [-] longitudinal slip up to which a tyre is linear
+    linear_slip_angle: float = np.radians(2.0)  # [rad] slip angle up to which a tyre is linear
+    quasi_static_frequency: float = 0.5  # [Hz] below which a car follows its steering as in a steady turn
+    least_explained: float = 0.5  # [-] share of the variance of the roll angle that a reported roll gradient explains
+    least_coherence: float = 0.8  # [-] coherence of a frequency whose response is reported
+    segment: float = 8.0  # [s] of the frequency response's windows, in which its slowest oscillation goes twice
+    # [-] share of its value: a stiffness with a larger standard deviation is not reported
+    largest_deviation: float = 0.2
+    slow_speed: float = 15 / 3.6  # [m/s] at which Rodríguez 2020 measures radii, the slow one
+    fast_speed: float = 50 / 3.6  # [m/s] and the fast one
+
+
+CHARACTERISE = CharacteriseSettings()
+
 _SLIP, _ANGLE = WHEEL_OUTPUTS.index("slip"), WHEEL_OUTPUTS.index("slip_angle")
 Progress = Callable[[float], None]
 
@@ -112,9 +124,9 @@ def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> li
     Raises `InputError` where the motion leaves the model's range.
     """
     plans: list[tuple[str, float, float, Driver]] = [
-        ("straight at 15 km/h", SLOW_SPEED, 16.0, _held(vehicle, SLOW_SPEED)),
-        ("straight at 50 km/h", FAST_SPEED, 16.0, _held(vehicle, FAST_SPEED)),
-        ("winding at 15 km/h", SLOW_SPEED, 30.0, _winding(vehicle)),
+        ("straight at 15 km/h", CHARACTERISE.slow_speed, 16.0, _held(vehicle, CHARACTERISE.slow_speed)),
+        ("straight at 50 km/h", CHARACTERISE.fast_speed, 16.0, _held(vehicle, CHARACTERISE.fast_speed)),
+        ("winding at 15 km/h", CHARACTERISE.slow_speed, 30.0, _winding(vehicle)),
     ]
     for name in ("slow_ramp_steer", "steering_sweep"):
         one = MANOEUVRES[name]
@@ -123,7 +135,7 @@ def drive_tests(vehicle: Vehicle, progress: Progress = lambda share: None) -> li
     for i, (name, speed, duration, driver) in enumerate(plans):
         q, u = rolling_straight(vehicle, speed)
         try:
-            drive = simulate(vehicle, driver, duration, keep_every=round(STEP * 1e3), q=q, u=u)
+            drive = simulate(vehicle, driver, duration, keep_every=round(DRIVE_SIGNALS.step * 1e3), q=q, u=u)
         except FloatingPointError as error:
             raise InputError(f"{error} ({name}); is there a value in the vehicle file that no car has?") from None
         found.append(of_trajectory(name, drive, vehicle))
@@ -137,14 +149,15 @@ def _held(vehicle: Vehicle, speed: float) -> Driver:
 
 
 def _winding(vehicle: Vehicle) -> Driver:
-    feet = SpeedKeeper(vehicle, lambda t: SLOW_SPEED + 1.0 * float(np.sin(0.7 * t)))
+    feet = SpeedKeeper(vehicle, lambda t: CHARACTERISE.slow_speed + 1.0 * float(np.sin(0.7 * t)))
     return lambda t, q, u: np.array([0.06 * np.sin(1.1 * t), *feet(t, u)])
 
 
 def regression(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Least squares y = X c over parts, each X (n, k) and y (n,): coefficients (k,), and their standard deviations (k,)
-    by the jackknife over stretches of `BLOCK`; infinite where there are fewer than four, or X leaves something open."""
-    length = round(BLOCK / STEP)
+    by the jackknife over stretches of `CHARACTERISE.block`; infinite where there are fewer than four, or X leaves
+    something open."""
+    length = round(CHARACTERISE.block / DRIVE_SIGNALS.step)
     blocks = []
     for x, y in parts:
         for begin in range(0, len(y), length):
@@ -167,16 +180,16 @@ def regression(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def _slow(value: Array) -> Array:
-    """Without what is faster than `SLOW`."""
-    sections = signal.butter(2, SLOW, fs=1 / STEP, output="sos")
+    """Without what is faster than `CHARACTERISE.quasi_static_frequency`."""
+    sections = signal.butter(2, CHARACTERISE.quasi_static_frequency, fs=1 / DRIVE_SIGNALS.step, output="sos")
     return np.asarray(signal.sosfiltfilt(sections, value, axis=0))
 
 
 def _settled(drive: DriveSignals) -> NDArray[np.bool_]:
     """Where a drive is fast enough and known, away from its ends and gaps."""
-    reach = round(1 / STEP)
+    reach = round(1 / DRIVE_SIGNALS.step)
     unknown = np.convolve(~drive.valid, np.ones(2 * reach + 1), mode="same") > 0
-    good = ~unknown & (drive.speed > LEAST_SPEED)
+    good = ~unknown & (drive.speed > CHARACTERISE.least_speed)
     good[:reach] = good[-reach:] = False
     return good
 
@@ -184,7 +197,9 @@ def _settled(drive: DriveSignals) -> NDArray[np.bool_]:
 def _steady(drive: DriveSignals) -> NDArray[np.bool_]:
     """Where lateral acceleration is small, and changes slowly."""
     lateral = _slow(drive.speed * drive.yaw_rate)
-    return (np.abs(lateral) < LINEAR) & (np.abs(np.gradient(lateral, STEP)) < STEADY)
+    return (np.abs(lateral) < CHARACTERISE.linear_acceleration) & (
+        np.abs(np.gradient(lateral, DRIVE_SIGNALS.step)) < CHARACTERISE.steady_jerk
+    )
 
 
 def _told(
@@ -192,7 +207,7 @@ def _told(
 ) -> Quantity:
     if not np.isfinite(value):
         return Quantity(name, unit, note=why, file=file)
-    if "stiffness" in name and np.isfinite(deviation) and deviation > VAGUE * abs(value):
+    if "stiffness" in name and np.isfinite(deviation) and deviation > CHARACTERISE.largest_deviation * abs(value):
         return Quantity(name, unit, note=f"{why}: {value:.3g} ± {deviation:.2g} {unit}", file=file)
     note = note if np.isfinite(deviation) else "too short to tell how well this is known"
     return Quantity(name, unit, value, deviation if np.isfinite(deviation) else None, note, file)
@@ -210,9 +225,9 @@ def _radii(found: Characteristics, drives: Sequence[DriveSignals], vehicle: Vehi
     for drive in drives:
         if drive.spin is None:
             continue
-        changing = np.abs(np.gradient(_slow(drive.speed), STEP)) > 0.3
-        rows = _settled(drive) & (np.abs(drive.yaw_rate) < STRAIGHT_RATE) & ~changing
-        if rows.sum() * STEP < 2.0:
+        changing = np.abs(np.gradient(_slow(drive.speed), DRIVE_SIGNALS.step)) > 0.3
+        rows = _settled(drive) & (np.abs(drive.yaw_rate) < CHARACTERISE.straight_yaw_rate) & ~changing
+        if rows.sum() * DRIVE_SIGNALS.step < 2.0:
             continue
         at = f" ({drive.name})" if drive.name.startswith("straight") else ""
         if vehicle is not None and drive.wheels is not None and not at:
@@ -245,14 +260,14 @@ def _steering(found: Characteristics, drives: Sequence[DriveSignals], vehicle: V
     for drive in drives:
         lateral = drive.speed * drive.yaw_rate
         rows = _settled(drive) & _steady(drive)
-        curvature = _slow(drive.yaw_rate / np.maximum(drive.speed, LEAST_SPEED))
+        curvature = _slow(drive.yaw_rate / np.maximum(drive.speed, CHARACTERISE.least_speed))
         x = np.column_stack([wheelbase * curvature, _slow(lateral), np.ones(len(drive))])
         parts.append((x[rows], _slow(drive.steering)[rows]))
         turning = rows & (np.abs(lateral) > 0.3)
         speeds.append(drive.speed[turning])
     driven = np.concatenate(speeds)
     where = "at the steering wheel" if at_wheel else "of the reading"
-    if len(driven) * STEP < 3.0:
+    if len(driven) * DRIVE_SIGNALS.step < 3.0:
         for name, unit in (("steering ratio", "-"), ("understeer gradient", "deg/g")):
             found.quantities.append(Quantity(name, unit, note="no bends"))
         return from_file
@@ -296,19 +311,19 @@ def _roll(found: Characteristics, drives: Sequence[DriveSignals]) -> None:
             # What is felt is a_y + g φ; with side slip known its derivative is taken off too.
             sliding = np.zeros(len(drive))
             if drive.side_slip is not None:
-                sliding = np.gradient(_slow(drive.speed * np.tan(drive.side_slip)), STEP)
+                sliding = np.gradient(_slow(drive.speed * np.tan(drive.side_slip)), DRIVE_SIGNALS.step)
             roll, felt = (_slow(drive.felt) - lateral - sliding) / GRAVITY, True
         else:
             continue
         parts.append((np.column_stack([lateral, np.ones(len(lateral))])[rows], roll[rows]))
-    if not parts or sum(np.sum(np.abs(x[:, 0]) > 0.3) for x, _ in parts) * STEP < 3.0:
+    if not parts or sum(np.sum(np.abs(x[:, 0]) > 0.3) for x, _ in parts) * DRIVE_SIGNALS.step < 3.0:
         found.quantities.append(Quantity("roll gradient", "deg/g", note="no bends, or neither roll nor accelerometer"))
         return
     value, deviation = regression(parts)
     x, y = (np.concatenate([part[i] for part in parts]) for i in range(2))
     found.scatters["roll"] = Scatter(x[:, 0], np.degrees(y - value[1]), float(np.degrees(value[0])))
     explained = 1 - np.var(y - x @ value) / np.var(y)
-    if explained < LEAST_EXPLAINED:
+    if explained < CHARACTERISE.least_explained:
         why = (
             f"lateral acceleration explains {100 * explained:.0f} % of it only: the road is banked, or a sensor drifts"
         )
@@ -329,8 +344,8 @@ def _wheel_stiffness(found: Characteristics, drives: Sequence[DriveSignals], veh
         return
     for axle, pair in (("front", slice(0, 2)), ("rear", slice(2, 4))):
         for what, slip, force, limit, sign, unit in (
-            ("slip stiffness", _SLIP, FORCE_X, LINEAR_SLIP, 1.0, "N"),
-            ("cornering stiffness", _ANGLE, FORCE_Y, LINEAR_ANGLE, -1.0, "N/rad"),
+            ("slip stiffness", _SLIP, FORCE_X, CHARACTERISE.linear_slip, 1.0, "N"),
+            ("cornering stiffness", _ANGLE, FORCE_Y, CHARACTERISE.linear_slip_angle, -1.0, "N/rad"),
         ):
             parts = []
             for drive in known:
@@ -361,18 +376,18 @@ def _axle_stiffness(
     parts: dict[str, list[tuple[Array, Array]]] = {"front": [], "rear": []}
     for drive in known:
         speed, rate, slip = (_slow(v) for v in (drive.speed, drive.yaw_rate, drive.side_slip))  # type: ignore[arg-type]
-        lateral = speed * rate + np.gradient(speed * slip, STEP)
-        turning = chassis.yaw_inertia * np.gradient(rate, STEP)
+        lateral = speed * rate + np.gradient(speed * slip, DRIVE_SIGNALS.step)
+        turning = chassis.yaw_inertia * np.gradient(rate, DRIVE_SIGNALS.step)
         front = (chassis.mass * b * lateral + turning) / (a + b)
         forces = {"front": front, "rear": chassis.mass * lateral - front}
-        at_least = np.maximum(speed, LEAST_SPEED)
+        at_least = np.maximum(speed, CHARACTERISE.least_speed)
         angles = {
             "front": slip + a * rate / at_least - _slow(drive.steering) / ratio,
             "rear": slip - b * rate / at_least,
         }
-        rows = _settled(drive) & (np.abs(lateral) < LINEAR)
+        rows = _settled(drive) & (np.abs(lateral) < CHARACTERISE.linear_acceleration)
         for axle, angle in angles.items():
-            small = rows & (np.abs(angle) < LINEAR_ANGLE)
+            small = rows & (np.abs(angle) < CHARACTERISE.linear_slip_angle)
             x = np.column_stack([-angle, np.ones(len(angle))])
             parts[axle].append((x[small], forces[axle][small]))
     for axle, pieces in parts.items():
@@ -387,17 +402,25 @@ def _frequency_response(found: Characteristics, drives: Sequence[DriveSignals], 
     """Yaw rate over road-wheel angle by cross spectra (Welch), each drive by itself, where they are coherent."""
     for drive in drives:
         rows = np.flatnonzero(_settled(drive))
-        if len(rows) < 2 * SEGMENT / STEP or (np.diff(rows) > 1).sum() > 50 or _is_narrow(drive):
+        if (
+            len(rows) < 2 * CHARACTERISE.segment / DRIVE_SIGNALS.step
+            or (np.diff(rows) > 1).sum() > 50
+            or _is_narrow(drive)
+        ):
             continue
         first, last = _longest_run(rows)
         angle, rate = drive.steering[first:last] / (ratio or 1.0), drive.yaw_rate[first:last]
-        if last - first < 2 * SEGMENT / STEP or np.ptp(angle) < 1e-3:
+        if last - first < 2 * CHARACTERISE.segment / DRIVE_SIGNALS.step or np.ptp(angle) < 1e-3:
             continue
-        options = {"fs": 1 / STEP, "nperseg": round(SEGMENT / STEP), "detrend": "linear"}
+        options = {
+            "fs": 1 / DRIVE_SIGNALS.step,
+            "nperseg": round(CHARACTERISE.segment / DRIVE_SIGNALS.step),
+            "detrend": "linear",
+        }
         frequency, cross = signal.csd(angle, rate, **options)
         _, power = signal.welch(angle, **options)
         _, coherence = signal.coherence(angle, rate, **options)
-        good = (frequency >= 2 / SEGMENT) & (frequency < 5.0) & (coherence > LEAST_COHERENCE)
+        good = (frequency >= 2 / CHARACTERISE.segment) & (frequency < 5.0) & (coherence > CHARACTERISE.least_coherence)
         if good.sum() < 4:
             continue
         response = cross[good] / power[good]

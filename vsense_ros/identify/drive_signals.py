@@ -17,8 +17,16 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-STEP = 0.01  # [s] of the clock
-LONGEST_GAP = 0.3  # [s] between two messages, to interpolate between them
+
+@dataclass(frozen=True)
+class DriveSignalSettings:
+    """Settings of the common clock of a drive."""
+
+    step: float = 0.01  # [s] of the clock
+    longest_gap: float = 0.3  # [s] between two messages, to interpolate between them
+
+
+DRIVE_SIGNALS = DriveSignalSettings()
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,7 @@ def reading_over_angle(vehicle: Vehicle, *, at_steering_wheel: bool) -> float:
 
 
 def of_trajectory(name: str, drive: Trajectory, vehicle: Vehicle) -> DriveSignals:
-    """Signals of a simulated drive, whose instants are `STEP` apart, without any error."""
+    """Signals of a simulated drive, whose instants are `DRIVE_SIGNALS.step` apart, without any error."""
     return DriveSignals(
         name,
         np.ones(len(drive.t), dtype=bool),
@@ -99,8 +107,8 @@ def of_recording(recording: Recording, vehicle: Vehicle | None) -> DriveSignals:
         for place in WHEELS:
             found[f"spin_{place}"] = (spins.stamp, spins.columns["velocity"][:, spins.names.index(f"wheel_{place}")])
     start, end = max(s[0] for s, _ in found.values()), min(s[-1] for s, _ in found.values())
-    clock = np.arange(start, end, round(STEP * 1e9), dtype=np.int64)
-    if len(clock) < 10 / STEP:
+    clock = np.arange(start, end, round(DRIVE_SIGNALS.step * 1e9), dtype=np.int64)
+    if len(clock) < 10 / DRIVE_SIGNALS.step:
         raise InputError(f"{recording.name}: less than 10 s in which steering, speed and yaw rate are all there")
     valid, on_clock = np.ones(len(clock), dtype=bool), {}
     for key, (stamp, value) in found.items():
@@ -169,5 +177,5 @@ def _resampled(stamp: NDArray[np.int64], value: Array, clock: NDArray[np.int64])
     if len(stamp) < 2:
         return np.zeros(len(clock)), np.zeros(len(clock), dtype=bool)
     after = np.clip(np.searchsorted(stamp, clock), 1, len(stamp) - 1)
-    known = (stamp[after] - stamp[after - 1]) <= LONGEST_GAP * 1e9
+    known = (stamp[after] - stamp[after - 1]) <= DRIVE_SIGNALS.longest_gap * 1e9
     return np.interp(clock, stamp, value), known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,11 +15,21 @@ from vsense_ros.model.tyres import TyreInput
 from vsense_ros.model.tyres.similarity import Similarity
 from vsense_ros.model.vehicle import Vehicle
 
-LAG = 0.03  # of the tyre forces [s]: no vehicle file tells it
-RELAXATION_LENGTH = 0.6  # of a car tyre [m] (Pacejka 2012, ch. 5: about the radius of the wheel to twice that)
-_SHAPE, _CURVATURE = 1.6, 0.5  # of a curve whose tyre does not tell them
-_AT = 20.0  # [m/s] at which a tyre is asked for its force
-_LARGEST = 0.5  # tangent of the slip angle up to which its largest force is looked for
+
+@dataclass(frozen=True)
+class HandlingDefaults:
+    """Values of handling models that no vehicle file gives."""
+
+    lag: float = 0.03  # [s] of the tyre forces
+    # [m] of a car tyre (Pacejka 2012, ch. 5: about the radius of the wheel to twice that)
+    relaxation_length: float = 0.6
+    shape: float = 1.6  # [-] of a force curve whose tyre does not give one
+    curvature: float = 0.5  # [-] likewise
+    speed: float = 20.0  # [m/s] at which the force of a tyre is evaluated
+    largest_slip: float = 0.5  # [-] tangent of the slip angle up to which the largest force is searched
+
+
+HANDLING_DEFAULTS = HandlingDefaults()
 
 
 def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
@@ -33,10 +44,10 @@ def of_vehicle(vehicle: Vehicle) -> dict[str, float]:
     found = {
         "front_weight": loads[0], "rear_weight": loads[1], "front_roll_centre_height": front.roll_centre_height,
         "rear_roll_centre_height": rear.roll_centre_height, "half_track": (front.track + rear.track) / 4,
-        "wheelbase": wheelbase, "friction": physics.road.friction, "lag": LAG,
+        "wheelbase": wheelbase, "friction": physics.road.friction, "lag": HANDLING_DEFAULTS.lag,
         "wheel_radius": float(rolling_radii(vehicle).mean()), "front_roll_share": stiffness[0] / sum(stiffness),
         "cog_height": chassis.cog_height, "yaw_inertia": chassis.yaw_inertia, "roll_stiffness": sum(stiffness),
-        "roll_damping": damping, "relaxation_length": RELAXATION_LENGTH,
+        "roll_damping": damping, "relaxation_length": HANDLING_DEFAULTS.relaxation_length,
     }  # fmt: skip
     for name, axle, load in (("front", front, loads[0]), ("rear", rear, loads[1])):
         for key, value in zip(TYRE, similar(axle, load / 2), strict=True):
@@ -60,10 +71,17 @@ def similar(axle: Axle, load: float) -> tuple[float, float, float, float, float]
     slope = float(tyre.steepest_slope(load)) * axle.longitudinal_scale
     if isinstance(tyre, Similarity):
         return tyre.stiffness * axle.cornering_scale, slope / cornering, tyre.shape, tyre.peak, tyre.curvature
-    slips = np.linspace(0.01, _LARGEST, 60)
-    forces = [float(tyre.forces(TyreInput(load, _AT, -slip * _AT, _AT)).lateral) for slip in slips]
+    slips = np.linspace(0.01, HANDLING_DEFAULTS.largest_slip, 60)
+    forces = [
+        float(
+            tyre.forces(
+                TyreInput(load, HANDLING_DEFAULTS.speed, -slip * HANDLING_DEFAULTS.speed, HANDLING_DEFAULTS.speed)
+            ).lateral
+        )
+        for slip in slips
+    ]
     peak = max(max(forces) / load * axle.grip_scale, 0.2)
-    return cornering / peak, slope / cornering, _SHAPE, peak, _CURVATURE
+    return cornering / peak, slope / cornering, HANDLING_DEFAULTS.shape, peak, HANDLING_DEFAULTS.curvature
 
 
 def changes(vehicle: Vehicle, values: Mapping[str, float], told: Iterable[str]) -> Vehicle:
@@ -89,7 +107,7 @@ def changes(vehicle: Vehicle, values: Mapping[str, float], told: Iterable[str]) 
         if f"{name}_stiffness" in told:
             tyre = {key: values[f"{name}_{key}"] for key in TYRE}
             tyre["shape"] = min(max(tyre["shape"], 1.0), 2.5)
-            axle["tyre"] = {"model": "similarity", "relaxation_time": values.get("lag", LAG), **tyre}
+            axle["tyre"] = {"model": "similarity", "relaxation_time": values.get("lag", HANDLING_DEFAULTS.lag), **tyre}
             axle |= {"grip_scale": 1.0, "cornering_scale": 1.0, "longitudinal_scale": 1.0}
     if "steering_gain" in told:
         for sensor in data["sensors"].values():

@@ -33,10 +33,22 @@ from vsense_ros.model.vehicle import Vehicle
 ModelName = Literal["best", "single_track"]
 Weigh = Callable[[Sequence[Drive]], Information]  # what some drives say alone
 AXLES = ("front", "rear")
-TWO_CARS = 3.0  # standard deviations between two drives, beyond which they are not of one car
-TWO_CARS_SHARE = 0.2  # and the share of the value, as no model is exact
-PASSES = 10  # at most
-BACKWARDS = -0.4  # correlation of two signals that should go together, from which on one has the wrong sign
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """Decisions of the identification of handling models."""
+
+    two_cars_deviations: float = 3.0  # [-] standard deviations between two drives, beyond which they are not of one car
+    two_cars_share: float = 0.2  # [-] and the share of the value, as no model is exact
+    most_passes: int = 10  # over the drives
+    # [-] correlation of two signals that should go together, from which on one has the wrong sign
+    reversed_correlation: float = -0.4
+    # standard deviations of the gain [-], the offset [rad] and the delay [s] of the steering angle
+    steering_prior: tuple[float, float, float] = (0.1, 0.01, 0.05)
+
+
+IDENTIFICATION = IdentificationSettings()
 
 
 @dataclass(frozen=True)
@@ -54,7 +66,7 @@ _LATERAL = tuple(f"{axle}_{name}" for axle in AXLES for name in ("stiffness", "p
 MODELS: Mapping[str, Handling] = {
     "best": Handling(
         lambda: Best4Dof(on_body=True, yaw_rate=True),
-        Noise((*best.OUTPUTS, 0.005), best.START, best.DISTURBANCES),
+        Noise((*best.SETTINGS.output_deviations, 0.005), best.SETTINGS.start_deviations, best.DISTURBANCES),
         tuple(best_4dof.SYMBOLS),
         {
             "longitudinal_acceleration": (0.3, 1e-3),
@@ -71,7 +83,6 @@ MODELS: Mapping[str, Handling] = {
         by_likelihood=True,
     ),
 }
-STEERING_PRIOR = (0.1, 0.01, 0.05)  # of the gain [-], the offset [rad] and the delay [s]
 WANDERING = {"steering_wander": (1e-3, 1e-3), "bank": (0.2, 0.07), "grade": (0.2, 0.05)}  # as offsets
 
 ADVICE = {
@@ -208,8 +219,8 @@ def identify(
         else:
             # What is not told must not wander from pass to pass.
             left = information(one, drives, one.begin(), prior).left
-            one.scales = prior / best.PRIOR * np.clip(1 - left**2, 1e-3, 1.0)
-            rinsed = rinse(one, drives, Schedule(passes=PASSES), progress=part(progress, 0, 2))
+            one.scales = prior / best.SETTINGS.prior_share * np.clip(1 - left**2, 1e-3, 1.0)
+            rinsed = rinse(one, drives, Schedule(passes=IDENTIFICATION.most_passes), progress=part(progress, 0, 2))
             weighed = weigh(one, drives, rinsed.values, one.begin(), prior)
 
             def own(some: Sequence[Drive]) -> Information:
@@ -271,7 +282,7 @@ def handling_identifier(
     whole = WithSensorErrors(base)
     start = {name: value for name, value in handling_values.of_vehicle(vehicle).items() if name in base.parameters}
     start |= {"steering_gain": 1.0, "steering_offset": 0.0, "steering_delay": 0.0}
-    prior = np.array([*best.prior(start, wanted), *STEERING_PRIOR])
+    prior = np.array([*best.prior(start, wanted), *IDENTIFICATION.steering_prior])
     if how.by_likelihood and drives:
         outputs = np.maximum(np.sqrt(np.mean([np.square(drive.noise) for drive in drives], axis=0)), how.noise.outputs)
     else:
@@ -281,8 +292,8 @@ def handling_identifier(
     disturbances = {**how.noise.disturbances, **dict(zip(whole.errors, drift, strict=True))}
     noise = Noise(outputs.tolist(), (*how.noise.start, *off), disturbances)
     one = Identifier(
-        whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model), scales=prior / best.PRIOR,
-        bounds=best_4dof.BOUNDS,
+        whole, start, (*wanted, *STEERING), noise, curves=_curves(start, model),
+        scales=prior / best.SETTINGS.prior_share, bounds=best_4dof.BOUNDS,
     )  # fmt: skip
     return one, prior
 
@@ -299,7 +310,7 @@ def check_signs(one: Signals) -> None:
     """Raises `InputError` for a signal that goes against another that it should go with."""
     moving = one.known
     turned = one.rates[:, 2] * one.speed
-    slowly = np.convolve(np.gradient(one.speed, recorded.STEP), np.ones(100) / 100, "same")
+    slowly = np.convolve(np.gradient(one.speed, recorded.RECORDED.step), np.ones(100) / 100, "same")
     pairs = (
         ("the lateral acceleration", one.forces[:, 1], "yaw rate times speed", turned, 0.3),
         ("the steering angle", one.steering * one.speed**2, "yaw rate times speed", turned, 0.3),
@@ -311,7 +322,7 @@ def check_signs(one: Signals) -> None:
         if good.sum() < 500 or np.std(with_it[good]) < least or np.std(signal[good]) == 0:
             continue
         correlation = float(np.corrcoef(signal[good], with_it[good])[0, 1])
-        if correlation < BACKWARDS:
+        if correlation < IDENTIFICATION.reversed_correlation:
             raise InputError(
                 f"{one.name}: {name} goes against {other} (correlation {correlation:+.2f}): one of the two has the "
                 "wrong sign. Axes are ISO 8855: x forward, y left, positive steering to the left; set attitude or gain "
@@ -328,7 +339,10 @@ def check_one_car(one: Identifier, drives: Sequence[Drive], own: Weigh) -> None:
         told = [cornering_stiffness(found, axle, one.values) for found in alone]
         for i, (a, s) in enumerate(told):
             for j, (b, t) in enumerate(told[:i]):
-                if abs(a - b) > max(TWO_CARS * float(np.hypot(s, t)), TWO_CARS_SHARE * max(a, b)):
+                if abs(a - b) > max(
+                    IDENTIFICATION.two_cars_deviations * float(np.hypot(s, t)),
+                    IDENTIFICATION.two_cars_share * max(a, b),
+                ):
                     raise InputError(
                         f"{drives[j].name} and {drives[i].name} are not of one car, or not with the same tyres: the "
                         f"cornering stiffness of a {axle} tyre is {b:.3g} ± {t:.1g} N/rad in one and {a:.3g} ± {s:.1g} "
@@ -364,7 +378,7 @@ def _products(one: Identifier, drives: Sequence[Drive], weighed: Information, ow
     for axle in axles:
         value, deviation = cornering_stiffness(weighed, axle, one.values)
         first, second = (cornering_stiffness(half, axle, one.values) for half in said)
-        before = best.PRIOR * 2**0.5 * value
+        before = best.SETTINGS.prior_share * 2**0.5 * value
         made.append(Product(axle, value, deviation, (first, second), deviation < 0.6 * before))
     return made
 

@@ -16,13 +16,24 @@ from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.observability import Direction
 from vsense_ros.identify.rinsing import Drive, Identifier
 
-TOLD = 0.3  # of its prior deviation: a parameter of which no more is left is told
-TOLD_OF_CURVE = 0.5  # the same of one that is judged by its curve
-APART = 5.0  # times the deviation that a parameter has if all others are known: beyond, it is not told apart
-_STEPS = 6  # of Gauss and Newton, at most
-_LONGEST, _SMALL_STEP = 0.5, 0.01  # of a step [prior deviations]: at most, and where it ends
-_SHARE = 0.05  # of the prior deviations, with which the drives are asked what they tell
-CORRELATED = 0.9  # correlation from which on two parameters are named together
+
+@dataclass(frozen=True)
+class InformationSettings:
+    """Bounds from which parameters count as determined: decisions of this project."""
+
+    # [-] share of the prior deviation: a parameter of which no more remains is determined
+    determined_share: float = 0.3
+    determined_share_of_curve: float = 0.5  # [-] likewise for a parameter that is judged by its curve
+    # [-] deviation over that with all other parameters known: beyond, it cannot be separated from them
+    inseparable_ratio: float = 5.0
+    most_steps: int = 6  # of Gauss and Newton
+    longest_step: float = 0.5  # [prior deviations]
+    last_step: float = 0.01  # [prior deviations] the step with which the iteration ends
+    prior_share: float = 0.05  # [-] of the prior deviations, with which the information of the drives is evaluated
+    correlated: float = 0.9  # [-] correlation from which on two parameters are named together
+
+
+INFORMATION = InformationSettings()
 
 
 @dataclass(frozen=True)
@@ -112,7 +123,7 @@ class Information:
         """Parameters that the drive can hardly tell apart, with their correlation, the closest first."""
         found = [
             (self.names[i], self.names[j], float(self.correlation[i, j]))
-            for i in range(len(self.names)) for j in range(i) if abs(self.correlation[i, j]) >= CORRELATED
+            for i in range(len(self.names)) for j in range(i) if abs(self.correlation[i, j]) >= INFORMATION.correlated
         ]  # fmt: skip
         return sorted(found, key=lambda pair: -abs(pair[2]))
 
@@ -120,9 +131,9 @@ class Information:
 def information(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> Information:
     """What drives tell of the parameters around `values` (p,), whose prior deviations are `prior` (p,).
 
-    The pass that tells it begins with only a `_SHARE` of these, so that the equations stay as they are there. It is
-    divided by how much more the pieces of the drives disagree about the parameters than noise would make them.
-    Raises `FloatingPointError` where the pass cannot go on.
+    The pass that tells it begins with only a `INFORMATION.prior_share` of these, so that the equations stay as they are
+    there. It is divided by how much more the pieces of the drives disagree about the parameters than noise would make
+    them. Raises `FloatingPointError` where the pass cannot go on.
     """
     return _told(identifier, drives, np.asarray(values, dtype=float), prior)[0]
 
@@ -133,9 +144,9 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
     tell goes back to where it started. Raises `FloatingPointError` where a pass cannot go on."""
     values = np.asarray(values, dtype=float)
     found, score = _told(identifier, drives, values, prior)
-    for _ in range(_STEPS):
+    for _ in range(INFORMATION.most_steps):
         step = np.linalg.solve(found.scaled + np.eye(len(prior)), score + (start - values) / prior)
-        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-12))
+        step *= min(1.0, INFORMATION.longest_step / max(float(np.abs(step).max()), 1e-12))
         inside = 0.01 * (identifier.high - identifier.low)
         inside[~np.isfinite(inside)] = 0.0
         new = np.clip(values + prior * step, identifier.low + inside, identifier.high - inside)
@@ -144,7 +155,7 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
         except FloatingPointError:
             break
         values = new
-        if np.abs(step).max() < _SMALL_STEP:
+        if np.abs(step).max() < INFORMATION.last_step:
             break
     return found
 
@@ -152,13 +163,13 @@ def weigh(identifier: Identifier, drives: Sequence[Drive], values: Array, start:
 def _told(identifier: Identifier, drives: Sequence[Drive], values: Array, prior: Array) -> tuple[Information, Array]:
     """The information, and the score (p,): the gradient of the log-likelihood at `values`, both scaled by the prior
     deviations."""
-    deviations = _SHARE * prior
+    deviations = INFORMATION.prior_share * prior
     belief, made = identifier.follow(drives, values, np.diag(deviations**2))
     within = belief.covariance / np.outer(deviations, deviations)
     precision = np.linalg.inv(within)
     scaled = precision - np.eye(len(prior))
-    scaled = 0.5 * (scaled + scaled.T) / _SHARE**2
-    score = precision @ ((belief.mean - values) / deviations) / _SHARE
+    scaled = 0.5 * (scaled + scaled.T) / INFORMATION.prior_share**2
+    score = precision @ ((belief.mean - values) / deviations) / INFORMATION.prior_share
     vectors = [
         np.linalg.solve(one.covariance / np.outer(prior, prior), (one.mean - values) / prior) for one in made.beliefs
     ]
@@ -206,17 +217,18 @@ class Refusal:
 def refusals(found: Information, judged_by_curve: Collection[str] = ()) -> list[Refusal]:
     """Parameters that are not told, or not told apart from others.
 
-    Of one that is told no more than `TOLD` of its prior deviation is left. One whose deviation is more than `APART`
-    times that alone cannot be told apart. Both are milder with those that are `judged_by_curve`: a shape factor and a
-    curvature make up one force curve, which may well be told where they are not.
+    Of one that is told no more than `INFORMATION.determined_share` of its prior deviation is left. One whose deviation
+    is more than `INFORMATION.inseparable_ratio` times that alone cannot be told apart. Both are milder with those that
+    are `judged_by_curve`: a shape factor and a curvature make up one force curve, which may well be told where they are
+    not.
     """
     refused = []
     for i, (name, left, amplification) in enumerate(zip(found.names, found.left, found.amplification, strict=True)):
         of_curve = name in judged_by_curve
-        if left > (TOLD_OF_CURVE if of_curve else TOLD):
+        if left > (INFORMATION.determined_share_of_curve if of_curve else INFORMATION.determined_share):
             refused.append(Refusal(name, float(left), float(amplification)))
-        elif amplification > APART and not of_curve:
+        elif amplification > INFORMATION.inseparable_ratio and not of_curve:
             closest = [int(j) for j in np.argsort(-np.abs(found.correlation[i])) if j != i]
-            near = [j for j in closest if abs(found.correlation[i, j]) > CORRELATED][:2] or closest[:1]
+            near = [j for j in closest if abs(found.correlation[i, j]) > INFORMATION.correlated][:2] or closest[:1]
             refused.append(Refusal(name, float(left), float(amplification), tuple(found.names[j] for j in near)))
     return refused

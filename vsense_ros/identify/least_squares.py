@@ -24,17 +24,32 @@ from vsense_ros.identify.parameter_set import ParameterSet
 
 Array = NDArray[np.float64]
 
-PRIOR = 3e-3  # a free parameter that is one deviation off costs as much as this share of the squared residuals
-STEP = 0.25  # of a free parameter's likely offset, for secants
-STEPS = (1.0, -1.0, 0.25)  # times that, tried in this order until the simulation diverges in no block
-# Steps that are tried in this order until the value falls by a `SUFFICIENT` share of what the slopes promise: caution
-# (what the diagonal of the normal matrix grows by, as a share of itself), and shares of the step along an arc.
-SUFFICIENT = 0.25
-CAUTION = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
-BENT = 1.5  # most that an arc is bent, over the length of the step
-SETTLED = 2e-3  # relative fall of the value, had or promised, that ends the iterations
-UNSETTLED = 0.05  # the same in the last of them, from where on the fit has not converged
-_HALVINGS = 60  # of the interval in which the damping is sought
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Settings of the line searches of a fit: decisions of this project, which change how soon a fit ends, not its
+    minimum."""
+
+    prior_share: float = 3e-3  # [-] share of the squared residuals that a free parameter one deviation off costs
+    secant: float = 0.25  # [-] of a free parameter's likely offset, for secants
+    # [-] times that, tried in this order until the simulation diverges in no block
+    secant_factors: tuple[float, float, float] = (1.0, -1.0, 0.25)
+    sufficient_share: float = 0.25  # [-] share of the fall that the slopes promise, with which a step is taken
+    # [-] steps that are tried in this order: what the diagonal of the normal matrix grows by, as a share of
+    # itself, and shares of the step along an arc
+    caution: tuple[
+        tuple[float, tuple[float, float, float]],
+        tuple[float, tuple[float]],
+        tuple[float, tuple[float]],
+        tuple[float, tuple[float]],
+    ] = ((0.0, (1.0, 0.3, 0.1)), (0.1, (1.0,)), (1.0, (1.0,)), (10.0, (1.0,)))
+    most_bent: float = 1.5  # [-] that an arc is bent, over the length of the step
+    converged_fall: float = 2e-3  # [-] relative fall of the value, actual or promised, that ends the iterations
+    unconverged_fall: float = 0.05  # [-] relative fall in the last iteration from which on the fit has not converged
+    halvings: int = 60  # of the interval in which the damping is sought
+
+
+SEARCH = SearchSettings()
 
 
 class DivergedError(Exception):
@@ -64,7 +79,7 @@ class Settings:
     """How a fit is searched for."""
 
     iterations: int = 8  # at most
-    step: float = STEP
+    step: float = SEARCH.secant
     secants: Collection[int] = (0, 2, 4)  # iterations after which the slopes are simulated anew
     longest: float = np.inf  # step of an iteration [deviations], as a Euclidean norm
     weight: float | None = None  # what a parameter that is one deviation off costs; by default, `prior_weight`
@@ -136,17 +151,17 @@ def cost(residuals: Sequence[Array]) -> float:
 
 
 def prior_weight(residuals: Sequence[Array]) -> float:
-    """What a free parameter that is one deviation off costs: `PRIOR` of the squared residuals, which are taken for no
-    less than those of a model whose residuals are one standard deviation.
+    """What a free parameter that is one deviation off costs: `SEARCH.prior_share` of the squared residuals, which are
+    taken for no less than those of a model whose residuals are one standard deviation.
 
-    Residuals of neighbouring instants err together, so that many say little more than few: the prior counts against
-    all of them, not against one.
+    Residuals of neighbouring instants err together, so that many say little more than few: the prior counts against all
+    of them, not against one.
     """
-    return PRIOR * max(cost(residuals), float(sum(len(r) for r in residuals)))
+    return SEARCH.prior_share * max(cost(residuals), float(sum(len(r) for r in residuals)))
 
 
 def slope(
-    residuals: ResidualFunction, start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float = STEP
+    residuals: ResidualFunction, start: ParameterSet, fit: Fit, parameter: FreeParameter, step: float = SEARCH.secant
 ) -> list[Array]:
     """Secant of the residuals, per deviation of a free parameter whose offset is changed by `step` likely ones from a
     fit that began at `start`. Where the simulation diverges with that and does not in the fit, which would tell
@@ -175,7 +190,7 @@ def slopes_by(
     start: ParameterSet,
     fit: Fit,
     free_parameters: Sequence[FreeParameter],
-    step: float = STEP,
+    step: float = SEARCH.secant,
 ) -> Iterator[list[Array]]:
     """`slope` by each of the free parameters, several of which are simulated side by side."""
     at_once = residuals.at_once
@@ -196,7 +211,7 @@ def _attempts(
     offsets = fit.offset_by_name
     present = offsets.get(parameter.name, 0.0)
     free_parameters = (*(known for known in fit.free_parameters if known.name != parameter.name), parameter)
-    for share in STEPS:
+    for share in SEARCH.secant_factors:
         by = share * step * parameter.likely
         if parameter.low <= present + by <= parameter.high:
             offsets[parameter.name] = present + by
@@ -208,7 +223,7 @@ def slopes_at(
     start: ParameterSet,
     at: Fit,
     progress: Callable[[], None] = lambda: None,
-    step: float = STEP,
+    step: float = SEARCH.secant,
 ) -> list[Array]:
     """By block, (rows, k): secants by all free parameters of a fit from where it is, per deviation; it began at
     `start`."""
@@ -248,7 +263,7 @@ def _of_length(normal: Array, right: Array, scaled_offsets: Array, weight: float
     unit, change = np.eye(len(scaled_offsets)), np.zeros(len(scaled_offsets))
     gradient = float(np.linalg.norm(right + weight * scaled_offsets))
     low, high = 0.0, gradient / length  # the change is shorter than the gradient over the damping
-    for _ in range(_HALVINGS):
+    for _ in range(SEARCH.halvings):
         damping = 0.5 * (low + high)
         change = minimiser(normal + damping * unit, right, scaled_offsets, weight)
         low, high = (low, damping) if np.linalg.norm(change) <= length else (damping, high)
@@ -348,11 +363,11 @@ def _fitting(
         best = yield from _stepped(residuals, start, at, instead, settings.longest)
         fall = 1 - best.value / max(at.value, 1e-12)
         progress()
-        if fall < SETTLED:
+        if fall < SEARCH.converged_fall:
             break
         if first is None and iteration in settings.secants:
             best = replace(best, slopes=slopes_at(residuals, start, best, progress, settings.step))
-    return replace(best, weight=_weight(settings, first, best), converged=fall < UNSETTLED)
+    return replace(best, weight=_weight(settings, first, best), converged=fall < SEARCH.unconverged_fall)
 
 
 def _weight(settings: Settings, first: Fit | None, at: Fit) -> float:
@@ -388,10 +403,10 @@ def _stepped(
     deviations = np.array([parameter.deviation for parameter in at.free_parameters])
     low, high = np.array([k.low for k in at.free_parameters]), np.array([k.high for k in at.free_parameters])
     best = at
-    for caution, shares in CAUTION:
+    for caution, shares in SEARCH.caution:
         step = solve(at.slopes, at.residuals, at.scaled_offsets, at.weight, caution, longest)
         promised = _promised(at, step)
-        if promised < SETTLED * at.value:
+        if promised < SEARCH.converged_fall * at.value:
             break
         bend = np.zeros(len(step))
         for share in shares:
@@ -406,10 +421,10 @@ def _stepped(
             missed = _missed(at, tried)
             if tried.value < best.value:
                 best = _learnt(at, tried, missed)
-            if at.value - tried.value > SUFFICIENT * share * (2 - share) * promised:
+            if at.value - tried.value > SEARCH.sufficient_share * share * (2 - share) * promised:
                 return best
             bend = solve(at.slopes, [2 * m / share**2 for m in missed], np.zeros(len(step)), at.weight, caution)
-            bend *= min(1.0, BENT * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
+            bend *= min(1.0, SEARCH.most_bent * float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-12))
     return best
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -26,13 +27,21 @@ from vsense_ros.estimation.integrated import Integrated, Rates
 from vsense_ros.estimation.state_space import Named, Symbols
 from vsense_ros.identify.information import Information, disagreement
 from vsense_ros.identify.progress import Progress
-from vsense_ros.identify.rinsing import PIECES, SENSOR, Drive, Identifier, Pass, Rinsed
+from vsense_ros.identify.rinsing import RINSING, SENSOR, Drive, Identifier, Pass, Rinsed
 
-_DIFFERENCE = 1e-3  # of a prior deviation, for slopes
-_ITERATIONS = 25  # at most
-_LONGEST = 0.7  # of a step [prior deviations]
-_GAIN = 0.05  # of the log of the posterior, below which an iteration is the last
-_HALVINGS = 6  # of a step that does not lead upward
+
+@dataclass(frozen=True)
+class LikelihoodSettings:
+    """Settings of the maximisation of the likelihood."""
+
+    difference: float = 1e-3  # [prior deviations] for slopes
+    most_iterations: int = 25  # [-]
+    longest_step: float = 0.7  # [prior deviations]
+    least_gain: float = 0.05  # [nat] of the log of the posterior, below which an iteration is the last
+    most_halvings: int = 6  # of a step that does not lead upward
+
+
+LIKELIHOOD = LikelihoodSettings()
 
 
 class Innovations(NamedTuple):
@@ -133,10 +142,10 @@ class Likelihood:
             slopes, factors, whitened = [], [], []
             for i in range(size):
                 moved = point.copy()
-                moved[i] += _DIFFERENCE * units[i]
+                moved[i] += LIKELIHOOD.difference * units[i]
                 there = self.innovations(drive, moved[:p], moved[p:])
-                by_value = (there.value - at.value) / _DIFFERENCE
-                factor = inverse @ ((there.covariance - at.covariance) / _DIFFERENCE)
+                by_value = (there.value - at.value) / LIKELIHOOD.difference
+                factor = inverse @ ((there.covariance - at.covariance) / LIKELIHOOD.difference)
                 quadratic = np.einsum("ki,kij,kj->k", at.value, factor, weighted)
                 trace = np.trace(factor, axis1=1, axis2=2)
                 slopes.append(-np.einsum("ki,ki->k", by_value, weighted) - 0.5 * trace + 0.5 * quadratic)
@@ -146,7 +155,7 @@ class Likelihood:
             flat = np.array([factor.ravel() for factor in factors])
             turned = np.array([factor.transpose(0, 2, 1).ravel() for factor in factors])
             information += by @ by.T + 0.5 * flat @ turned.T
-            pieces += [part.sum(axis=1) for part in np.array_split(np.array(slopes), PIECES, axis=1)]
+            pieces += [part.sum(axis=1) for part in np.array_split(np.array(slopes), RINSING.pieces, axis=1)]
         return np.array(pieces), information
 
     def told(self, drives: Sequence[Drive], values: Array, prior: Array, noise: bool = True) -> Information:
@@ -179,15 +188,15 @@ class Likelihood:
         low, high = one.low + inside, one.high - inside
         values = np.clip(np.asarray(values, dtype=float), low, high)
         passes, settled = list[Pass](), False
-        for index in range(_ITERATIONS):
+        for index in range(LIKELIHOOD.most_iterations):
             begun = time.process_time()
             pieces, scaled = self.scores(drives, values, prior, noise)
             off = (values - start) / prior
             off = np.concatenate([off, self.factors]) if noise else off
             step = np.linalg.solve(scaled + np.eye(len(off)), pieces.sum(axis=0) - off)
-            step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-12))
+            step *= min(1.0, LIKELIHOOD.longest_step / max(float(np.abs(step).max()), 1e-12))
             here = self._posterior(drives, values, self.factors, start, prior)
-            for halving in range(_HALVINGS):
+            for halving in range(LIKELIHOOD.most_halvings):
                 new = np.clip(values + prior * step[:p] / 2**halving, low, high)
                 factors = self.factors + step[p:] / 2**halving if noise else self.factors
                 there = self._posterior(drives, new, factors, start, prior)
@@ -197,8 +206,8 @@ class Likelihood:
                 new, factors, there = values, self.factors, here
             passes.append(self._pass(drives, values, new, time.process_time() - begun))
             if progress is not None:
-                progress((index + 1) / _ITERATIONS)
-            values, self.factors, settled = new, factors, there - here < _GAIN
+                progress((index + 1) / LIKELIHOOD.most_iterations)
+            values, self.factors, settled = new, factors, there - here < LIKELIHOOD.least_gain
             if settled:
                 break
         return self.told(drives, values, prior, noise), Rinsed(values, settled, tuple(passes))

@@ -34,16 +34,30 @@ from vsense_ros.runner.innovations import innovations
 
 Array = NDArray[np.float64]
 
-PRIOR = float(np.log(3))  # standard deviation of the logarithm of a number around what the file says
-BOUND = float(np.log(10))  # that it may change by at most: a drive on which an error did not show is no proof of none
-LARGEST_STEP = float(np.log(5))  # of an iteration
-DIFFERENCE = 0.05  # of a logarithm, for derivatives
-STEEPEST = 3.0  # change of a whitened innovation by a logarithm: beyond that, a gate decided otherwise some time before
-ITERATIONS = 8  # at most
-SHORTER = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried until one is an improvement
-LEAST_GAIN = 0.05  # in log-likelihood, of each number, that an iteration must promise; noise alone gives 0.5
-DETERMINED = 0.5  # a number is determined whose standard deviation is at most this share of the prior's
-DIGITS = 3  # that are kept of a number
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Settings of the fit of noise levels: decisions of this project."""
+
+    prior: float = float(np.log(3))  # [-] standard deviation of the logarithm of a number around what the file says
+    # [-] largest change of a logarithm: a drive on which an error did not show is no proof of none
+    bound: float = float(np.log(10))
+    largest_step: float = float(np.log(5))  # [-] change of a logarithm in one iteration
+    difference: float = 0.05  # [-] of a logarithm, for derivatives
+    # [-] change of a whitened innovation by a logarithm: beyond that, a gate decided otherwise some time before
+    steepest: float = 3.0
+    most_iterations: int = 8  # [-]
+    # [-] shares of a step that are tried until one is an improvement
+    shares_of_step: tuple[float, float, float, float] = (1.0, 0.5, 0.25, 0.125)
+    # [nat] log-likelihood, of each number, that an iteration must promise; noise alone gives 0.5
+    least_gain: float = 0.05
+    # [-] a number is determined whose standard deviation is at most this share of the prior's
+    determined_share: float = 0.5
+    digits: int = 3  # significant digits that are kept of a number
+
+
+NOISE = NoiseSettings()
+
 
 _FROM_MESSAGE = "noise_from_message"
 ALL = "all"  # sensors together, in tables
@@ -90,12 +104,12 @@ class Found:
     @property
     def determined(self) -> bool:
         """True if the recordings determine it."""
-        return self.deviation < DETERMINED * PRIOR
+        return self.deviation < NOISE.determined_share * NOISE.prior
 
     @property
     def at_bound(self) -> bool:
         """True if it has reached its bound."""
-        return bool(abs(np.log(self.after / self.before)) > 0.99 * BOUND)
+        return bool(abs(np.log(self.after / self.before)) > 0.99 * NOISE.bound)
 
 
 @dataclass(frozen=True)
@@ -174,7 +188,7 @@ def tune(
             return _innovations_of(pool, cars(points), count, done)
 
         offsets, deviations = maximise(evaluate, free_parameters, part(progress, 0, 1))
-        (tuned,) = cars([offsets], DIGITS)
+        (tuned,) = cars([offsets], NOISE.digits)
         judged = [[pool.submit(_judged, i, car) for i in range(len(every))] for car in (known, tuned)]
         first, last = ([job.result() for job in of_car] for of_car in judged)
     before, after = (_figures(one[:count], first[:count]) for one in (first, last))
@@ -204,7 +218,7 @@ def _innovations_of(
 
 def _free(name: str) -> FreeParameter:
     """The logarithm of a standard deviation of the vehicle file."""
-    return FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied({name: 1.0}))
+    return FreeParameter(name, "-", NOISE.prior, -NOISE.bound, NOISE.bound, multiplied({name: 1.0}))
 
 
 # Innovations at each of some points, (k,) offsets, in the same order of sensors.
@@ -215,7 +229,7 @@ def maximise(
     evaluate: Evaluate,
     free_parameters: Sequence[FreeParameter],
     progress: Progress | None = None,
-    iterations: int = ITERATIONS,
+    iterations: int = NOISE.most_iterations,
 ) -> tuple[Array, Array]:
     """Offsets (k,) at which innovations are likeliest, with the prior of the free parameters, and their standard
     deviations (k,).
@@ -244,14 +258,14 @@ def maximise(
         return before - after + float(np.sum((here / deviations) ** 2) - np.sum((there / deviations) ** 2))
 
     for iteration in range(iterations):
-        nearby = at([here + DIFFERENCE * unit for unit in np.eye(count)], part(progress, iteration, iterations))
+        nearby = at([here + NOISE.difference * unit for unit in np.eye(count)], part(progress, iteration, iterations))
         equations = _equations(free_parameters, here, now, nearby, credible)
         change = _scoring_step(equations, here)
-        if -0.5 * equations.gradient @ change < LEAST_GAIN * count:
+        if -0.5 * equations.gradient @ change < NOISE.least_gain * count:
             break
         step = change * deviations
-        step *= min(1.0, LARGEST_STEP / float(np.abs(step).max()))
-        for shorter in SHORTER:
+        step *= min(1.0, NOISE.largest_step / float(np.abs(step).max()))
+        for shorter in NOISE.shares_of_step:
             there = np.clip(here + shorter * step, low, high)
             found = at([there])[0]
             if rise(there, found) > 0:
@@ -318,9 +332,9 @@ def _score(
         by_innovation, by_scale = (np.zeros((here.whitened[of].size, count)) for _ in range(2))
         for k, all_there in enumerate(nearby):
             stretch = all_there[i].deviation[of] / here.deviation[of]
-            change = (all_there[i].whitened[of] * stretch - here.whitened[of]) / DIFFERENCE
-            by_innovation[:, k] = np.nan_to_num(change).clip(-STEEPEST, STEEPEST).ravel()
-            by_scale[:, k] = np.nan_to_num(np.log(stretch) / DIFFERENCE).ravel()
+            change = (all_there[i].whitened[of] * stretch - here.whitened[of]) / NOISE.difference
+            by_innovation[:, k] = np.nan_to_num(change).clip(-NOISE.steepest, NOISE.steepest).ravel()
+            by_scale[:, k] = np.nan_to_num(np.log(stretch) / NOISE.difference).ravel()
         w = np.nan_to_num(here.whitened[of]).ravel()
         slope += (w**2 - 1) @ by_scale - w @ by_innovation
         information += by_innovation.T @ by_innovation + 2 * by_scale.T @ by_scale

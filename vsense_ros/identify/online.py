@@ -8,6 +8,7 @@ parameters belongs to the car of one vehicle file: for another it is refused.
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
@@ -18,9 +19,9 @@ from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array, Gaussian
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.files.atomic import atomic_write
-from vsense_ros.identify.best import EVERYDAY_CUT_OFF, PRIOR
+from vsense_ros.identify.best import SETTINGS as BEST
 from vsense_ros.identify.identification import handling_identifier
-from vsense_ros.identify.recorded import GAP, SLOWEST, STEP
+from vsense_ros.identify.recorded import RECORDED
 from vsense_ros.identify.rinsing import SENSOR, independent
 from vsense_ros.messages.recording import Sample
 from vsense_ros.model.sensors import Imu, telling
@@ -28,12 +29,23 @@ from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
 
 TOPIC = "vsense/identified_parameters"
-PERIOD = 1.0  # [s] between two messages of it
-FIRST = 0.5  # of the prior deviations, with which a new car begins: so far the equations are nearly linear
-AGEING = 0.02  # of its value, by which a parameter may have changed from one drive to the next
-_LIMIT = 100.0  # normalized innovation squared beyond which a reading is not believed
-_EVERY = independent(STEP, EVERYDAY_CUT_OFF)
-_AT_MOST = 100  # steps that one message may bring about
+
+
+@dataclass(frozen=True)
+class OnlineSettings:
+    """Settings of the online identification: decisions of this project."""
+
+    period: float = 1.0  # [s] between two messages
+    # [-] of the prior deviations, with which a new car begins: so far the equations are nearly linear
+    first_share: float = 0.5
+    ageing: float = 0.02  # [-] share of its value by which a parameter may have changed from one drive to the next
+    gate: float = 100.0  # [-] normalized innovation squared beyond which a reading is not believed
+    most_steps: int = 100  # that one message may bring about
+
+
+ONLINE = OnlineSettings()
+
+_EVERY = independent(RECORDED.step, BEST.everyday_cut_off)
 
 
 def fingerprint(vehicle: Vehicle) -> str:
@@ -74,8 +86,8 @@ class OnlineIdentification:
         self.stamp = 0  # of the last step [ns]; 0: the filter is not running
         self.driven = 0.0  # [s] in this and all drives before
         self.restarts = 0
-        self._belief = Gaussian(self._one.begin(), np.diag((self._prior * FIRST) ** 2))
-        self._b, self._a = butter(2, 2 * EVERYDAY_CUT_OFF * STEP)
+        self._belief = Gaussian(self._one.begin(), np.diag((self._prior * ONLINE.first_share) ** 2))
+        self._b, self._a = butter(2, 2 * BEST.everyday_cut_off * RECORDED.step)
         self._delays = np.zeros((2, 9))  # of the low-pass of inputs and outputs
         self._good = self._belief
         if stored is not None and stored.exists():
@@ -110,14 +122,18 @@ class OnlineIdentification:
             return
         oldest, newest = min(self._stamps.values()), max(self._stamps.values())
         inputs = self._inputs()
-        drives = self._speed > SLOWEST and np.isfinite(inputs).all() and (newest - oldest) * 1e-9 < GAP
+        drives = (
+            self._speed > RECORDED.least_speed
+            and np.isfinite(inputs).all()
+            and (newest - oldest) * 1e-9 < RECORDED.longest_gap
+        )
         if not drives:
             self._rest()
             return
-        if not self.stamp or not -GAP < (oldest - self.stamp) * 1e-9 < GAP:
+        if not self.stamp or not -RECORDED.longest_gap < (oldest - self.stamp) * 1e-9 < RECORDED.longest_gap:
             self._begin(oldest, inputs)
-        step = round(STEP * 1e9)
-        for _ in range(min((oldest - self.stamp) // step, _AT_MOST)):
+        step = round(RECORDED.step * 1e9)
+        for _ in range(min((oldest - self.stamp) // step, ONLINE.most_steps)):
             self._step(inputs)
             self.stamp += step
 
@@ -144,20 +160,20 @@ class OnlineIdentification:
     def _step(self, inputs: Array) -> None:
         """One step; where it leads to nowhere, the parameters are again what they were when the drive began."""
         smooth = self._low_passed(np.concatenate([inputs, self._values["rates and forces"][[3, 4, 0, 2]]]))
-        self._filter.inputs[5] = (smooth[0] - self._filter.inputs[0]) / STEP  # rate of the steering
+        self._filter.inputs[5] = (smooth[0] - self._filter.inputs[0]) / RECORDED.step  # rate of the steering
         self._filter.inputs[:5] = smooth[:5]
         try:
             self._since += 1
             if self._new and self._since >= _EVERY:
-                self._filter.correct(SENSOR, smooth[5:], np.square(self._one.noise.outputs), _LIMIT)
+                self._filter.correct(SENSOR, smooth[5:], np.square(self._one.noise.outputs), ONLINE.gate)
                 self._new, self._since = False, 0
-            self._filter.predict(STEP)
+            self._filter.predict(RECORDED.step)
             sound = self._filter.is_valid()
         except FloatingPointError:
             sound = False
         parameters = self._filter.mean[self._states :]
         if sound and ((parameters > self._one.low) & (parameters < self._one.high)).all():
-            self.driven += STEP
+            self.driven += RECORDED.step
             return
         self.restarts += 1
         self.stamp, self._belief = 0, self._good
@@ -231,6 +247,6 @@ class OnlineIdentification:
             raise InputError(f"{path}: holds other parameters than this version identifies; remove it")
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
             raise InputError(f"{path}: holds numbers that are not finite; remove it")
-        known = covariance + np.diag((AGEING * self._prior / PRIOR) ** 2)
+        known = covariance + np.diag((ONLINE.ageing * self._prior / BEST.prior_share) ** 2)
         self._belief = self._good = Gaussian(mean, known)
         self.driven = driven

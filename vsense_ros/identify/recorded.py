@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.filter import Array
 from vsense_ros.estimation.reading import Map, Reader
-from vsense_ros.identify.best import CUT_OFF, EVERYDAY, EVERYDAY_CUT_OFF
+from vsense_ros.identify.best import SETTINGS as BEST
 from vsense_ros.identify.rinsing import Drive, independent, low_passed
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.sensors import SensorBase, telling
@@ -24,12 +24,21 @@ from vsense_ros.model.vehicle import Vehicle
 
 Mask = NDArray[np.bool_]
 
-STEP = 0.01  # [s]
-SLOWEST = 5.0  # [m/s] below it nothing is identified
-SHORTEST = 10.0  # [s] of driving without a gap
-GAP = 0.3  # [s] between two samples of a sensor, beyond which there is a gap
-SPIN = 20.0  # [°] of side slip, as yaw rate and speed and lateral acceleration have it, that is a spin
-_STRAIGHT, _STEADY = 0.02, 0.5  # [rad/s], [m/s²] up to which a car is taken to roll straight and freely
+
+@dataclass(frozen=True)
+class RecordedSettings:
+    """Bounds of the parts of recordings that are identified: decisions of this project."""
+
+    step: float = 0.01  # [s]
+    least_speed: float = 5.0  # [m/s] below which nothing is identified
+    shortest: float = 10.0  # [s] of driving without a gap
+    longest_gap: float = 0.3  # [s] between two samples of a sensor, beyond which there is a gap
+    spin_angle: float = 20.0  # [°] of side slip, as yaw rate and speed and lateral acceleration have it, that is a spin
+    straight_yaw_rate: float = 0.02  # [rad/s] up to which a car is taken to roll straight
+    coasting_acceleration: float = 0.5  # [m/s²] up to which it is taken to roll freely
+
+
+RECORDED = RecordedSettings()
 
 
 @dataclass(frozen=True)
@@ -61,13 +70,13 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
         raise InputError(f"{name}: expected wheel speeds or a GNSS velocity, found neither in the recording")
     begin = max(found[0][0] for key, found in read.items() if key in (steering, imu, wheels or ground))
     end = min(found[0][-1] for key, found in read.items() if key in (steering, imu, wheels or ground))
-    t = np.arange(begin, end, STEP)
+    t = np.arange(begin, end, RECORDED.step)
     known = np.ones(len(t), dtype=bool)
 
     def at(key: str) -> Array:
         stamps, value = read[key]
         nearest = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
-        known[:] &= stamps[nearest] - stamps[nearest - 1] < GAP
+        known[:] &= stamps[nearest] - stamps[nearest - 1] < RECORDED.longest_gap
         return np.column_stack([_interpolated(t, stamps, column) for column in value.T])
 
     inertial = at(imu)
@@ -86,7 +95,7 @@ def signals(recording: Recording, vehicle: Vehicle) -> Signals:
         speed = np.interp(t, read[key][0][np.isfinite(speed)], speed[np.isfinite(speed)])
     lever = np.asarray(getattr(sensors[imu], "position", (0.0, 0.0, 0.0)))
     forces = _at_cog(forces, np.nan_to_num(rates), lever)
-    return Signals(name, t, angle, speed, spins, forces, rates, known & (speed > SLOWEST))
+    return Signals(name, t, angle, speed, spins, forces, rates, known & (speed > RECORDED.least_speed))
 
 
 def _of_speed(read: Mapping[str, tuple[Array, Array]], key: str, radii: Array) -> tuple[Array, Array]:
@@ -121,11 +130,15 @@ def _interpolated(t: Array, stamps: Array, value: Array) -> Array:
 
 def _alike(spins: Array, radii: Array, yaw_rate: Array, speed: Array) -> Array:
     """Spins (N, 4) that all wheels would have with the mean radius, if they rolled alike straight ahead."""
-    pace = np.gradient(speed, STEP)
+    pace = np.gradient(speed, RECORDED.step)
     smooth = np.convolve(pace, np.ones(50) / 50, "same")
-    free = (np.abs(yaw_rate) < _STRAIGHT) & (np.abs(smooth) < _STEADY) & (speed > SLOWEST)
+    free = (
+        (np.abs(yaw_rate) < RECORDED.straight_yaw_rate)
+        & (np.abs(smooth) < RECORDED.coasting_acceleration)
+        & (speed > RECORDED.least_speed)
+    )
     rolling = spins * radii
-    if free.sum() > 1.0 / STEP:
+    if free.sum() > 1.0 / RECORDED.step:
         rolling = rolling / np.median(rolling[free] / rolling[free].mean(axis=1)[:, None], axis=0)
     return rolling / radii.mean()
 
@@ -134,7 +147,7 @@ def _at_cog(forces: Array, rates: Array, lever: Array) -> Array:
     """Specific forces (N, 3) at the centre of gravity, of a sensor that sits at `lever` [m] from it."""
     if not lever.any():
         return forces
-    turning = np.gradient(low_passed(rates, STEP, 10.0), STEP, axis=0)
+    turning = np.gradient(low_passed(rates, RECORDED.step, 10.0), RECORDED.step, axis=0)
     return forces - np.cross(turning, lever) - np.cross(rates, np.cross(rates, np.broadcast_to(lever, rates.shape)))
 
 
@@ -153,23 +166,23 @@ def drives(found: Sequence[Signals], model: str) -> list[Drive]:
         if not np.isfinite(outputs).any(axis=0).all():
             raise InputError(f"{one.name}: a signal that the model {model} is compared with is not in the recording")
         stretch = _longest(one.known & np.isfinite(inputs).all(axis=1) & np.isfinite(outputs).all(axis=1))
-        if (stretch.stop - stretch.start) * STEP < SHORTEST:
+        if (stretch.stop - stretch.start) * RECORDED.step < RECORDED.shortest:
             raise InputError(
-                f"{one.name}: nowhere {SHORTEST:g} s of driving above {SLOWEST:g} m/s without a gap in a sensor; "
-                "record a longer drive"
+                f"{one.name}: nowhere {RECORDED.shortest:g} s of driving above {RECORDED.least_speed:g} m/s without a "
+                "gap in a sensor; record a longer drive"
             )
         _refuse_spin(one, stretch)
         cut_off = cut_off_of(one, stretch)
         inputs, raw = inputs[stretch], outputs[stretch]
-        inputs, outputs = (low_passed(values, STEP, cut_off) for values in (inputs, raw))
+        inputs, outputs = (low_passed(values, RECORDED.step, cut_off) for values in (inputs, raw))
         start = np.zeros(13 if model == "best" else 4)
         if model == "best":
             start[0], start[2] = one.speed[stretch.start], _mean(one.rates[stretch.start : stretch.start + 20, 2])
         else:
             start[1] = outputs[0, 1]
-        begin, every = float(one.t[stretch.start]), independent(STEP, cut_off)
+        begin, every = float(one.t[stretch.start]), independent(RECORDED.step, cut_off)
         noise = left_by(cut_off, raw - outputs)
-        made.append(Drive(one.name, STEP, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise)))
+        made.append(Drive(one.name, RECORDED.step, inputs, outputs, np.nan_to_num(start), begin, every, tuple(noise)))
     return made
 
 
@@ -186,19 +199,19 @@ def _need(value: Array | None, name: str, what: str) -> Array:
 def left_by(cut_off: float, taken_away: Array) -> Array:
     """Standard deviations (m,) of the noise that a low-pass with a cut-off [Hz] leaves in columns of which it took
     (N, m) away: of white noise the share of the band that it lets through."""
-    nyquist = 0.5 / STEP
+    nyquist = 0.5 / RECORDED.step
     return np.asarray(taken_away.std(axis=0) * np.sqrt(cut_off / (nyquist - cut_off)))
 
 
 def cut_off_of(one: Signals, stretch: slice) -> float:
     """Cut-off frequency of the low-pass [Hz]: lower for everyday driving, in which slip is small beside the noise of
     the wheels."""
-    return EVERYDAY_CUT_OFF if _strongest(one, stretch) < EVERYDAY else CUT_OFF
+    return BEST.everyday_cut_off if _strongest(one, stretch) < BEST.everyday_acceleration else BEST.cut_off
 
 
 def _strongest(one: Signals, stretch: slice) -> float:
     """Acceleration in the plane that is exceeded for one per cent of the time [m/s²]."""
-    plane = low_passed(np.nan_to_num(one.forces[stretch, :2]), STEP, 1.0)
+    plane = low_passed(np.nan_to_num(one.forces[stretch, :2]), RECORDED.step, 1.0)
     return float(np.percentile(np.hypot(*plane.T), 99))
 
 
@@ -214,11 +227,11 @@ def _longest(good: Mask) -> slice:
 def _refuse_spin(one: Signals, stretch: slice) -> None:
     """Raises `InputError` where the car spins: where its yaw rate is far beyond what its path turns."""
     part = slice(stretch.start, stretch.stop)
-    path = low_passed(np.nan_to_num(one.forces[part, 1:2]), STEP, 1.0)[:, 0] / one.speed[part]
-    yaw = low_passed(np.nan_to_num(one.rates[part, 2:3]), STEP, 1.0)[:, 0]
+    path = low_passed(np.nan_to_num(one.forces[part, 1:2]), RECORDED.step, 1.0)[:, 0] / one.speed[part]
+    yaw = low_passed(np.nan_to_num(one.rates[part, 2:3]), RECORDED.step, 1.0)[:, 0]
     over = np.abs(yaw) - np.abs(path) - 0.15
-    slip = np.degrees(np.convolve(np.clip(over, 0, None), np.ones(100), "same") * STEP)
-    if slip.max() > SPIN:
+    slip = np.degrees(np.convolve(np.clip(over, 0, None), np.ones(100), "same") * RECORDED.step)
+    if slip.max() > RECORDED.spin_angle:
         at = one.t[part][int(np.argmax(slip))]
         raise InputError(
             f"{one.name}: at {at:.1f} s the car turns {slip.max():.0f}° beyond its path within a second: a spin, in "

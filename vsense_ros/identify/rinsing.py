@@ -30,13 +30,22 @@ from vsense_ros.identify.progress import Progress
 
 Kind = Literal["extended", "unscented"]
 SENSOR = "outputs"
-STILL = 1e-3  # of its peak: a curve that moves less in a pass stands still
-KAPPA = 1.0  # of the unscented filter (Best & Bogdanski 2016, eq. 7)
-PASSES = 30  # at most
-PIECES = 20  # of a drive, that are asked whether they agree
-_ATTEMPTS = 4  # at a pass that cannot go on
-_HISTORY = 10  # samples between two of the memory that is kept of a pass
-LITERAL_DENSITY = 1e-7  # of the paper's P(0) and Q, in the units of its table
+
+
+@dataclass(frozen=True)
+class RinsingSettings:
+    """Settings of the passes over a drive (Best & Bogdanski 2016 call them rinsing)."""
+
+    converged_share: float = 1e-3  # [-] of its peak: a curve that moves less in a pass has converged
+    kappa: float = 1.0  # [-] of the unscented filter (Best & Bogdanski 2016, eq. 7)
+    most_passes: int = 30  # over a drive
+    pieces: int = 20  # of a drive, whose estimates are compared with each other
+    attempts: int = 4  # at a pass that cannot go on
+    history: int = 10  # samples between two of the memory that is kept of a pass
+    paper_density: float = 1e-7  # of the paper's P(0) and Q, in the units of its table
+
+
+RINSING = RinsingSettings()
 
 
 @dataclass(frozen=True)
@@ -111,8 +120,8 @@ class Schedule:
     first: float = 0.15
     ratio: float = 0.5
     least: float = 0.05
-    still: float = STILL
-    passes: int = PASSES
+    still: float = RINSING.converged_share
+    passes: int = RINSING.most_passes
 
     def share(self, index: int) -> float:
         """Standard deviation before this pass, of the size."""
@@ -142,7 +151,7 @@ class Literal2016(Schedule):
 
     def deviations(self, index: int, scales: Array) -> Array:
         """Deviations of the free parameters before this pass, (p,)."""
-        return LITERAL_DENSITY**0.5 * np.array(self.units)
+        return RINSING.paper_density**0.5 * np.array(self.units)
 
     def may_end(self, index: int) -> bool:
         """True if a pass in which nothing moves may be the last."""
@@ -158,7 +167,7 @@ class Pass:
     """One pass over all drives: parameters at its end (p,), and how far the curves moved in it, of their peaks; the
     root mean square normalized innovation of a component, and the mean squares (m,) of the innovations; processor time
     [s]; parameters (c, p) and the trace (c,) of their covariance, in units of their sizes, on the way; what
-    they were believed to be at the ends of `PIECES` pieces of each drive."""
+    they were believed to be at the ends of `RINSING.pieces` pieces of each drive."""
 
     values: Array
     moved: float
@@ -218,7 +227,7 @@ class Identifier:
         if kind == "extended":
             self.filter = Ekf(Dense(augmented, [sensor], fixed))
         else:
-            self.filter = Ukf(augmented, [sensor], fixed, kappa=KAPPA)
+            self.filter = Ukf(augmented, [sensor], fixed, kappa=RINSING.kappa)
         self._outputs = _outputs(model, augmented)
         self._others = np.array([values[name] for name in augmented.parameters])
 
@@ -257,11 +266,11 @@ class Identifier:
             means, covariances = memory[:, :size], memory[:, size : size + size**2].reshape(-1, size, size)
             history.append(means[:, n:])
             traces.append((covariances.diagonal(axis1=1, axis2=2)[:, n:] / self.scales**2).sum(axis=1))
-            ends = np.linspace(0, len(memory), PIECES, endpoint=False, dtype=int)[1:]
+            ends = np.linspace(0, len(memory), RINSING.pieces, endpoint=False, dtype=int)[1:]
             beliefs += [Gaussian(means[i, n:].copy(), covariances[i, n:, n:].copy()) for i in ends]
             beliefs.append(belief)
-            expected = self.outputs(means, drive.inputs[::_HISTORY])
-            squares.append((drive.outputs[::_HISTORY] - expected) ** 2)
+            expected = self.outputs(means, drive.inputs[:: RINSING.history])
+            squares.append((drive.outputs[:: RINSING.history] - expected) ** 2)
         outside = (belief.mean <= self.low) | (belief.mean >= self.high)
         if outside.any():
             at = int(np.argmax(outside))
@@ -284,7 +293,7 @@ class Identifier:
         self.filter.inputs[:] = drive.inputs[0]
         self.filter.start(Gaussian(np.concatenate([drive.start, belief.mean]), spread))
         course = Course(SENSOR, drive.inputs, drive.given, variance, drive.h)
-        nis, memory = self.filter.follow(course, _HISTORY)
+        nis, memory = self.filter.follow(course, RINSING.history)
         end = self.filter.belief()
         return nis, memory, Gaussian(end.mean[n:], end.covariance[n:, n:])
 
@@ -345,7 +354,7 @@ def _cautiously(
     identifier: Identifier, drives: Sequence[Drive], values: Array, deviations: Array, variance: Array
 ) -> Pass:
     """A pass; with half the deviations where that takes parameters or states to where nothing can be, and again."""
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(RINSING.attempts):
         try:
             return identifier.follow(drives, values, np.diag((deviations / 2**attempt) ** 2), variance)[1]
         except FloatingPointError as error:
@@ -355,7 +364,7 @@ def _cautiously(
 
 def literal_noise(outputs: Sequence[float], units: Sequence[float], states: Sequence[str]) -> Noise:
     """The paper's: P(0) = Q = 1e-7 I in these units (n,) of the states."""
-    deviations = LITERAL_DENSITY**0.5 * np.asarray(units, dtype=float)
+    deviations = RINSING.paper_density**0.5 * np.asarray(units, dtype=float)
     return Noise(outputs, deviations, dict(zip(states, deviations.tolist(), strict=True)))
 
 

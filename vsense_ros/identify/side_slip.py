@@ -30,13 +30,22 @@ from vsense_ros.runner import run
 
 Array = NDArray[np.float64]
 
-RATE = 10.0  # at which the errors are taken [Hz]: side slip changes slower than that
-DIFFERENCE = 0.1  # of a free parameter, for the Jacobian [deviations]
-LONGEST = 1.0  # step of an iteration [deviations]: the observer is not linear in noise levels beyond
-ITERATIONS = 20  # at most
-PRIOR = 0.001  # share of the mean square error at the start that a free parameter one deviation off costs
-DIGITS = 4  # that are kept of a fitted number
-AT_ONCE = 64  # vehicles whose runs wait for a processor together
+
+@dataclass(frozen=True)
+class SideSlipSettings:
+    """Settings of the fit to measured side slip: decisions of this project."""
+
+    rate: float = 10.0  # at which the errors are taken [Hz]: side slip changes slower than that
+    difference: float = 0.1  # [deviations] of a free parameter, for the Jacobian
+    longest_step: float = 1.0  # [deviations] of an iteration: the observer is not linear in noise levels beyond
+    most_iterations: int = 20  # [-]
+    # [-] share of the mean square error at the start that a free parameter one deviation off costs
+    prior_share: float = 0.001
+    digits: int = 4  # significant digits that are kept of a fitted number
+    at_once: int = 64  # vehicles whose runs wait for a processor together
+
+
+SIDE_SLIP = SideSlipSettings()
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,7 @@ class SideSlipResiduals:
     depend on how many there are.
     """
 
-    at_once = AT_ONCE
+    at_once = SIDE_SLIP.at_once
 
     def __init__(self, vehicle: Vehicle, recordings: Sequence[Recording], pool: Executor) -> None:
         self._vehicle, self._recordings, self._pool = vehicle, recordings, pool
@@ -105,7 +114,7 @@ class SideSlipResiduals:
         """The runs of a vehicle, one for each recording."""
         key = vehicle.model_dump_json()
         if key not in self._runs:
-            if len(self._runs) > AT_ONCE:
+            if len(self._runs) > SIDE_SLIP.at_once:
                 self._runs.pop(next(iter(self._runs)))
             self._runs[key] = [self._pool.submit(side_slip_error, vehicle, one) for one in self._recordings]
         return self._runs[key]
@@ -115,8 +124,8 @@ def fit_side_slip(
     vehicle: Vehicle,
     free_parameters: Sequence[FreeParameter],
     recordings: Sequence[Recording],
-    iterations: int = ITERATIONS,
-    prior: float = PRIOR,
+    iterations: int = SIDE_SLIP.most_iterations,
+    prior: float = SIDE_SLIP.prior_share,
     progress: Progress | None = None,
 ) -> SideSlipFit:
     """Change the free parameters so that the mean square error of the side slip is least, each recording with equal
@@ -126,16 +135,16 @@ def fit_side_slip(
     parameter that the recordings do not tell anything about stays where it is: a departure by n deviations costs
     n² `prior`. Runs are shared out to all processors. `progress` takes the share done, of `iterations`.
     """
-    settings = Settings(iterations, DIFFERENCE, range(iterations), LONGEST, prior)
+    settings = Settings(iterations, SIDE_SLIP.difference, range(iterations), SIDE_SLIP.longest_step, prior)
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(recordings) * len(free_parameters))) as pool:
         residuals = SideSlipResiduals(vehicle, recordings, pool)
         found = fit(
             residuals, of_vehicle(vehicle), free_parameters, begin=np.zeros(len(free_parameters)), settings=settings,
             progress=_counted(progress, iterations * (len(free_parameters) + 1)),
         )  # fmt: skip
-        fitted = with_values(vehicle, found.parameter_set, DIGITS)
+        fitted = with_values(vehicle, found.parameter_set, SIDE_SLIP.digits)
         after = residuals.errors(fitted)
-    yaw = rounded(vehicle.reference.yaw + _mean(after), DIGITS)
+    yaw = rounded(vehicle.reference.yaw + _mean(after), SIDE_SLIP.digits)
     fitted = fitted.model_copy(update={"reference": fitted.reference.model_copy(update={"yaw": yaw})})
     if progress is not None:
         progress(1.0)
@@ -151,11 +160,11 @@ def _counted(progress: Progress | None, steps: int) -> Callable[[], None]:
 
 
 def side_slip_error(vehicle: Vehicle, recording: Recording) -> Array:
-    """Estimate - reference at the stamps of the reference, thinned to `RATE`, (n,) [rad].
+    """Estimate - reference at the stamps of the reference, thinned to `SIDE_SLIP.rate`, (n,) [rad].
 
     Where the observer does not tell a side slip, it counts as having said zero: silence must not pay.
     """
-    output = read_signals(at_reference(run(recording, vehicle, rate=RATE).output, vehicle), "vsense")
+    output = read_signals(at_reference(run(recording, vehicle, rate=SIDE_SLIP.rate).output, vehicle), "vsense")
     truth = read_signals(recording, "reference").get("side_slip")
     if truth is None or len(truth) < 2:
         raise InputError(f"{recording.name}: a fit needs a side slip in reference/odometry, there is none")
@@ -163,7 +172,7 @@ def side_slip_error(vehicle: Vehicle, recording: Recording) -> Array:
     if "side_slip" in output:
         aligned = align(output["side_slip"], truth)
         error[np.searchsorted(truth.stamp, aligned.stamp)] = aligned.error[:, 0]
-    stride = max(1, round(1e9 / RATE / float(np.median(np.diff(truth.stamp)))))
+    stride = max(1, round(1e9 / SIDE_SLIP.rate / float(np.median(np.diff(truth.stamp)))))
     return error[::stride]
 
 

@@ -21,7 +21,7 @@ from vsense_ros.evaluate.metrics import SignalScore, align, compare
 from vsense_ros.evaluate.reference import at_reference
 from vsense_ros.evaluate.signals import SLOWEST_SIDE_SLIP, read_signals
 from vsense_ros.identify.free_parameter import FreeParameter, multiplied, with_offsets
-from vsense_ros.identify.noise import BOUND, DIGITS, PRIOR, maximise, noise_numbers
+from vsense_ros.identify.noise import NOISE, maximise, noise_numbers
 from vsense_ros.identify.parameter_set import EXACT, of_vehicle, with_values
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.answer_schema import (
@@ -120,7 +120,7 @@ def with_fitting_noise(
         return found
 
     offsets, _ = maximise(evaluate, free_parameters, iterations=ITERATIONS)
-    tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), DIGITS)
+    tuned = with_values(known, with_offsets(nominal, free_parameters, offsets), NOISE.digits)
     return tuned.model_copy(update={"observer": tuned.observer.model_copy(update={"parameters": estimating})})
 
 
@@ -143,7 +143,7 @@ def noise_levels(vehicle: Vehicle) -> dict[str, tuple[str, ...]]:
 
 
 def _free(name: str, paths: Sequence[str]) -> FreeParameter:
-    return FreeParameter(name, "-", PRIOR, -BOUND, BOUND, multiplied(dict.fromkeys(paths, 1.0)))
+    return FreeParameter(name, "-", NOISE.prior, -NOISE.bound, NOISE.bound, multiplied(dict.fromkeys(paths, 1.0)))
 
 
 def _pieces(recordings: Sequence[Recording], dataset: Dataset) -> list[Recording]:

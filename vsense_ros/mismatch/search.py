@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense_ros.identify.free_parameter import FreeParameter, joined, with_offsets
-from vsense_ros.identify.least_squares import STEP, DivergedError, Fit, fit, fit_each, slopes_by
+from vsense_ros.identify.least_squares import SEARCH, DivergedError, Fit, fit, fit_each, slopes_by
 from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import Candidate, shapes, terms
@@ -461,7 +461,7 @@ class Search:
         for parameter, column in zip(known, slopes_by(self.residuals, self.start, at, known), strict=True):
             columns[parameter.name] = column
             self._progress()
-        columns |= {p.name: c for p, c in zip(points, self._slopes_of_places(at, points, STEP), strict=True)}
+        columns |= {p.name: c for p, c in zip(points, self._slopes_of_places(at, points, SEARCH.secant), strict=True)}
         in_order = (columns[parameter.name] for parameter in at.free_parameters)
         return [np.column_stack(parts) for parts in zip(*in_order, strict=True)]
 

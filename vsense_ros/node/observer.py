@@ -22,7 +22,7 @@ from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.urdf import urdf
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.online import PERIOD, TOPIC, OnlineIdentification
+from vsense_ros.identify.online import ONLINE, TOPIC, OnlineIdentification
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
@@ -292,7 +292,7 @@ class ObserverNode(SensingNode[ObserverParameters]):
     def _identify(self, identification: OnlineIdentification, sample: Sample) -> None:
         """Hand a message on, and publish once a second what is identified."""
         identification.add(sample)
-        if identification.stamp and abs(sample.stamp - self._next_identified) * 1e-9 >= PERIOD:
+        if identification.stamp and abs(sample.stamp - self._next_identified) * 1e-9 >= ONLINE.period:
             self._next_identified = sample.stamp
             self.publish(identification.sample())
 
