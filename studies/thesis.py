@@ -25,7 +25,7 @@ from vsense_ros.assess.iterations import on_level_road, with_thesis_sensors
 from vsense_ros.evaluate.metrics import align
 from vsense_ros.evaluate.signals import read_signals
 from vsense_ros.manoeuvre.base import Manoeuvre
-from vsense_ros.manoeuvre.sensing import EPOCH, record
+from vsense_ros.manoeuvre.sensing import SENSING, record
 from vsense_ros.manoeuvre.throttle_and_steer import MANOEUVRES
 from vsense_ros.messages.recording import Recording
 from vsense_ros.model.schema.observer_settings import EstimatedParameter, ForceErrors
@@ -155,7 +155,7 @@ def observe(
     for sample in recording.samples(topics):
         began = time.thread_time()
         observer.add(sample)
-        at = (sample.stamp - EPOCH) // (step * 1_000_000)
+        at = (sample.stamp - SENSING.epoch) // (step * 1_000_000)
         spent[at] = spent.get(at, 0.0) + time.thread_time() - began
         if observer.started and observer.stamp >= last + 9_990_000:
             estimates.append(observer.snapshot())

@@ -97,11 +97,11 @@ def test_gnss_arrives_a_tenth_of_a_second_after_it_was_measured(lane_change):
 def test_gnss_positions_scatter_about_the_antenna(lane_change, plant):
     import pymap3d
 
-    from vsense_ros.manoeuvre.sensing import ORIGIN
+    from vsense_ros.manoeuvre.sensing import SENSING
 
     fix, truth = lane_change["gps/fix"], lane_change["reference/odometry"]
     east, north, _ = pymap3d.geodetic2enu(
-        fix.columns["latitude"][:, 0], fix.columns["longitude"][:, 0], ORIGIN[2], *ORIGIN
+        fix.columns["latitude"][:, 0], fix.columns["longitude"][:, 0], SENSING.origin[2], *SENSING.origin
     )
     rows = np.searchsorted(truth.stamp, fix.stamp)
     error = np.column_stack([east, north]) - truth.columns["position"][rows, :2]

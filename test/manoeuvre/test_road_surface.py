@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from vsense_ros.manoeuvre.banked_oval import BANK, CROWN, RADIUS, TRACK
+from vsense_ros.manoeuvre.banked_oval import SETTINGS, TRACK
 from vsense_ros.manoeuvre.leung_tracks import TRACKS
 from vsense_ros.manoeuvre.road_surface import RoadSurface
 from vsense_ros.manoeuvre.track import Track, left_turn, straight, with_clothoids
@@ -69,11 +69,11 @@ def test_a_banked_turn_is_a_cone() -> None:
 
 
 def test_a_crowned_road_falls_to_both_sides() -> None:
-    surface = RoadSurface(TRACK, CROWN)
+    surface = RoadSurface(TRACK, SETTINGS.crown)
     for left in (-2.0, 2.0):
         _, bank, *_, height = surface.under(10.0, left, 0.0)
-        assert height == pytest.approx(-CROWN * left**2, abs=1e-9)
-        assert np.tan(bank) == pytest.approx(-2 * CROWN * left, abs=1e-9)
+        assert height == pytest.approx(-SETTINGS.crown * left**2, abs=1e-9)
+        assert np.tan(bank) == pytest.approx(-2 * SETTINGS.crown * left, abs=1e-9)
 
 
 def test_before_and_beyond_its_ends_a_road_goes_straight_on() -> None:
@@ -88,5 +88,5 @@ def test_before_and_beyond_its_ends_a_road_goes_straight_on() -> None:
 
 def test_the_oval_is_closed_and_banked_enough_that_its_tyres_work_less() -> None:
     assert TRACK.heading[-1] == pytest.approx(2 * np.pi)
-    lateral = 20.0**2 / RADIUS
-    assert lateral * np.cos(BANK) - 9.81 * abs(np.sin(BANK)) < 0.75 * lateral
+    lateral = 20.0**2 / SETTINGS.radius
+    assert lateral * np.cos(SETTINGS.bank) - 9.81 * abs(np.sin(SETTINGS.bank)) < 0.75 * lateral

@@ -170,11 +170,11 @@ def test_the_double_lane_change_stays_between_the_cones(plant):
 
 
 def test_the_sine_with_dwell_pauses_half_a_second_at_its_second_extreme():
-    from vsense_ros.manoeuvre.sine_with_dwell import START, steering
+    from vsense_ros.manoeuvre.sine_with_dwell import SETTINGS, steering
 
     t = np.arange(0, 8, 1e-3)
     angle = np.array([steering(x) for x in t])
     assert np.sum(angle == -1.0) * 1e-3 == pytest.approx(0.5, abs=0.01)
     assert angle.max() == pytest.approx(1.0, abs=1e-4)
-    duration = t[np.flatnonzero(angle)[-1]] - START
+    duration = t[np.flatnonzero(angle)[-1]] - SETTINGS.start
     assert duration == pytest.approx(1 / 0.7 + 0.5, abs=0.01)

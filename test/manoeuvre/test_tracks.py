@@ -14,15 +14,7 @@ from scipy.special import fresnel
 from vsense_ros.files.vehicle import load_vehicle
 from vsense_ros.manoeuvre import MANOEUVRES, drive
 from vsense_ros.manoeuvre.double_lane_change import lanes, vehicle_width
-from vsense_ros.manoeuvre.leung_tracks import (
-    DOUBLE_OVAL,
-    EIGHT,
-    LANE_CHANGE_ENTRY,
-    SLALOM,
-    SPEEDS,
-    TRACKS,
-    on_track,
-)
+from vsense_ros.manoeuvre.leung_tracks import DOUBLE_OVAL, EIGHT, LEUNG, SLALOM, TRACKS, on_track
 from vsense_ros.manoeuvre.track import Along, Piece, Track, left_turn, right_turn, straight, with_clothoids
 from vsense_ros.model.coordinates import POSITION, ROLL, SPEED_X
 from vsense_ros.model.simulation.closed_loop import rolling_straight, simulate
@@ -47,7 +39,7 @@ def test_the_tracks_of_the_thesis_have_its_lengths_and_close_where_they_should()
     assert np.hypot(closing.x[-1], closing.y[-1]) < 1e-9
     assert np.sin(closing.heading[-1] / 2) == pytest.approx(0, abs=1e-9)
     assert np.hypot(Track(EIGHT).x[-1], Track(EIGHT).y[-1]) == pytest.approx(2.2, abs=0.1)
-    assert {f"double_oval_{kph}" for kph in SPEEDS} <= set(MANOEUVRES)
+    assert {f"double_oval_{kph}" for kph in LEUNG.speeds_kph} <= set(MANOEUVRES)
 
 
 @given(st.floats(5, 100), st.floats(0.005, 0.2), st.floats(0, 300))
@@ -122,7 +114,7 @@ def test_the_hill_goes_up_and_comes_down_to_where_it_began() -> None:
 def test_the_lane_change_has_the_gates_of_the_thesis(saloon: Vehicle) -> None:
     wide = 1.72 / vehicle_width(saloon)  # its car is 14 mm wider
     for (begin, end, right, left), (x, until, middle, width) in zip(
-        lanes(saloon, LANE_CHANGE_ENTRY),
+        lanes(saloon, LEUNG.lane_change_entry),
         ((400, 415, 0, 2.142), (445, 470, 3.586, 2.314), (495, 525, 0.172, 2.486)),
         strict=True,
     ):

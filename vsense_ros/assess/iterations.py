@@ -12,9 +12,9 @@ from vsense_ros.accelerator.client import Client, Direct
 from vsense_ros.accelerator.device import Device
 from vsense_ros.accelerator.kernels import KERNELS
 from vsense_ros.manoeuvre import generate
-from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
+from vsense_ros.manoeuvre.driver import DRIVER, ramp
 from vsense_ros.manoeuvre.sensing import record
-from vsense_ros.manoeuvre.throttle_and_steer import ANGLE, MANOEUVRES, TORQUE
+from vsense_ros.manoeuvre.throttle_and_steer import COURSE, MANOEUVRES
 from vsense_ros.model.schema.observer_settings import Disturbances
 from vsense_ros.model.sensors import Imu, SensorBase, WheelTorques
 from vsense_ros.model.simulation.closed_loop import Trajectory, rolling_straight
@@ -65,7 +65,15 @@ def drive_of_full(plant: Vehicle) -> tuple[Vehicle, Trajectory]:
     car = with_thesis_sensors(plant.with_parameters({"road.friction": friction}))
 
     def driver(t: float, q: Array, u: Array) -> Array:
-        return np.array([ANGLE * ramp(t, FULL_TURN, abs(ANGLE) / STEERING_RATE), 0.0, 0.0, TORQUE, TORQUE])
+        return np.array(
+            [
+                COURSE.angle * ramp(t, FULL_TURN, abs(COURSE.angle) / DRIVER.steering_rate),
+                0.0,
+                0.0,
+                COURSE.torque,
+                COURSE.torque,
+            ]
+        )
 
     q, u = rolling_straight(car, FULL_SPEED)
     return car, simulate_full_car(car, driver, FULL_SECONDS, step=1e-3, q=q, u=u)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
-SPEED = 120 / 3.6
-DURATION = 30.0  # [s]; the standard goes on until 15 km/h
+
+@dataclass(frozen=True)
+class CoastDownSettings:
+    """Course of the manoeuvre."""
+
+    speed: float = 120 / 3.6  # [m/s] at the beginning
+    duration: float = 30.0  # [s]; the standard goes on until 15 km/h
+
+
+SETTINGS = CoastDownSettings()
 
 
 def driver(vehicle: Vehicle) -> Driver:
@@ -20,7 +30,7 @@ MANOEUVRE = Manoeuvre(
     "coast_down",
     "Coast-down",
     "ISO 10521-1, straight ahead in neutral gear from 120 km/h, for 30 s",
-    duration=DURATION,
-    speed=SPEED,
+    duration=SETTINGS.duration,
+    speed=SETTINGS.speed,
     driver=driver,
 )

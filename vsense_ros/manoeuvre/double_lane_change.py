@@ -12,12 +12,21 @@ from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper
 from vsense_ros.model.simulation.closed_loop import Array, Driver
 from vsense_ros.model.vehicle import Vehicle
 
-SPEED = 70 / 3.6
-ENTRY = 2.5 * SPEED  # [m] where the first section begins
 
-# Sections of the track: beginning and end [m after ENTRY], width per vehicle width (plus 0.25 m), offset of the right
-# edge [m] (Leung 2010, table C.2 has the same track).
-SECTIONS = ((0.0, 15.0, 1.1, 0.0), (45.0, 70.0, 1.2, 3.5), (95.0, 125.0, 1.3, 0.0))
+@dataclass(frozen=True)
+class DoubleLaneChangeSettings:
+    """The track of ISO 3888-1."""
+
+    speed: float = 70 / 3.6  # [m/s]
+    entry: float = 2.5 * speed  # [m] where the first section begins
+    # Sections of the track: beginning and end [m after ENTRY], width per vehicle width (plus 0.25 m), offset of
+    # the right edge [m] (Leung 2010, table C.2 has the same track).
+    sections: tuple[
+        tuple[float, float, float, float], tuple[float, float, float, float], tuple[float, float, float, float]
+    ] = ((0.0, 15.0, 1.1, 0.0), (45.0, 70.0, 1.2, 3.5), (95.0, 125.0, 1.3, 0.0))
+
+
+SETTINGS = DoubleLaneChangeSettings()
 
 
 def vehicle_width(vehicle: Vehicle) -> float:
@@ -25,14 +34,14 @@ def vehicle_width(vehicle: Vehicle) -> float:
     return max(vehicle.physics.front.track, vehicle.physics.rear.track) + 0.17
 
 
-def lanes(vehicle: Vehicle, entry: float = ENTRY) -> list[tuple[float, float, float, float]]:
+def lanes(vehicle: Vehicle, entry: float = SETTINGS.entry) -> list[tuple[float, float, float, float]]:
     """Beginning, end, right and left edge of each section in the map [m]; the first begins at `entry` and is centred on
     the x axis."""
     width = vehicle_width(vehicle)
-    right = -0.5 * (SECTIONS[0][2] * width + 0.25)
+    right = -0.5 * (SETTINGS.sections[0][2] * width + 0.25)
     return [
         (entry + begin, entry + end, right + offset, right + offset + factor * width + 0.25)
-        for begin, end, factor, offset in SECTIONS
+        for begin, end, factor, offset in SETTINGS.sections
     ]
 
 
@@ -50,7 +59,7 @@ class LaneChanges:
         return middle - y
 
 
-def path(vehicle: Vehicle, entry: float = ENTRY) -> LaneChanges:
+def path(vehicle: Vehicle, entry: float = SETTINGS.entry) -> LaneChanges:
     """The line through the lanes that begin at `entry` [m]."""
     # Drivers cut into the sections as far as the width allows, so the transitions are longer than the gaps.
     cut = 7.0  # [m]
@@ -60,7 +69,7 @@ def path(vehicle: Vehicle, entry: float = ENTRY) -> LaneChanges:
 
 def driver(vehicle: Vehicle) -> Driver:
     hands = PathFollower(vehicle, path(vehicle))
-    feet = SpeedKeeper(vehicle, lambda t: SPEED)
+    feet = SpeedKeeper(vehicle, lambda t: SETTINGS.speed)
     return lambda t, q, u: _together(hands(t, q, u), feet(t, u))
 
 
@@ -73,6 +82,6 @@ MANOEUVRE = Manoeuvre(
     "Double lane change",
     "ISO 3888-1 with a path-following driver, at 70 km/h instead of 80: the plant's road has a grip of 0.8",
     duration=12.0,
-    speed=SPEED,
+    speed=SETTINGS.speed,
     driver=driver,
 )

@@ -21,10 +21,20 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-FRONT_BRAKE_SHARE = 0.6  # of the braking force; the rest is the rear axle's
-STEERING_RATE = 0.6  # [rad/s] of the road wheels: 480 °/s at a steering wheel of ratio 14; ISO 7401 asks for 200 to 500
-LARGEST_ANGLE = 0.7  # [rad] of the road wheels: a turning circle of 9 m at a wheelbase of 2.9 m
-_LOCKED = 2.0  # [rad/s] spin below which a brake fades, so that it holds a wheel and does not turn it back
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """Abilities of drivers and brakes."""
+
+    front_brake_share: float = 0.6  # [-] of the braking force; the rest is the rear axle's
+    # [rad/s] of the road wheels: 480 °/s at a steering wheel of ratio 14; ISO 7401 asks for 200 to 500
+    steering_rate: float = 0.6
+    largest_angle: float = 0.7  # [rad] of the road wheels: a turning circle of 9 m at a wheelbase of 2.9 m
+    # [rad/s] spin below which a brake fades, so that it holds a wheel and does not turn it back
+    locked_spin: float = 2.0
+
+
+DRIVER = DriverSettings()
 
 
 def ramp(t: float, start: float, duration: float) -> float:
@@ -72,14 +82,14 @@ class Pedals:
         self._mass = vehicle.physics.chassis.mass
         self._radii = rolling_radii(vehicle)
         self._drive = np.array([0.0, 0.0, 0.5, 0.5])
-        self._brake = 0.5 * np.array([FRONT_BRAKE_SHARE] * 2 + [1 - FRONT_BRAKE_SHARE] * 2)
+        self._brake = 0.5 * np.array([DRIVER.front_brake_share] * 2 + [1 - DRIVER.front_brake_share] * 2)
 
     def torques(self, acceleration: float, u: Array) -> Array:
         """(4,) [N m] that accelerate the car's mass by `acceleration` [m/s²], negative: brake."""
         force = self._mass * acceleration
         if force >= 0:
             return force * self._drive * self._radii
-        return force * self._brake * self._radii * np.clip(u[SPIN] / _LOCKED, -1, 1)
+        return force * self._brake * self._radii * np.clip(u[SPIN] / DRIVER.locked_spin, -1, 1)
 
 
 @dataclass
@@ -153,7 +163,7 @@ class PathFollower:
         length, understeer = self._feel
         wanted = curvature * (length + understeer * speed**2)
         h, self._last = t - self._last, t
-        largest = STEERING_RATE * h
+        largest = DRIVER.steering_rate * h
         self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle
 
@@ -192,8 +202,8 @@ class TrackFollower:
         wanted -= 2 * (offset + ahead * np.sin(course - heading)) / ahead**2
         length, understeer = self._feel
         wanted *= length + understeer * speed**2
-        wanted = within(wanted, LARGEST_ANGLE)
+        wanted = within(wanted, DRIVER.largest_angle)
         h, self._last = t - self._last, t
-        largest = STEERING_RATE * h
+        largest = DRIVER.steering_rate * h
         self.angle += within((wanted - self.angle) * min(h / self.lag, 1.0), largest)
         return self.angle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,18 +16,27 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-SPEED = 20.0  # [m/s]
-LATERAL = 1.0  # [m/s²] of the weaving, about
-PERIOD = 8.0  # [s] of the weaving
+
+@dataclass(frozen=True)
+class HillsSettings:
+    """The road and the weaving on it: decisions of this project."""
+
+    speed: float = 20.0  # [m/s]
+    lateral_acceleration: float = 1.0  # [m/s²] of the weaving, about
+    period: float = 8.0  # [s] of the weaving
+
+
+SETTINGS = HillsSettings()
+
 HILLS = Waves(((2.5, 0.0, 250.0), (0.3, 1.25, 60.0)))  # ± 3.6° along the way, and a bank that changes
 
 
 def weaving(speed: float, vehicle: Vehicle) -> Driver:
     """Keeps a speed [m/s] and steers gently from side to side."""
-    feet, angle = SpeedKeeper(vehicle, lambda t: speed), 4.0 * LATERAL / speed**2
+    feet, angle = SpeedKeeper(vehicle, lambda t: speed), 4.0 * SETTINGS.lateral_acceleration / speed**2
 
     def driver(t: float, q: Array, u: Array) -> Array:
-        return np.concatenate([[angle * np.sin(2 * np.pi * t / PERIOD) * min(t, 1.0)], feet(t, u)])
+        return np.concatenate([[angle * np.sin(2 * np.pi * t / SETTINGS.period) * min(t, 1.0)], feet(t, u)])
 
     return driver
 
@@ -36,7 +46,7 @@ MANOEUVRE = Manoeuvre(
     "Weaving over hills",
     "hills of 2.5 m every 250 m and a bank that changes, at 72 km/h",
     24.0,
-    SPEED,
-    partial(weaving, SPEED),
+    SETTINGS.speed,
+    partial(weaving, SETTINGS.speed),
     surface=lambda: HILLS,
 )

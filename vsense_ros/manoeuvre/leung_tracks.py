@@ -7,28 +7,42 @@ The figure of eight closes only if both of its arcs have a radius of 41.9 m; the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from math import atan
 
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
-from vsense_ros.manoeuvre.double_lane_change import SECTIONS, path
+from vsense_ros.manoeuvre.double_lane_change import path
 from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper, TrackFollower
 from vsense_ros.manoeuvre.road_surface import RoadSurface
 from vsense_ros.manoeuvre.track import Track, left_turn, right_turn, straight, with_clothoids
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
-SPEEDS = (15, 20, 25, 35, 45, 50, 55)  # [km/h] of the double oval and the lane change
-SLOW = 5.0  # [m/s] of the short tracks
-HILL_SPEED = 80 / 3.6
-LANE_CHANGE_ENTRY, LANE_CHANGE_END = 400.0, 625.0  # [m]
-PLAIN_STRAIGHT = 300.0  # [m]
-HILL_RADIUS, HILL_ANGLE = 100.0, 90.0  # [m], [°]
-HILL_BLEND = 40.0  # [m] over which the slope of the hill changes: a car cannot follow a kink
-# [m] of the clothoids across the ends of arcs: the thesis has none, but at 55 km/h no hands turn the wheel at once.
-OVAL_TRANSITION, TRANSITION = 10.0, 6.0
+
+@dataclass(frozen=True)
+class LeungTrackSettings:
+    """Lengths and speeds of the tracks of Leung 2010, appendix C, unless a comment says otherwise."""
+
+    speeds_kph: tuple[int, ...] = (15, 20, 25, 35, 45, 50, 55)  # [km/h] of the double oval and the lane change
+    slow_speed: float = 5.0  # [m/s] of the short tracks
+    hill_speed: float = 80 / 3.6  # [m/s]
+    lane_change_entry: float = 400.0  # [m]
+    lane_change_end: float = 625.0  # [m]
+    plain_straight: float = 300.0  # [m]
+    hill_radius: float = 100.0  # [m]
+    hill_angle_deg: float = 90.0  # [°]
+    hill_blend: float = 40.0  # [m] over which the slope of the hill changes: a car cannot follow a kink
+    # [m] of the clothoids across the ends of arcs: the thesis has none, but at 55 km/h no hands turn the wheel
+    # at once.
+    oval_transition: float = 10.0
+    transition: float = 6.0  # [m] likewise, of the other tracks
+
+
+LEUNG = LeungTrackSettings()
+
 
 DOUBLE_OVAL = (
     straight(300), left_turn(30, 180), straight(300), left_turn(30, 180),
@@ -51,22 +65,23 @@ def hill() -> Track:
     up = (
         straight(500), straight(200, grade=atan(0.05)), straight(200, grade=steep),
         straight(200, grade=steep, bank=tilted), straight(200, grade=steep, bank=banked),
-        left_turn(HILL_RADIUS, HILL_ANGLE, grade=steep, bank=banked),
+        left_turn(LEUNG.hill_radius, LEUNG.hill_angle_deg, grade=steep, bank=banked),
     )  # fmt: skip
     down = (
-        left_turn(HILL_RADIUS, HILL_ANGLE, grade=-steep, bank=banked), straight(200, grade=-steep, bank=banked),
+        left_turn(LEUNG.hill_radius, LEUNG.hill_angle_deg, grade=-steep, bank=banked),
+        straight(200, grade=-steep, bank=banked),
         straight(200, grade=-steep, bank=tilted), straight(200, grade=-steep), straight(200, grade=-atan(0.05)),
         straight(500),
     )  # fmt: skip
-    return Track(with_clothoids((*up, straight(200), *down), HILL_BLEND), blend=HILL_BLEND)
+    return Track(with_clothoids((*up, straight(200), *down), LEUNG.hill_blend), blend=LEUNG.hill_blend)
 
 
 TRACKS = {
-    "double_oval": Track(with_clothoids(DOUBLE_OVAL, OVAL_TRANSITION)),
-    "right_turn": Track(with_clothoids(RIGHT_TURN, TRANSITION)),
-    "eight": Track(with_clothoids(EIGHT, TRANSITION)),
-    "slalom": Track(with_clothoids(SLALOM, TRANSITION)),
-    "plain_straight": Track((straight(PLAIN_STRAIGHT),)),
+    "double_oval": Track(with_clothoids(DOUBLE_OVAL, LEUNG.oval_transition)),
+    "right_turn": Track(with_clothoids(RIGHT_TURN, LEUNG.transition)),
+    "eight": Track(with_clothoids(EIGHT, LEUNG.transition)),
+    "slalom": Track(with_clothoids(SLALOM, LEUNG.transition)),
+    "plain_straight": Track((straight(LEUNG.plain_straight),)),
     "hill": hill(),
 }
 
@@ -79,7 +94,7 @@ def on_track(track: Track, speed: float, vehicle: Vehicle) -> Driver:
 
 def through_lanes(speed: float, vehicle: Vehicle) -> Driver:
     """A driver who changes lanes as in ISO 3888-1, 400 m after the start."""
-    hands = PathFollower(vehicle, path(vehicle, LANE_CHANGE_ENTRY))
+    hands = PathFollower(vehicle, path(vehicle, LEUNG.lane_change_entry))
     feet = SpeedKeeper(vehicle, lambda t: speed)
     return lambda t, q, u: np.array([hands(t, q, u), *feet(t, u)])
 
@@ -96,8 +111,9 @@ def _lane_change(kph: int) -> Manoeuvre:
     return Manoeuvre(
         f"lane_change_{kph}",
         f"Lane change at {kph} km/h",
-        f"Leung 2010, C.2 (ISO 3888-1): {SECTIONS[-1][1]:g} m of lanes after {LANE_CHANGE_ENTRY:g} m of straight",
-        LANE_CHANGE_END / speed,
+        f"Leung 2010, C.2 (ISO 3888-1): {LANES.sections[-1][1]:g} m of lanes after {LEUNG.lane_change_entry:g} m of "
+        "straight",
+        LEUNG.lane_change_end / speed,
         speed,
         partial(through_lanes, speed),
     )
@@ -106,12 +122,12 @@ def _lane_change(kph: int) -> Manoeuvre:
 MANOEUVRES = (
     *(
         _manoeuvre(f"double_oval_{kph}", TRACKS["double_oval"], kph / 3.6, f"Double oval at {kph} km/h", "C.1")
-        for kph in SPEEDS
+        for kph in LEUNG.speeds_kph
     ),
-    *(_lane_change(kph) for kph in SPEEDS),
-    _manoeuvre("right_turn", TRACKS["right_turn"], SLOW, "Right turn of 5 m radius", "C.3"),
-    _manoeuvre("eight", TRACKS["eight"], SLOW, "Figure of eight", "C.4"),
-    _manoeuvre("slalom", TRACKS["slalom"], SLOW, "Slalom of tight turns", "C.5"),
-    _manoeuvre("plain_straight", TRACKS["plain_straight"], SLOW, "Straight", "section 4.4"),
-    _manoeuvre("hill", TRACKS["hill"], HILL_SPEED, "Hill with banked turns", "table 4.12"),
+    *(_lane_change(kph) for kph in LEUNG.speeds_kph),
+    _manoeuvre("right_turn", TRACKS["right_turn"], LEUNG.slow_speed, "Right turn of 5 m radius", "C.3"),
+    _manoeuvre("eight", TRACKS["eight"], LEUNG.slow_speed, "Figure of eight", "C.4"),
+    _manoeuvre("slalom", TRACKS["slalom"], LEUNG.slow_speed, "Slalom of tight turns", "C.5"),
+    _manoeuvre("plain_straight", TRACKS["plain_straight"], LEUNG.slow_speed, "Straight", "section 4.4"),
+    _manoeuvre("hill", TRACKS["hill"], LEUNG.hill_speed, "Hill with banked turns", "table 4.12"),
 )

@@ -12,7 +12,16 @@ from vsense_ros.model.sensors import GnssPosition, GnssVelocity
 from vsense_ros.model.sensors.base import Transmission
 from vsense_ros.model.vehicle import Vehicle
 
-SLOWEST, FASTEST = 0.1, 100.0  # [Hz] of fixes
+
+@dataclass(frozen=True)
+class ReceiverRates:
+    """Rates of fixes that receivers have."""
+
+    least: float = 0.1  # [Hz]
+    largest: float = 100.0  # [Hz]
+
+
+RATES = ReceiverRates()
 
 
 @dataclass(frozen=True)
@@ -40,8 +49,8 @@ def with_receiver(vehicle: Vehicle, name: str | None = None, rate: float | None 
     """
     if name is not None and name not in RECEIVERS:
         raise InputError(f"no receiver {name!r}; known are {', '.join(RECEIVERS)}")
-    if rate is not None and not SLOWEST <= rate <= FASTEST:
-        raise InputError(f"a receiver gives {SLOWEST:g} to {FASTEST:g} fixes a second, not {rate:g}")
+    if rate is not None and not RATES.least <= rate <= RATES.largest:
+        raise InputError(f"a receiver gives {RATES.least:g} to {RATES.largest:g} fixes a second, not {rate:g}")
     sensors = dict(vehicle.sensors)
     for kind, key in ((GnssPosition, "position"), (GnssVelocity, "velocity")):
         own = [place for place, sensor in sensors.items() if isinstance(sensor, kind)]

@@ -13,7 +13,7 @@ is improbable for any one bag (about one in a hundred), and shows as one step of
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -36,10 +36,18 @@ from vsense_ros.model.sensors.simulated import Content, Sampling, SimulatedDrive
 from vsense_ros.model.simulation.closed_loop import Array, Trajectory
 from vsense_ros.model.vehicle import Vehicle
 
-EPOCH = 1_593_043_200_000_000_000  # [ns] 2020-06-25 00:00 UTC: a recording is always made at the same time
-ORIGIN = (43.5, -8.2, 50.0)  # latitude, longitude [deg], height [m] of the map's origin
 
-REFERENCE_PERIOD = 10  # [ms]
+@dataclass(frozen=True)
+class SensingSettings:
+    """Where and when simulated recordings are made."""
+
+    epoch: int = 1_593_043_200_000_000_000  # [ns] 2020-06-25 00:00 UTC: a recording is always made at the same time
+    # latitude [deg], longitude [deg] and height [m] of the map's origin
+    origin: tuple[float, float, float] = (43.5, -8.2, 50.0)
+    reference_period_ms: int = 10  # [ms] of the reference
+
+
+SENSING = SensingSettings()
 
 
 def record(
@@ -72,10 +80,10 @@ def record(
             steps, limit = np.array(sampling.quantum), np.array(sampling.limit)
             place = position_on_map(trajectory.q[rows], _around(trajectory)[rows])
             climb = partial(_climb, trajectory, rows)
-            drive = SimulatedDrive(truth, place, ORIGIN, rng, float(biased), steps, climb, limit)
+            drive = SimulatedDrive(truth, place, SENSING.origin, rng, float(biased), steps, climb, limit)
             channels.append(_channel(sensor, rows, sampling, sensor.simulated(drive)))
     channels += _reference(trajectory)
-    latitude, longitude, height = ORIGIN
+    latitude, longitude, height = SENSING.origin
     return Recording(
         {c.topic: c for c in channels},
         name=name,
@@ -127,7 +135,7 @@ def _around(trajectory: Trajectory) -> Array:
 
 def _channel(sensor: SensorBase, rows: np.ndarray, sampling: Sampling, content: Content) -> Channel:
     delay = round((sensor.latency + sampling.delay * 1e-3) * 1e9)
-    stamp = EPOCH + rows.astype(np.int64) * 1_000_000
+    stamp = SENSING.epoch + rows.astype(np.int64) * 1_000_000
     # `latency` is the age of a measurement at its stamp: the stamp is late by as much.
     return Channel(
         sensor.topic,
@@ -141,8 +149,8 @@ def _channel(sensor: SensorBase, rows: np.ndarray, sampling: Sampling, content: 
 
 
 def _reference(trajectory: Trajectory) -> list[Channel]:
-    rows = np.arange(0, len(trajectory.t), REFERENCE_PERIOD)
-    stamp = EPOCH + rows.astype(np.int64) * 1_000_000
+    rows = np.arange(0, len(trajectory.t), SENSING.reference_period_ms)
+    stamp = SENSING.epoch + rows.astype(np.int64) * 1_000_000
     q, u = trajectory.q[rows], trajectory.u[rows]
     road = _around(trajectory)[rows]
     channels = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
@@ -10,23 +12,31 @@ from vsense_ros.model.constants import GRAVITY
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
-SPEED = 80 / 3.6
-FREQUENCY = 0.7  # [Hz]
-DWELL = 0.5  # [s]
-START = 2.0  # [s]
-AMPLITUDE = 3.0  # times the angle of 0.3 g; the standard goes from 1.5 up to 6.5 in steps of 0.5
+
+@dataclass(frozen=True)
+class SineWithDwellSettings:
+    """Course of the manoeuvre after ISO 19365."""
+
+    speed: float = 80 / 3.6  # [m/s]
+    frequency: float = 0.7  # [Hz]
+    dwell: float = 0.5  # [s]
+    start: float = 2.0  # [s]
+    amplitude: float = 3.0  # [-] times the angle of 0.3 g; the standard goes from 1.5 up to 6.5 in steps of 0.5
+
+
+SETTINGS = SineWithDwellSettings()
 
 
 def steering(t: float) -> float:
     """Between -1 and 1."""
-    phase = (t - START) * FREQUENCY
+    phase = (t - SETTINGS.start) * SETTINGS.frequency
     if phase > 0.75:
-        phase = max(0.75, phase - DWELL * FREQUENCY)
+        phase = max(0.75, phase - SETTINGS.dwell * SETTINGS.frequency)
     return float(np.sin(2 * np.pi * phase)) if 0 < phase < 1 else 0.0
 
 
 def driver(vehicle: Vehicle) -> Driver:
-    amplitude = AMPLITUDE * steady_steering(vehicle, SPEED, 0.3 * GRAVITY)
+    amplitude = SETTINGS.amplitude * steady_steering(vehicle, SETTINGS.speed, 0.3 * GRAVITY)
     return lambda t, q, u: np.array([amplitude * steering(t), 0.0, 0.0, 0.0, 0.0])
 
 
@@ -35,6 +45,6 @@ MANOEUVRE = Manoeuvre(
     "Sine with dwell",
     "ISO 19365 (the manoeuvre of FMVSS 126), 80 km/h, throttle closed, 3 times the angle of 0.3 g",
     duration=8.0,
-    speed=SPEED,
+    speed=SETTINGS.speed,
     driver=driver,
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
@@ -9,23 +11,31 @@ from vsense_ros.manoeuvre.driver import SpeedKeeper, ramp, steady_steering
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
-SPEED = 80 / 3.6
-LATERAL_ACCELERATION = 6.5  # [m/s²] at the end, if the tyres stayed linear
-START = 1.0  # [s]
-DURATION = 16.0  # [s]
+
+@dataclass(frozen=True)
+class SlowRampSteerSettings:
+    """Course of the manoeuvre."""
+
+    speed: float = 80 / 3.6  # [m/s]
+    lateral_acceleration: float = 6.5  # [m/s²] at the end, if the tyres stayed linear
+    start: float = 1.0  # [s]
+    duration: float = 16.0  # [s]
+
+
+SETTINGS = SlowRampSteerSettings()
 
 
 def driver(vehicle: Vehicle) -> Driver:
-    angle = steady_steering(vehicle, SPEED, LATERAL_ACCELERATION)
-    feet = SpeedKeeper(vehicle, lambda t: SPEED)
-    return lambda t, q, u: np.array([angle * ramp(t, START, DURATION - START), *feet(t, u)])
+    angle = steady_steering(vehicle, SETTINGS.speed, SETTINGS.lateral_acceleration)
+    feet = SpeedKeeper(vehicle, lambda t: SETTINGS.speed)
+    return lambda t, q, u: np.array([angle * ramp(t, SETTINGS.start, SETTINGS.duration - SETTINGS.start), *feet(t, u)])
 
 
 MANOEUVRE = Manoeuvre(
     "slow_ramp_steer",
     "Slow ramp steer",
     "ISO 4138, constant speed of 80 km/h, slowly increasing to the angle of 6.5 m/s² within 15 s",
-    duration=DURATION,
-    speed=SPEED,
+    duration=SETTINGS.duration,
+    speed=SETTINGS.speed,
     driver=driver,
 )

@@ -8,23 +8,35 @@ sharp as the road of manoeuvre 2 allows at the end.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
-from vsense_ros.manoeuvre.driver import STEERING_RATE, ramp
+from vsense_ros.manoeuvre.driver import DRIVER, ramp
 from vsense_ros.model.simulation.closed_loop import Driver
 from vsense_ros.model.vehicle import Vehicle
 
-TORQUE = 115.0  # [N m] at each rear wheel
-ANGLE = -0.11  # [rad] of the road wheels
-STEP = 5.0  # [s]
-_PEDAL = 0.3  # [s] until the throttle is where it stays
+
+@dataclass(frozen=True)
+class ThrottleAndSteerSettings:
+    """Course of the manoeuvres of Rodríguez 2020."""
+
+    torque: float = 115.0  # [N m] at each rear wheel
+    angle: float = -0.11  # [rad] of the road wheels
+    step: float = 5.0  # [s]
+    pedal_time: float = 0.3  # [s] until the throttle is where it stays
+
+
+COURSE = ThrottleAndSteerSettings()
 
 
 def driver(vehicle: Vehicle) -> Driver:
     def drive(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        torque = TORQUE * ramp(t, 0.0, _PEDAL)
-        return np.array([ANGLE * ramp(t, STEP, abs(ANGLE) / STEERING_RATE), 0.0, 0.0, torque, torque])
+        torque = COURSE.torque * ramp(t, 0.0, COURSE.pedal_time)
+        return np.array(
+            [COURSE.angle * ramp(t, COURSE.step, abs(COURSE.angle) / DRIVER.steering_rate), 0.0, 0.0, torque, torque]
+        )
 
     return drive
 

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SPACING = 0.25  # [m] at most, between the points that a track is kept as
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """Discretisation of tracks."""
+
+    spacing: float = 0.25  # [m] at most, between the points that a track is kept as
+
+
+TRACK = TrackSettings()
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -97,7 +106,7 @@ class Track:
         distance, heading, curvature = [np.zeros(1)], [np.zeros(1)], [np.array([pieces[0].begin])]
         steps = []
         for piece, begin in zip(pieces, ends, strict=False):
-            count = max(1, int(np.ceil(piece.length / SPACING)))
+            count = max(1, int(np.ceil(piece.length / TRACK.spacing)))
             s = np.linspace(0.0, piece.length, count + 1)
             slope = (piece.end - piece.begin) / piece.length
             start = heading[-1][-1]
