@@ -14,7 +14,7 @@ from vsense_ros.identify.free_parameter import FreeParameter, added
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.cross_validation import by_pieces, by_stretches, by_windows, passed_once, pieces_alone_tell
-from vsense_ros.mismatch.road import STRETCH, Road
+from vsense_ros.mismatch.road import ROAD_SETTINGS, Road
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Readings
 
@@ -62,9 +62,9 @@ def test_all_that_is_known_is_in_the_parts_and_nothing_twice(seed, speed, durati
 
 def test_of_two_neighbouring_pieces_of_a_road_one_is_in_each_fold():
     """20 m/s for 25 s: where a row is on the road is written into its residual."""
-    (driven,) = windows = [window(0, 0.0, 25.0, 20.0, 0.5 * STRETCH)]
+    (driven,) = windows = [window(0, 0.0, 25.0, 20.0, 0.5 * ROAD_SETTINGS.stretch)]
     whole = fit_of(windows, 0)
-    place = np.interp(grid(driven), driven.place.t, driven.place.value[:, 0]) - 0.5 * STRETCH
+    place = np.interp(grid(driven), driven.place.t, driven.place.value[:, 0]) - 0.5 * ROAD_SETTINGS.stretch
     told = Fit(whole.parameter_set, UNKNOWNS, whole.offsets, [np.tile(place, 2)], whole.slopes, whole.weight)
     first, second = by_pieces(residuals_of(windows), told).apart(told).residuals
     assert {int(at // 50) for at in first} == {1, 3, 5, 7, 9}
@@ -72,8 +72,14 @@ def test_of_two_neighbouring_pieces_of_a_road_one_is_in_each_fold():
 
 
 def test_a_road_is_passed_once_unless_recordings_or_laps_come_there_again():
-    first, next_one = window(0, 0.0, 25.0, 20.0, 0.5 * STRETCH), window(0, 22.5, 47.5, 20.0, 0.5 * STRETCH + 450.0)
-    elsewhere, again = window(1, 0.0, 25.0, 20.0, 1.5 * STRETCH), window(1, 0.0, 25.0, 18.0, 0.5 * STRETCH + 10.0)
+    first, next_one = (
+        window(0, 0.0, 25.0, 20.0, 0.5 * ROAD_SETTINGS.stretch),
+        window(0, 22.5, 47.5, 20.0, 0.5 * ROAD_SETTINGS.stretch + 450.0),
+    )
+    elsewhere, again = (
+        window(1, 0.0, 25.0, 20.0, 1.5 * ROAD_SETTINGS.stretch),
+        window(1, 0.0, 25.0, 18.0, 0.5 * ROAD_SETTINGS.stretch + 10.0),
+    )
     assert passed_once([first, next_one])
     assert passed_once([first, elsewhere])
     assert not passed_once([first, again])
@@ -81,8 +87,10 @@ def test_a_road_is_passed_once_unless_recordings_or_laps_come_there_again():
 
 def recordings_of(*roads: float) -> SimpleNamespace:
     """Recordings of roads of their own with these lengths [m], and a point each 50 m."""
-    each = [[window(i, 0.0, length / 20.0, 20.0, (i + 0.5) * STRETCH)] for i, length in enumerate(roads)]
-    points = [(i + 0.5) * STRETCH + at for i, length in enumerate(roads) for at in range(0, int(length), 50)]
+    each = [[window(i, 0.0, length / 20.0, 20.0, (i + 0.5) * ROAD_SETTINGS.stretch)] for i, length in enumerate(roads)]
+    points = [
+        (i + 0.5) * ROAD_SETTINGS.stretch + at for i, length in enumerate(roads) for at in range(0, int(length), 50)
+    ]
     return SimpleNamespace(windows=[w for part in each for w in part], by_recording=lambda: each, points=points)
 
 

@@ -15,7 +15,7 @@ from hidden import STEP, driven, having, prototype, wrong
 from vsense_ros.identify.free_parameter import FreeParameter, with_offsets
 from vsense_ros.identify.least_squares import Fit, Settings, fit, slope
 from vsense_ros.mismatch.candidates import base_parameters, candidates, out_of_reach
-from vsense_ros.mismatch.residuals import ASTRAY_BEFORE, FAR, Residuals, tempered, untempered
+from vsense_ros.mismatch.residuals import RESIDUALS, Residuals, tempered, untempered
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import Predictor
@@ -39,7 +39,7 @@ def test_errors_are_known_again_from_what_counts_of_them(off):
 def test_an_instant_that_is_far_off_counts_for_less_and_one_that_is_near_for_what_it_is(off):
     counted = tempered(off)
     assert np.all(np.abs(counted) <= np.abs(off) * (1 + 1e-12))
-    near = np.mean(off**2, axis=0) < (0.1 * FAR) ** 2
+    near = np.mean(off**2, axis=0) < (0.1 * RESIDUALS.far) ** 2
     assert counted[:, near] == pytest.approx(off[:, near], rel=0.01)
 
 
@@ -61,7 +61,7 @@ def test_what_a_lost_car_would_have_measured_is_not_compared(slalom):
     assert residuals.level(residuals(spinning)) > 3 * residuals.level(known)
     (counted,) = residuals(spinning, known)
     (window,), (lost,) = slalom.dataset.windows, slalom.lost_from(spinning)
-    after = np.tile(grid(window) > lost - ASTRAY_BEFORE, len(residuals.layout[0]))
+    after = np.tile(grid(window) > lost - RESIDUALS.astray_before, len(residuals.layout[0]))
     assert np.array_equal(counted[after], known[0][after])
 
 
@@ -82,7 +82,7 @@ def test_what_a_car_measures_before_it_gets_lost_is_compared():
     (lost,) = predictor.lost_from(spinning)
     (found,) = residuals.compared(spinning, [lost])
     signals = residuals.layout[0]
-    assert len(found) == len(signals) * np.sum(grid(predictor.dataset.windows[0]) < lost - ASTRAY_BEFORE)
+    assert len(found) == len(signals) * np.sum(grid(predictor.dataset.windows[0]) < lost - RESIDUALS.astray_before)
     off = found.reshape(len(signals), -1)[signals.index("roll_rate")]
     assert np.median(off) == pytest.approx(-0.05 / residuals.deviation["roll_rate"], rel=0.3)
 

@@ -21,7 +21,7 @@ from vsense_ros.mismatch.candidates import candidates
 from vsense_ros.mismatch.cross_validation import odd
 from vsense_ros.mismatch.explain import explain_recordings
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.road import SPACING, STRETCH, bending, curvature, point, profile, profile_change
+from vsense_ros.mismatch.road import ROAD_SETTINGS, SPACING, bending, curvature, point, profile, profile_change
 from vsense_ros.mismatch.road_prediction import predict_road
 from vsense_ros.mismatch.search import Search
 from vsense_ros.mismatch.signals import grid
@@ -51,7 +51,10 @@ def slalom():
 def test_the_true_profile_brings_the_simulation_to_the_recording(slalom):
     vehicle, dataset = slalom
     predictor = Predictor(vehicle, dataset)
-    table = {point("effects.road_bank.bank", STRETCH / 2 + s): float(waves(s)) for s in np.arange(0.0, 300.0, SPACING)}
+    table = {
+        point("effects.road_bank.bank", ROAD_SETTINGS.stretch / 2 + s): float(waves(s))
+        for s in np.arange(0.0, 300.0, SPACING)
+    }
     flat = Predictor(vehicle, build_dataset([driven(vehicle, "slalom")], vehicle))
 
     def error(of: Predictor, parameter_set: ParameterSet) -> float:
@@ -68,12 +71,12 @@ def test_grip_that_varies_is_that_of_the_place(slalom):
     vehicle, dataset = slalom
     predictor = Predictor(vehicle, dataset)
     size = "effects.friction_change.relative"
-    everywhere = {point(size, STRETCH / 2 + s): -0.3 for s in np.arange(-200.0, 500.0, SPACING)}
+    everywhere = {point(size, ROAD_SETTINGS.stretch / 2 + s): -0.3 for s in np.arange(-200.0, 500.0, SPACING)}
     slippery, alike = (
         predictor.simulated(predictor.start.changed(change))[0]["yaw_rate"] for change in ({size: -0.3}, everywhere)
     )
     assert alike == pytest.approx(slippery, abs=1e-9)
-    far_away = predictor.start.changed({point(size, STRETCH / 2 + 1000.0): -0.3})
+    far_away = predictor.start.changed({point(size, ROAD_SETTINGS.stretch / 2 + 1000.0): -0.3})
     assert predictor.simulated(far_away)[0]["yaw_rate"] == pytest.approx(
         predictor.simulated(predictor.start)[0]["yaw_rate"], abs=1e-12
     )
@@ -164,7 +167,7 @@ def test_where_one_bank_is_enough_no_profile_is_told():
 
 def test_a_profile_of_the_vehicle_file_stays_where_another_is_fitted_beside_it(slalom):
     vehicle, dataset = slalom
-    size, origin = "effects.road_bank.bank", STRETCH / 2
+    size, origin = "effects.road_bank.bank", ROAD_SETTINGS.stretch / 2
 
     def row(way: float, bank: float) -> tuple[float, float, float, float]:
         at = dataset.road.place(origin + way)
@@ -194,7 +197,7 @@ def test_a_body_turns_with_its_road_and_is_heavier_on_its_way_into_a_climb(slalo
     def changed(size: str) -> dict[str, float]:
         """Mean of what it adds to the signals, over what would be expected of the first."""
         along = predictor.start.changed(
-            {point(size, STRETCH / 2 + s): 2e-4 * s for s in np.arange(0.0, 600.0, SPACING)}
+            {point(size, ROAD_SETTINGS.stretch / 2 + s): 2e-4 * s for s in np.arange(0.0, 600.0, SPACING)}
         )
         (bent,), (flat,) = (predictor.simulated(one) for one in (along, predictor.start))
         return {name: float(np.mean(bent[name] - flat[name])) for name in bent}
@@ -211,7 +214,7 @@ def test_a_body_turns_with_its_road_and_is_heavier_on_its_way_into_a_climb(slalo
 def test_a_plane_is_not_bent_and_a_banked_bend_is_a_cone(bank, radius, turned):
     """The normal of a cone turns about the vertical as the road does: at a bank β in a bend of radius R, the car's nose
     falls by β/R on every metre where the left side is higher and the bend goes to the left."""
-    place = STRETCH / 2 + np.arange(0.0, 300.0, 0.1)
+    place = ROAD_SETTINGS.stretch / 2 + np.arange(0.0, 300.0, 0.1)
     angle = turned + place / radius
     bends = curvature(place, angle)
     assert bends == pytest.approx(1 / radius, rel=1e-6)
@@ -223,10 +226,10 @@ def test_a_plane_is_not_bent_and_a_banked_bend_is_a_cone(bank, radius, turned):
 
 
 def test_a_car_that_weaves_on_a_straight_road_turns_back_and_its_road_does_not_turn():
-    place = STRETCH / 2 + np.arange(0.0, 400.0, 0.1)
+    place = ROAD_SETTINGS.stretch / 2 + np.arange(0.0, 400.0, 0.1)
     weaving = curvature(place, 0.1 * np.sin(2 * np.pi * place / 40.0))
     assert np.abs(weaving[1000:-1000]).max() < 0.15 * 0.1 * 2 * np.pi / 40.0
-    jump = np.concatenate([place, place + STRETCH])
+    jump = np.concatenate([place, place + ROAD_SETTINGS.stretch])
     assert np.abs(curvature(jump, np.repeat([0.0, 2.0], len(place)))).max() == 0.0
 
 

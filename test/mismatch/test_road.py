@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense_ros.mismatch.road import SPACING, STRETCH, Road, place_of, point, points, profile
+from vsense_ros.mismatch.road import ROAD_SETTINGS, SPACING, Road, place_of, point, points, profile
 
 RADIUS = 100.0  # [m] of a circular track
 
@@ -51,7 +51,7 @@ def test_the_other_direction_of_a_road_is_another_road():
     _, first = road.follow(*lap(0.0, 400.0))
     _, second = road.follow(*lap(0.0, 400.0, backwards=True))
     _, elsewhere = road.follow(*lap(0.0, 400.0, offset=60.0))
-    assert len({round(a[0] // STRETCH) for a in (first, second, elsewhere)}) == 3
+    assert len({round(a[0] // ROAD_SETTINGS.stretch) for a in (first, second, elsewhere)}) == 3
 
 
 def test_who_drives_on_where_the_road_is_not_known_yet_lengthens_it():
@@ -64,13 +64,15 @@ def test_who_drives_on_where_the_road_is_not_known_yet_lengthens_it():
 
 
 def test_a_profile_is_linear_between_its_points_and_nothing_elsewhere():
-    values = {0.0: 0.02, SPACING: 0.04, STRETCH: -0.01}
+    values = {0.0: 0.02, SPACING: 0.04, ROAD_SETTINGS.stretch: -0.01}
     assert profile(values, np.array([0.0, SPACING / 2, SPACING])) == pytest.approx([0.02, 0.03, 0.04])
-    assert profile(values, np.array([-SPACING, 2 * SPACING, STRETCH / 2, STRETCH + SPACING])) == pytest.approx([0] * 4)
-    assert profile(values, np.array([1.5 * SPACING, STRETCH])) == pytest.approx([0.02, -0.01])
+    assert profile(
+        values, np.array([-SPACING, 2 * SPACING, ROAD_SETTINGS.stretch / 2, ROAD_SETTINGS.stretch + SPACING])
+    ) == pytest.approx([0] * 4)
+    assert profile(values, np.array([1.5 * SPACING, ROAD_SETTINGS.stretch])) == pytest.approx([0.02, -0.01])
 
 
-@given(st.floats(0, 5 * STRETCH))
+@given(st.floats(0, 5 * ROAD_SETTINGS.stretch))
 def test_the_name_of_a_point_tells_its_place(abscissa):
     size, at = place_of(point("effects.road_bank.bank", abscissa))
     assert size == "effects.road_bank.bank"
@@ -79,5 +81,5 @@ def test_the_name_of_a_point_tells_its_place(abscissa):
 
 
 def test_points_are_where_the_car_has_been():
-    found = points([np.arange(0.0, 220.0), STRETCH + np.arange(0.0, 10.0)])
+    found = points([np.arange(0.0, 220.0), ROAD_SETTINGS.stretch + np.arange(0.0, 10.0)])
     assert found == pytest.approx(np.arange(0, 5) * SPACING)

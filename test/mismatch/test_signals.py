@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import detrend
 from scipy.spatial.transform import Rotation
 
-from vsense_ros.mismatch.signals import CUT_OFF, difference, grid, noise, signals
+from vsense_ros.mismatch.signals import SIGNALS, difference, grid, noise, signals
 from vsense_ros.mismatch.windows import Readings, Window
 from vsense_ros.model.sensors import GnssVelocity, Imu
 
@@ -39,7 +39,7 @@ def test_the_noise_of_a_signal_is_what_the_filter_leaves_of_it_whatever_the_car_
     left = signals(drive, drive.readings, SENSORS, 0.3)["yaw_rate"]
     left = left - signals(clean, clean.readings, SENSORS, 0.3)["yaw_rate"]
     assert found == pytest.approx(left.std(), rel=0.15)
-    assert found == pytest.approx(deviation * np.sqrt(2 * CUT_OFF * PERIOD), rel=0.05)
+    assert found == pytest.approx(deviation * np.sqrt(2 * SIGNALS.cut_off * PERIOD), rel=0.05)
 
 
 def test_a_signal_without_noise_has_next_to_none():

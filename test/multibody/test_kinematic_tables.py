@@ -13,7 +13,7 @@ from vsense_ros.model.car.car import car_of
 from vsense_ros.model.car.full_car import FullCar
 from vsense_ros.model.car.kinematic_tables import (
     COLUMNS,
-    TOLERANCE,
+    TABLES,
     SteeringRack,
     WheelPosition,
     kinematic_tables,
@@ -60,16 +60,18 @@ def looked_up(tables: SuspensionTables, axle: str, travel: float, steering: floa
 @given(st.floats(-0.06, 0.06), st.floats(-0.33, 0.33))
 def test_tables_agree_with_the_linkage_between_their_points(tables, rack, positions, travel: float, angle: float):
     place = float(rack.motion(angle)[0])
-    assert_allclose(looked_up(tables, "front", travel, angle), solved(positions[0], travel, place), atol=TOLERANCE)
+    assert_allclose(
+        looked_up(tables, "front", travel, angle), solved(positions[0], travel, place), atol=TABLES.tolerance
+    )
     right = MIRROR * looked_up(tables, "front", travel, -angle)
-    assert_allclose(right, solved(positions[1], travel, place), atol=TOLERANCE)
-    assert_allclose(looked_up(tables, "rear", travel), solved(positions[2], travel, 0), atol=TOLERANCE)
-    assert_allclose(MIRROR * looked_up(tables, "rear", travel), solved(positions[3], travel, 0), atol=TOLERANCE)
+    assert_allclose(right, solved(positions[1], travel, place), atol=TABLES.tolerance)
+    assert_allclose(looked_up(tables, "rear", travel), solved(positions[2], travel, 0), atol=TABLES.tolerance)
+    assert_allclose(MIRROR * looked_up(tables, "rear", travel), solved(positions[3], travel, 0), atol=TABLES.tolerance)
 
 
 def test_errors_that_are_reported_are_within_the_tolerance(vehicle: Vehicle, tables: SuspensionTables):
     for columns in largest_errors(vehicle, tables).values():
-        assert 1e-8 < max(columns.values()) < TOLERANCE
+        assert 1e-8 < max(columns.values()) < TABLES.tolerance
 
 
 def test_in_the_design_position_wheels_stand_straight(tables: SuspensionTables):
@@ -109,7 +111,7 @@ def test_wheels_of_the_simplified_car_slip_lean_and_press_as_those_of_the_full_c
         assert_allclose(found[2], expected[2], atol=3.0)  # N: a tyre of 160 N/mm within 10 µm, its damper
         assert_allclose(found[4], expected[4], atol=1e-4)
         assert_allclose(found[5], expected[5], atol=1e-4)
-        assert_allclose(found[6], expected[6], atol=2 * TOLERANCE)
+        assert_allclose(found[6], expected[6], atol=2 * TABLES.tolerance)
 
 
 def test_the_rack_is_put_where_the_wheels_take_the_angle(rack: SteeringRack, positions: list[WheelPosition]):

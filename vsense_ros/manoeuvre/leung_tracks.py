@@ -14,6 +14,7 @@ from math import atan
 import numpy as np
 
 from vsense_ros.manoeuvre.base import Manoeuvre
+from vsense_ros.manoeuvre.double_lane_change import SETTINGS as LANES
 from vsense_ros.manoeuvre.double_lane_change import path
 from vsense_ros.manoeuvre.driver import PathFollower, SpeedKeeper, TrackFollower
 from vsense_ros.manoeuvre.road_surface import RoadSurface

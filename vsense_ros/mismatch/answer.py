@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -36,8 +37,8 @@ from vsense_ros.mismatch.answer_schema import (
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.confidence import interval
 from vsense_ros.mismatch.picture import Trace
-from vsense_ros.mismatch.residuals import OUTLIER, Residuals
-from vsense_ros.mismatch.road import STRETCH
+from vsense_ros.mismatch.residuals import RESIDUALS, Residuals
+from vsense_ros.mismatch.road import ROAD_SETTINGS
 from vsense_ros.mismatch.search import Hypothesis
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.simulation import LOST
@@ -58,8 +59,18 @@ OWN_ROAD = (
     "what was held out is of another road, of which no fit can know: each piece of 50 m of it is compared with what "
     "follows from its neighbours, with the car as it was fitted"
 )
-LAG_KNOWN = 0.1  # [s] by which a lag that correlation tells may be wrong
-SURE = 0.99  # confidence in a lag that all other sensors tell
+
+
+@dataclass(frozen=True)
+class LatencySettings:
+    """How sure latencies count that correlation of signals determines: decisions of this project."""
+
+    lag_deviation: float = 0.1  # [s] by which a lag from correlation may be wrong
+    confidence: float = 0.99  # [-] confidence in a lag that all other sensors agree with
+
+
+LATENCY = LatencySettings()
+
 ALONE = (
     "all of it is one stretch of driving: what is left out of the fit in turn are parts of it, in which the same was "
     "driven as in the others; add another recording, or hold one out"
@@ -175,13 +186,14 @@ def with_ages(
         unseen = None
         if validation.residuals is not None:
             unseen = _lost(validation.residuals, validation.held_out(shown)[1], without)
+        around = (age - LATENCY.lag_deviation, age + LATENCY.lag_deviation)
         found.insert(
             0,
             EffectEntry(
                 id=DELAY.id, sentence=DELAY.sentence, sensor=field,
-                parameters=(Size(name=field, unit="s", value=age, interval_90=(age - LAG_KNOWN, age + LAG_KNOWN)),),
+                parameters=(Size(name=field, unit="s", value=age, interval_90=around),),
                 gain_training=trained, gain_left_out=trained, gain_held_out=unseen, adds_to_best=None, keep=1.0,
-                confidence=SURE, objection="", accepted=True, answer_set=(DELAY.id,), would_separate=None,
+                confidence=LATENCY.confidence, objection="", accepted=True, answer_set=(DELAY.id,), would_separate=None,
             ),
         )  # fmt: skip
     return tuple(found)
@@ -190,7 +202,7 @@ def with_ages(
 def _lost(residuals: Residuals, after: Sequence[Array], without: ParameterSet) -> float:
     """By how much the squared error falls, relative, from that of other parameters."""
     try:
-        before = cost(residuals(without, [np.full(len(r), OUTLIER / 2) for r in after]))
+        before = cost(residuals(without, [np.full(len(r), RESIDUALS.outlier / 2) for r in after]))
     except DivergedError:
         return 1.0
     return float(1 - cost(after) / max(before, 1e-12))
@@ -269,7 +281,10 @@ def _interval(hypothesis: Hypothesis, parameter: FreeParameter) -> tuple[float, 
 
 def _point(dataset: Dataset, abscissa: float) -> dict[str, float]:
     """Where a place of the road is [m] along its stretch, and on the map, if that is known."""
-    found = {"stretch": abscissa // STRETCH, "distance": abscissa % STRETCH - STRETCH / 2}
+    found = {
+        "stretch": abscissa // ROAD_SETTINGS.stretch,
+        "distance": abscissa % ROAD_SETTINGS.stretch - ROAD_SETTINGS.stretch / 2,
+    }
     if (at := dataset.road.place(abscissa)) is not None:
         latitude, longitude = dataset.on_map.latitude_longitude(*at[:2])
         found |= {"latitude": latitude, "longitude": longitude, "direction": at[2]}

@@ -12,15 +12,23 @@ from numpy.typing import NDArray
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.identify.normal_equations import NormalEquations
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.road import POINT
+from vsense_ros.mismatch.road import ROAD_SETTINGS
 from vsense_ros.mismatch.signals import grid
 from vsense_ros.mismatch.windows import Dataset, Window
 from vsense_ros.model.effects.base import SPACING
 
 Array = NDArray[np.float64]
 
-STRETCHES = 4  # of a window that is the only one
-PIECES = 10  # least number of places in each recording of a road that is proven by its pieces
+
+@dataclass(frozen=True)
+class FoldSettings:
+    """How recordings are divided for cross-validation: decisions of this project."""
+
+    stretches: int = 4  # of a window that is the only one
+    least_pieces: int = 10  # least number of places in each recording of a road that is validated by its pieces
+
+
+FOLDS = FoldSettings()
 
 
 @dataclass(frozen=True)
@@ -69,13 +77,13 @@ def by_stretches(residuals: Residuals, base: Fit) -> Folds:
 
     def cut(rows: Array) -> list[Array]:
         instants = np.arange(len(rows)).reshape(len(names), -1)
-        return [rows[part.reshape(-1)] for part in np.array_split(instants, STRETCHES, axis=1)]
+        return [rows[part.reshape(-1)] for part in np.array_split(instants, FOLDS.stretches, axis=1)]
 
     def apart(fitted: Fit) -> Fit:
         (rest,), (slopes,) = fitted.residuals, fitted.slopes
         return replace(fitted, residuals=cut(rest), slopes=cut(slopes))
 
-    return Folds.of(base, apart, [[i] for i in range(STRETCHES)])
+    return Folds.of(base, apart, [[i] for i in range(FOLDS.stretches)])
 
 
 def by_pieces(residuals: Residuals, base: Fit) -> Folds:
@@ -113,7 +121,7 @@ def odd(window: Window) -> NDArray[np.bool_]:
 def tells_its_pieces(dataset: Dataset) -> bool:
     """True if a road is long enough to be validated by its pieces: the residuals of one manoeuvre last for a few of
     them."""
-    return len(dataset.points) >= PIECES * len(dataset.by_recording())
+    return len(dataset.points) >= FOLDS.least_pieces * len(dataset.by_recording())
 
 
 def pieces_alone_tell(dataset: Dataset) -> bool:
@@ -130,7 +138,7 @@ def passed_once(windows: Sequence[Window]) -> bool:
 
 def passed(window: Window) -> set[float]:
     """Where on the road a window has been [`road.POINT`]."""
-    return set(places(window) // POINT)
+    return set(places(window) // ROAD_SETTINGS.spacing)
 
 
 def places(window: Window) -> Array:

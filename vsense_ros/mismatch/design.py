@@ -47,8 +47,17 @@ from vsense_ros.model.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 NEXT = "next.json"
-TELLING = 3.0  # d′ from which a test decides: one of two in seven hundred goes wrong
-SEED = 1  # of the sensors' noise, by which signals are weighted, and which cancels otherwise
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Settings of the design of a next test."""
+
+    decisive: float = 3.0  # [-] d′ from which a test decides: one of two in seven hundred goes wrong
+    seed: int = 1  # of the sensors' noise, by which signals are weighted, and which cancels otherwise
+
+
+DESIGN = DesignSettings()
 
 
 @dataclass(frozen=True)
@@ -202,7 +211,7 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
     onto its page; the answer with it."""
     content = {
         "rivals": [{"name": rival.name, "sizes": dict(rival.sizes)} for rival in rivals],
-        "telling": TELLING,
+        "telling": DESIGN.decisive,
         "tests": [one.next_test.as_json() for one in found],
     }
     with atomic_write(report / NEXT) as file:
@@ -215,7 +224,7 @@ def written(found: Sequence[Separation], rivals: Sequence[Rival], report: Path) 
 
 def _with_next_test(answer: Answer, found: Sequence[Separation]) -> Answer:
     """The answer with the best test, if it tells the rivals apart."""
-    best = found[0].next_test if found and found[0].distance >= TELLING else None
+    best = found[0].next_test if found and found[0].distance >= DESIGN.decisive else None
     effects = tuple(effect.with_(would_separate=best) if effect.answer_set else effect for effect in answer.effects)
     return answer.with_(would_separate=best, effects=effects)
 
@@ -232,8 +241,8 @@ def printed(found: Sequence[Separation], console: Console) -> None:
         cells += [" and ".join(one.pair)] if several else []
         table.add_row(*(Text(cell) for cell in cells))
     console.print(table)
-    if not found or found[0].distance < TELLING:
-        console.print(f"None of these tests would tell them apart: d′ stays below {TELLING:g}.", soft_wrap=True)
+    if not found or found[0].distance < DESIGN.decisive:
+        console.print(f"None of these tests would tell them apart: d′ stays below {DESIGN.decisive:g}.", soft_wrap=True)
     else:
         best = found[0]
         said = f"Drive: {best.test.title} ({best.test.manoeuvre.source}); watch the {label(best.signal)}."
@@ -254,7 +263,7 @@ def _separation(
     fitted = with_offsets(start, common, offsets)
     car = vehicle.with_parameters({name: value for name, value in fitted.values.items() if name in known})
     motion = _with_run_up(car, test)
-    dataset = build_dataset([record(motion, car, SEED, name=test.manoeuvre.name, biased=False)], vehicle)
+    dataset = build_dataset([record(motion, car, DESIGN.seed, name=test.manoeuvre.name, biased=False)], vehicle)
     if not dataset.windows:
         return None
     dataset = _steered_truly(dataset, motion)

@@ -17,17 +17,26 @@ from numpy.typing import NDArray
 from vsense_ros.identify.least_squares import Fit
 from vsense_ros.mismatch.candidates import Candidate
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.signals import CUT_OFF, grid
+from vsense_ros.mismatch.signals import SIGNALS, grid
 from vsense_ros.mismatch.thresholds import THRESHOLDS, Thresholds
 
 Array = NDArray[np.float64]
 
-ROUNDS = 4  # in which the times of all recordings are found in turn, each with those of the others held
-BLOCK = 2.0  # [s] for which residuals of neighbouring instants err together, at most
-# Twice the log-likelihood ratio that the true time of a change stays within with 90 %: the largest values of both sides
-# of the walk about it are exponential, (1 − exp(−x/2))² = 0.9 (Siegmund, 1988).
-LIKELY = -2 * np.log(1 - np.sqrt(0.9))
-SMEARED = 0.5 / CUT_OFF  # [s] by which the filter of the signals moves an edge, at most
+
+@dataclass(frozen=True)
+class OnsetSettings:
+    """Settings of the estimate of when a change set in."""
+
+    rounds: int = 4  # in which the times of all recordings are estimated in turn, each with those of the others held
+    block: float = 2.0  # [s] for which residuals of neighbouring instants are correlated, at most
+    # Twice the log-likelihood ratio that the true time of a change stays within with 90 %: the largest values
+    # of both sides of the walk about it are exponential, (1 − exp(−x/2))² = 0.9 (Siegmund, 1988).
+    likelihood_ratio: float = -2 * np.log(1 - np.sqrt(0.9))
+
+
+ONSET = OnsetSettings()
+
+SMEARED = 0.5 / SIGNALS.cut_off  # [s] by which the filter of the signals moves an edge, at most
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,7 @@ class OnsetSearch:
             return None
         cut = self._cut(secant, passages, begins)
         left = [r + s @ change + size * m for r, s, m in zip(self.at.residuals, self.at.slopes, cut, strict=True)]
-        bound = LIKELY * self._noise(secant, left)
+        bound = ONSET.likelihood_ratio * self._noise(secant, left)
         within = [self._begin(passages, begins, place, bound) for place in range(len(passages))]
         told = tuple(one for one in within if one is not None)
         return Onset(candidate, value, gain / self._whole, float(always) / self._whole, told, left)
@@ -126,7 +135,7 @@ class OnsetSearch:
     def _climbed(self, passages: Sequence[_Passage], start: Sequence[int]) -> list[int]:
         """Times from which no other time of one recording explains more."""
         begins = list(start)
-        for _ in range(ROUNDS):
+        for _ in range(ONSET.rounds):
             before = list(begins)
             for place in range(len(passages)):
                 begins[place] = int(np.argmax(self._gains(passages, begins, place)))
@@ -194,7 +203,7 @@ class OnsetSearch:
             if not names:
                 continue
             product = np.sum((m * r).reshape(len(names), -1), axis=0)
-            blocks = np.array_split(product, max(1, round((t[-1] - t[0]) / BLOCK)))
+            blocks = np.array_split(product, max(1, round((t[-1] - t[0]) / ONSET.block)))
             square += sum(float(block.sum()) ** 2 for block in blocks)
             size += float(m @ m)
         return square / max(size, 1e-12)

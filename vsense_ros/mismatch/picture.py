@@ -29,10 +29,19 @@ Array = NDArray[np.float64]
 
 BEFORE = "#D55E00"
 AFTER = ESTIMATE
-OTHERS = 9  # signals that are shown besides the most affected one
-COLUMNS = 3
-APART = 100.0  # [m] between stretches of road that do not hang together
-LABELLED = 3  # stretches of time whose share is written beside them
+
+
+@dataclass(frozen=True)
+class PictureSettings:
+    """Layout of the pictures of an answer."""
+
+    others: int = 9  # signals that are shown besides the most affected one
+    columns: int = 3  # of panels
+    stretch_gap: float = 100.0  # [m] between stretches of road that are drawn apart
+    labelled: int = 3  # stretches of time whose share is written beside them
+
+
+PICTURE = PictureSettings()
 
 
 @dataclass(frozen=True)
@@ -121,18 +130,18 @@ def other_signals(traces: Sequence[Trace], shown: Trace, signals: Sequence[str])
     order = [name for name in signals if name in beside] + [name for name in beside if name not in signals]
     if not order:
         return None
-    chosen = [beside[name] for name in order[:OTHERS]]
-    rows = ceil(len(chosen) / COLUMNS)
+    chosen = [beside[name] for name in order[: PICTURE.others]]
+    rows = ceil(len(chosen) / PICTURE.columns)
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 1.95 * rows + 0.35), facecolor="white", layout="constrained")
-        every = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True).ravel()
+        every = figure.subplots(rows, PICTURE.columns, squeeze=False, sharex=True).ravel()
         for axes, trace in zip(every, chosen, strict=False):
             _curves(axes, trace)
             axes.set_title(_said(trace))
             axes.margins(x=0.01)
         for axes in every[len(chosen) :]:
             axes.set_visible(False)
-        for axes in every[max(0, len(chosen) - COLUMNS) : len(chosen)]:
+        for axes in every[max(0, len(chosen) - PICTURE.columns) : len(chosen)]:
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("time [s]")
         return _svg(figure)
@@ -146,7 +155,7 @@ def when(segments: Sequence[Segment], traces: Sequence[Trace]) -> bytes | None:
     if not segments:
         return None
     names = list(dict.fromkeys(segment.recording for segment in segments))
-    largest = sorted(segments, key=lambda segment: segment.share, reverse=True)[:LABELLED]
+    largest = sorted(segments, key=lambda segment: segment.share, reverse=True)[: PICTURE.labelled]
     highest = max(*(segment.density for segment in segments), 1e-12)
     with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(12.0, 0.62 * len(names) + 0.62), facecolor="white", layout="constrained")
@@ -194,7 +203,7 @@ def road_profile(effect: EffectEntry) -> bytes:
             value, low, high = values.T * factor
             axes.fill_between(at, low, high, color=AFTER, alpha=0.18, lw=0)
             axes.plot(at, value, color=AFTER, lw=1.3, marker="o", ms=2.5)
-            begin = at[-1] + APART
+            begin = at[-1] + PICTURE.stretch_gap
         axes.axhline(0.0, color="#b8b8b8", lw=0.8, zorder=1)
         axes.set_xlabel("way along the road [m]")
         name = effect.id if size.name == "relative" else size.name

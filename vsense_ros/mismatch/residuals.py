@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
@@ -16,14 +17,23 @@ from vsense_ros.model.sensors import compared_signals
 
 Array = NDArray[np.float64]
 
-SHARE = 0.03  # of a signal's own size that a good model may miss, which no sensor is better than
-OUTLIER = 40.0  # standard deviations beyond which a residual counts as that many
-# Standard deviations of all signals together from where on an instant counts for less and less (Cauchy's loss): a
-# simulated car that spins at the limit, where the real one just did not, says no more than that.
-FAR = 5.0
-ASTRAY_BEFORE = 1.0  # [s] for which a car is off course before it is noticed to be lost
-LEAST_KEPT = 50  # instants of a window, below which nothing of it is compared
-SHAKEN = 1.4  # how much further off a good model is in signals that any road shakes
+
+@dataclass(frozen=True)
+class ResidualSettings:
+    """Weights of residuals: decisions of this project."""
+
+    # [-] share of a signal's own amplitude that a good model may miss, which no sensor is better than
+    model_error_share: float = 0.03
+    outlier: float = 40.0  # [standard deviations] beyond which a residual counts as that many
+    # Standard deviations of all signals together from where on an instant counts for less and less (Cauchy's
+    # loss): a simulated car that spins at the limit, where the real one just did not, says no more than that.
+    far: float = 5.0
+    astray_before: float = 1.0  # [s] for which a car is off course before it is noticed to be lost
+    least_kept: int = 50  # instants of a window, below which nothing of it is compared
+    shaken_factor: float = 1.4  # [-] how much further off a good model is in signals that any road shakes
+
+
+RESIDUALS = ResidualSettings()
 
 
 class Residuals:
@@ -37,7 +47,9 @@ class Residuals:
         for name in names:
             size = np.concatenate([m[name] - m[name].mean() for m in measured if name in m]).std()
             noise = np.median([n[name] for n in predictor.noise if name in n] or [0.0])
-            self.deviation[name] = float(np.linalg.norm([compared_signals()[name].floor, SHARE * size, noise]))
+            self.deviation[name] = float(
+                np.linalg.norm([compared_signals()[name].floor, RESIDUALS.model_error_share * size, noise])
+            )
         self.layout = [[name for name in names if name in m] for m in measured]
         self._instants = [grid(window) for window in predictor.dataset.windows]
 
@@ -56,8 +68,8 @@ class Residuals:
 
     def __call__(self, parameter_set: ParameterSet, instead: Sequence[Array] | None = None) -> list[Array]:
         """Residuals of each window, (signals × instants,) in the order of `layout`; in standard deviations, and less
-        where the simulation has gone `FAR`. Once the simulated car is lost they are those of `instead`, if that is
-        given.
+        where the simulation has gone `RESIDUALS.far`. Once the simulated car is lost they are those of `instead`, if
+        that is given.
 
         Raises `DivergedError` where a simulation leaves all bounds and there is nothing instead.
         """
@@ -77,20 +89,20 @@ class Residuals:
         return [rows.reshape(-1) for rows in self._until(parameter_set, until)]
 
     def _until(self, parameter_set: ParameterSet, until: Sequence[float]) -> list[Array]:
-        """Residuals of each window (signals, instants) until `ASTRAY_BEFORE` its time [s]; no instants if those are
-        few."""
+        """Residuals of each window (signals, instants) until `RESIDUALS.astray_before` its time [s]; no instants if
+        those are few."""
         result = []
         simulations = zip(self.predictor.measured, self.predictor.simulated(parameter_set), strict=True)
         for (measured, simulated), names, t, end in zip(simulations, self.layout, self._instants, until, strict=True):
-            kept = len(t) if np.isinf(end) else int(np.searchsorted(t, end - ASTRAY_BEFORE))
-            if kept < min(LEAST_KEPT, len(t)) or not names:
+            kept = len(t) if np.isinf(end) else int(np.searchsorted(t, end - RESIDUALS.astray_before))
+            if kept < min(RESIDUALS.least_kept, len(t)) or not names:
                 result.append(np.zeros((len(names), 0)))
                 continue
             if not simulated:
                 raise DivergedError
             off = difference({n: v[:kept] for n, v in measured.items()}, {n: v[:kept] for n, v in simulated.items()})
             rows = np.array([off[name] / self.deviation[name] for name in names if name in off]).reshape(-1, kept)
-            result.append(tempered(np.clip(rows, -OUTLIER, OUTLIER)))
+            result.append(tempered(np.clip(rows, -RESIDUALS.outlier, RESIDUALS.outlier)))
         return result
 
     @staticmethod
@@ -114,7 +126,7 @@ class Residuals:
         shakes, by as much as this one does."""
         errors = self.deviations(residuals)
         shaken = {name for name, signal in compared_signals().items() if signal.shaken}
-        road = SHAKEN * max(1.0, errors.get(SHAKING, 1.0))
+        road = RESIDUALS.shaken_factor * max(1.0, errors.get(SHAKING, 1.0))
         return {name: road if name in shaken else 1.0 for name in errors}
 
     def deviations(self, residuals: Sequence[Array]) -> dict[str, float]:
@@ -138,11 +150,11 @@ class Residuals:
 def tempered(off: Array) -> Array:
     """Residuals (signals, instants) with those shortened at instants where all signals together are far off, by
     Cauchy's loss."""
-    far = np.maximum(np.mean(off**2, axis=0) / FAR**2, 1e-12)
+    far = np.maximum(np.mean(off**2, axis=0) / RESIDUALS.far**2, 1e-12)
     return np.asarray(off * np.sqrt(np.log1p(far) / far))
 
 
 def untempered(tempered: Array) -> Array:
     """The inverse of `tempered`."""
-    near = np.maximum(np.mean(tempered**2, axis=0) / FAR**2, 1e-12)
+    near = np.maximum(np.mean(tempered**2, axis=0) / RESIDUALS.far**2, 1e-12)
     return np.asarray(tempered * np.sqrt(np.expm1(near) / near))

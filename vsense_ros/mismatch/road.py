@@ -19,15 +19,23 @@ from vsense_ros.model.effects.base import SPACING
 
 Array = NDArray[np.float64]
 
-POINT = 5.0  # [m] from one point of a path to the next
-NEAR = 12.0  # [m] between two passes of one place: lanes, and errors of GNSS
-ALONG = 30.0  # [m] of disagreement about the abscissa that is taken for an error of GNSS
-TURNED = 0.6  # [rad] between directions of one road
-SURE = 6  # points in a row that begin or end a stretch that was driven before
-STEADY = 20  # points over which the shift between two passes is averaged
-AGAIN = 60.0  # [m] after which a car may come to a place again
-TURN = 1e-4  # [rad] for derivatives by what a car has turned
-STRETCH = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
+
+@dataclass(frozen=True)
+class RoadSettings:
+    """How passes of one road are recognised: decisions of this project."""
+
+    spacing: float = 5.0  # [m] from one point of a path to the next
+    near: float = 12.0  # [m] between two passes of one place: lanes, and errors of GNSS
+    along: float = 30.0  # [m] of disagreement about the abscissa that is taken for an error of GNSS
+    turned: float = 0.6  # [rad] between directions of one road
+    sure_points: int = 6  # points in a row that begin or end a stretch that was driven before
+    averaged_points: int = 20  # points over which the shift between two passes is averaged
+    again: float = 60.0  # [m] after which a car may come to a place again
+    difference: float = 1e-4  # [rad] for derivatives by the angle that a car has turned
+    stretch: float = 1e6  # [m] of abscissa for each stretch of road by itself, which begins in the middle of them
+
+
+ROAD_SETTINGS = RoadSettings()
 
 
 @dataclass
@@ -43,12 +51,12 @@ class Road:
     def begin(self) -> float:
         """The abscissa at which a new stretch begins."""
         self.stretches += 1
-        return (self.stretches - 0.5) * STRETCH
+        return (self.stretches - 0.5) * ROAD_SETTINGS.stretch
 
     def follow(self, travelled: Array, east: Array, north: Array) -> tuple[Array, Array]:
         """Distance (m,) and abscissa (m,) [m] of points along a path that is given by the distance `travelled` (n,)
         and positions; where nobody has been yet, the path joins the road."""
-        at = np.arange(travelled[0], travelled[-1], POINT)
+        at = np.arange(travelled[0], travelled[-1], ROAD_SETTINGS.spacing)
         if len(at) < 2:
             return at[:0], at[:0]
         x, y = (_smooth(np.interp(at, travelled, values)) for values in (east, north))
@@ -56,25 +64,30 @@ class Road:
         known = len(self.abscissa)
         own: list[int] = []  # points of `at` that were added, by the index in the road less `known`
         abscissa = np.zeros(len(at))
-        shifts: deque[float] = deque(maxlen=STEADY)
+        shifts: deque[float] = deque(maxlen=ROAD_SETTINGS.averaged_points)
         shift = self.begin() - travelled[0]
         passing, in_a_row = False, 0
-        candidates: deque[float] = deque(maxlen=SURE)
+        candidates: deque[float] = deque(maxlen=ROAD_SETTINGS.sure_points)
         for i in range(len(at)):
             expected = at[i] + shift if passing else None
-            met = self._met(x[i], y[i], course[i], known + int(np.searchsorted(at[own], at[i] - AGAIN)), expected)
+            met = self._met(
+                x[i], y[i], course[i], known + int(np.searchsorted(at[own], at[i] - ROAD_SETTINGS.again)), expected
+            )
             if passing:
                 in_a_row = 0 if met is not None else in_a_row + 1
                 if met is not None:
                     shifts.append(met - at[i])
                     shift = float(np.median(shifts))
                 abscissa[i] = at[i] + shift
-                if in_a_row == SURE:
+                if in_a_row == ROAD_SETTINGS.sure_points:
                     passing, in_a_row = False, 0
-                    stretch = abscissa[i] // STRETCH
-                    if max(s for s in self.abscissa if s // STRETCH == stretch) > abscissa[i - SURE]:
-                        shift = self.begin() - at[i - SURE + 1]
-                    for j in range(i - SURE + 1, i + 1):
+                    stretch = abscissa[i] // ROAD_SETTINGS.stretch
+                    if (
+                        max(s for s in self.abscissa if s // ROAD_SETTINGS.stretch == stretch)
+                        > abscissa[i - ROAD_SETTINGS.sure_points]
+                    ):
+                        shift = self.begin() - at[i - ROAD_SETTINGS.sure_points + 1]
+                    for j in range(i - ROAD_SETTINGS.sure_points + 1, i + 1):
                         self._add(x[j], y[j], course[j], at[j] + shift)
                         own.append(j)
                         abscissa[j] = at[j] + shift
@@ -88,10 +101,10 @@ class Road:
                     continue
                 in_a_row += 1
                 candidates.append(met - at[i])
-                if in_a_row >= SURE and np.ptp(candidates) < ALONG:
-                    passing, in_a_row, shifts = True, 0, deque(candidates, maxlen=STEADY)
+                if in_a_row >= ROAD_SETTINGS.sure_points and np.ptp(candidates) < ROAD_SETTINGS.along:
+                    passing, in_a_row, shifts = True, 0, deque(candidates, maxlen=ROAD_SETTINGS.averaged_points)
                     shift = float(np.median(shifts))
-                    for j in range(i, i - SURE, -1):
+                    for j in range(i, i - ROAD_SETTINGS.sure_points, -1):
                         self._remove()
                         own.pop()
                         abscissa[j] = at[j] + shift
@@ -116,9 +129,13 @@ class Road:
         heading = np.array(self.heading[:until])
         along, across = np.cos(heading) * dx + np.sin(heading) * dy, np.cos(heading) * dy - np.sin(heading) * dx
         place = np.array(self.abscissa[:until]) + along
-        near = (np.abs(along) < POINT) & (np.abs(across) < NEAR) & (np.cos(course - heading) > np.cos(TURNED))
+        near = (
+            (np.abs(along) < ROAD_SETTINGS.spacing)
+            & (np.abs(across) < ROAD_SETTINGS.near)
+            & (np.cos(course - heading) > np.cos(ROAD_SETTINGS.turned))
+        )
         if expected is not None:
-            near &= np.abs(place - expected) < ALONG
+            near &= np.abs(place - expected) < ROAD_SETTINGS.along
         if not near.any():
             return None
         return float(place[near][np.argmin(np.abs(across[near]))])
@@ -158,8 +175,8 @@ def bending(
     bank is a cone, which is bent.
     """
     along, across = slopes(turned)
-    left, right = (slopes(turned + by) for by in (TURN, -TURN))
-    by_turn = [(one - other) / (2 * TURN) for one, other in zip(left, right, strict=True)]
+    left, right = (slopes(turned + by) for by in (ROAD_SETTINGS.difference, -ROAD_SETTINGS.difference))
+    by_turn = [(one - other) / (2 * ROAD_SETTINGS.difference) for one, other in zip(left, right, strict=True)]
     bend, twist = changes
     return bend + (by_turn[0] - across) * curvature, twist + (by_turn[1] + along) * curvature
 
@@ -169,12 +186,14 @@ def curvature(place: Array, turned: Array) -> Array:
     [rad]: over twice `SPACING`, in which a car that weaves on a straight road has turned back. Zero where the abscissa
     jumps to another stretch of road."""
     found = np.zeros(len(place))
-    jumps = np.flatnonzero(np.abs(np.diff(place)) > POINT) + 1
+    jumps = np.flatnonzero(np.abs(np.diff(place)) > ROAD_SETTINGS.spacing) + 1
     for rows in np.split(np.arange(len(place)), jumps):
         s = np.maximum.accumulate(place[rows])
         first, last = (np.clip(s + by, s[0], s[-1]) for by in (-SPACING, SPACING))
         turn = np.interp(last, s, turned[rows]) - np.interp(first, s, turned[rows])
-        found[rows] = np.where(last - first > POINT, turn / np.maximum(last - first, POINT), 0.0)
+        found[rows] = np.where(
+            last - first > ROAD_SETTINGS.spacing, turn / np.maximum(last - first, ROAD_SETTINGS.spacing), 0.0
+        )
     return found
 
 
@@ -222,7 +241,7 @@ def _stretches(points: Mapping[float, float]) -> list[tuple[Array, Array]]:
 
 def points(places: Sequence[Array]) -> list[float]:
     """Abscissae of the points that a profile needs along these places, at least half a `SPACING` of road each."""
-    driven = np.unique(np.floor(np.concatenate([*places, np.zeros(0)]) / POINT))
-    number = (driven * POINT + POINT / 2) / SPACING
+    driven = np.unique(np.floor(np.concatenate([*places, np.zeros(0)]) / ROAD_SETTINGS.spacing))
+    number = (driven * ROAD_SETTINGS.spacing + ROAD_SETTINGS.spacing / 2) / SPACING
     numbers, counts = np.unique(np.round(number), return_counts=True)
-    return [float(n * SPACING) for n in numbers[counts >= SPACING / POINT / 2]]
+    return [float(n * SPACING) for n in numbers[counts >= SPACING / ROAD_SETTINGS.spacing / 2]]

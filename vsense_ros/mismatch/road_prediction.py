@@ -17,7 +17,7 @@ from vsense_ros.identify.parameter_set import ParameterSet
 from vsense_ros.mismatch.candidates import at_places
 from vsense_ros.mismatch.cross_validation import chosen, odd
 from vsense_ros.mismatch.residuals import Residuals
-from vsense_ros.mismatch.search import SECANT
+from vsense_ros.mismatch.search import EFFORT
 from vsense_ros.mismatch.windows import Window
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def predict_road(residuals: Residuals, before: Sequence[Array], found: Fit) -> R
         )
     ]
     # A slope at one place bends the road beside it, which no share of the slope everywhere tells.
-    columns = slopes_by(residuals, found.parameter_set, unknown, free_parameters, SECANT)
+    columns = slopes_by(residuals, found.parameter_set, unknown, free_parameters, EFFORT.secant)
     slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
     begin = Fit(
         found.parameter_set,

@@ -39,24 +39,39 @@ from vsense_ros.model.effects.unmodelled import axle_of_torque
 
 Array = NDArray[np.float64]
 
-SHORTLIST = 4  # candidates by their gain, as many by their cross-validation gain, and as many without their best window
-WORTH = 0.06  # least gain of a profile (a size for every place of the road) beyond that of one size for all places
-PROMISING = 0.5  # of the best score, below which no profile is fitted: it has a parameter for each place
-TRACE = 1e-6  # deviations by which a likely size changes something that was recorded, beyond rounding
-SECANT = 1.0  # likely offsets: some effects have no slope at zero
-PAIRED = 8  # single hypotheses of which all pairs are tried
-BEAM = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
-MOST = 6  # effects at once
-ENOUGH = 0.03  # gain of an effect from where on its shape can be seen
-# Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in for an
-# effect, it takes several fits to undo that.
-WORTH_REFINING = 0.01
-APART = 6  # places from one to the next of those that are changed together
-FEW = 40  # places of a profile up to which explanations are refined: on 76, on two laps, that doubled the computing
-STUCK = 0.02  # of the cost by which base parameters fit better elsewhere if their fit stopped short
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How far the search for effects goes: decisions of this project, between computing time and completeness."""
+
+    # candidates by their gain, as many by their cross-validation gain, and as many without their best window
+    shortlist: int = 4
+    # [-] of a profile (a size for every place of the road) beyond that of one size for all places
+    least_profile_gain: float = 0.06
+    # [-] of the best score, below which no profile is fitted: it has a parameter for each place
+    promising_share: float = 0.5
+    trace: float = 1e-6  # [deviations] by which a likely size changes something that was recorded, beyond rounding
+    secant: float = 1.0  # [likely offsets]: some effects have no slope at zero
+    paired: int = 8  # single hypotheses of which all pairs are tried
+    beam: int = 3  # hypotheses to which a further effect is added, and further effects that are tried with each
+    most_effects: int = 6  # at once
+    shaped_gain: float = 0.03  # [-] of an effect from where on its shape can be seen
+    # Least gain of hypotheses that are fitted again with secants of their own: where base parameters stand in
+    # for an effect, it takes several fits to undo that.
+    refined_gain: float = 0.01
+    places_apart: int = 6  # from one to the next of the places that are changed together
+    # of a profile up to which explanations are refined: on 76, on two laps, that doubled the computing
+    few_places: int = 40
+    # [-] of the cost by which base parameters fit better elsewhere if their fit stopped short
+    stuck_share: float = 0.02
+    terms_tried: int = 3  # terms that are fitted in full
+    # [-] deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
+    unshrunk_ratio: float = 2.0
+
+
+EFFORT = SearchSettings()
+
 SENSOR = "sensor"  # what the effects of the one layer act on
-TRIED = 3  # terms that are fitted in full
-UNSHRUNK = 2.0  # deviation of a size that was named, over its fitted value, with which the prior hardly shrinks it
 
 
 @dataclass(frozen=True)
@@ -145,26 +160,27 @@ class Search:
     def visible(self) -> frozenset[str]:
         """Ids of the effects that would change something that was recorded, at a likely size."""
         self._simulate_new(self.offered)
+        least = EFFORT.trace
         return frozenset(
             c.effect for c in self.offered
-            if any(np.abs(p).max(initial=0.0) * k.likely > TRACE for k in c.free_parameters for p in self._column(k))
+            if any(np.abs(p).max(initial=0.0) * k.likely > least for k in c.free_parameters for p in self._column(k))
         )  # fmt: skip
 
     def single(self) -> list[Hypothesis]:
         """The likeliest candidates alone, fitted in full, best first."""
-        found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), SHORTLIST))))
+        found = self._shaped(_worth_their_freedom(self._fitted(self._screened(self.base, (), EFFORT.shortlist))))
         self._varying = {e.candidates[-1].name for e in found if e.candidates[-1].along_road}
         return sorted(self._refined_each(found), key=lambda e: e.score, reverse=True)
 
     def _shaped(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The hypotheses, the best of them with the shapes of their effects fitted, too."""
-        found = [*map(self._with_shape, hypotheses[:BEAM]), *hypotheses[BEAM:]]
+        found = [*map(self._with_shape, hypotheses[: EFFORT.beam]), *hypotheses[EFFORT.beam :]]
         return sorted(found, key=lambda e: e.score, reverse=True)
 
     def _with_shape(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis with the shapes of its last effect fitted, too, if that has some and they can be seen."""
         at, free_parameters = hypothesis.fit, shapes(hypothesis.candidates[-1], self.start.values)
-        if not free_parameters or hypothesis.gain < ENOUGH:
+        if not free_parameters or hypothesis.gain < EFFORT.shaped_gain:
             return hypothesis
         columns = slopes_by(self.residuals, self.start, at, free_parameters)
         slopes = [np.column_stack(parts) for parts in zip(*columns, strict=True)]
@@ -175,7 +191,7 @@ class Search:
     def better_base(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
         """The base parameters fitted anew from where they are in one of the hypotheses, if even without its effect they
         fit better there than the base: then the effect gained because the base fit had stopped short."""
-        least, begin = self.base.value - STUCK * self.whole, None
+        least, begin = self.base.value - EFFORT.stuck_share * self.whole, None
         for hypothesis in hypotheses:
             taken = {parameter.name for candidate in hypothesis.candidates for parameter in candidate.free_parameters}
             found = {k: v for k, v in hypothesis.fit.offset_by_name.items() if k not in taken}
@@ -211,19 +227,19 @@ class Search:
 
         if all(len(e.candidates) == 1 for e in hypotheses):
             pairs += filter(None, map(promised, self._hiding_each_other(self.base, ())))
-        for place, hypothesis in enumerate(ranked[:PAIRED]):
-            if len(hypothesis.candidates) >= MOST:
+        for place, hypothesis in enumerate(ranked[: EFFORT.paired]):
+            if len(hypothesis.candidates) >= EFFORT.most_effects:
                 continue
             # The best take whatever promises most; of single effects each takes each other.
-            if place < BEAM:
-                signatures = self._screened(hypothesis.fit, hypothesis.candidates, BEAM)
-                if len(hypothesis.candidates) + 1 < MOST:
+            if place < EFFORT.beam:
+                signatures = self._screened(hypothesis.fit, hypothesis.candidates, EFFORT.beam)
+                if len(hypothesis.candidates) + 1 < EFFORT.most_effects:
                     hiding = self._hiding_each_other(hypothesis.fit, hypothesis.candidates)
                     pairs += filter(None, (promised(signature, hypothesis) for signature in hiding))
             elif len(hypothesis.candidates) == 1:
                 signatures = [
                     self._signature(hypothesis.fit, hypothesis.candidates, other.candidates)
-                    for other in ranked[:PAIRED]
+                    for other in ranked[: EFFORT.paired]
                     if set(other.effects).isdisjoint(hypothesis.effects) and not other.candidates[0].along_road
                 ]
             else:
@@ -232,7 +248,7 @@ class Search:
                 effects = frozenset(c.effect for c in one[1].candidates)
                 found[effects] = max(found.get(effects, one), one, key=promise)
         likeliest = sorted(found.values(), key=promise, reverse=True)
-        chosen = [signature for _, signature in (*likeliest[:BEAM], *_of_both_layers(likeliest)[:1])]
+        chosen = [signature for _, signature in (*likeliest[: EFFORT.beam], *_of_both_layers(likeliest)[:1])]
         fitted = self._refined_by_last(self._fitted(chosen))
         best = max(fitted, key=lambda e: e.score, default=None)
         fitted = [self.refined(e) if e is best else e for e in fitted]
@@ -257,7 +273,7 @@ class Search:
         self._simulate_new(every)
         at, known = (self.base, ()) if besides is None else (besides.fit, besides.candidates)
         found = [self._signature(at, known, (term,)) for term in every]
-        return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[:TRIED])
+        return self._fitted(sorted(found, key=lambda s: s.score, reverse=True)[: EFFORT.terms_tried])
 
     def _possible(self, term: Candidate) -> bool:
         """True if a term is one that this car may have: a torque from one wheel of an axle to the other needs an axle
@@ -279,7 +295,7 @@ class Search:
         for other in others:
             new = tuple(c for c in other.candidates if c.effect not in first.effects)
             besides.setdefault(frozenset(c.effect for c in new), new)
-        likeliest = [new for new in besides.values() if new][:BEAM]
+        likeliest = [new for new in besides.values() if new][: EFFORT.beam]
         fitted = self._fitted([self._signature(first.fit, first.candidates, new) for new in likeliest])
         return self._refined_each(fitted)
 
@@ -306,7 +322,7 @@ class Search:
             )  # fmt: skip
             likely = sorted((s for s in signatures if s.gain > least), key=lambda s: s.gain)
             at_best_place = {s.candidates[-1].effect: s for s in likely}
-            alike += list(at_best_place.values())[-BEAM:]
+            alike += list(at_best_place.values())[-EFFORT.beam :]
         return [*alone, *self._refined_by_last(self._fitted(alike))]
 
     def _without_each(self, hypothesis: Hypothesis, chosen: Sequence[Candidate]) -> list[Hypothesis]:
@@ -357,7 +373,7 @@ class Search:
         slopes = [np.column_stack(parts) * profile.places[0].deviation for parts in zip(*by_place, strict=True)]
         fitted = self._fit(at.joined(profile.places, slopes))
         fitted = self._fit(replace(fitted, slopes=self._slopes_at(fitted)))
-        if at.value - fitted.value < WORTH * self.whole:
+        if at.value - fitted.value < EFFORT.least_profile_gain * self.whole:
             return None
         candidates = (*(c for c in hypothesis.candidates if c is not single), profile)
         return self._with_shape(self._hypothesis(candidates, fitted, hypothesis.independent_share))
@@ -382,7 +398,7 @@ class Search:
         for free in (s for s in found if s.candidates[-1].along_road and self._may_vary(s.candidates[-1], present)):
             one = next((s for s in single if _first(s.candidates[-1]) == _first(free.candidates[-1])), None)
             known = max(one.score if one is not None else 0.0, self.of_several_cars)
-            if free.score > max(known + WORTH, PROMISING * best):
+            if free.score > max(known + EFFORT.least_profile_gain, EFFORT.promising_share * best):
                 chosen |= {s.candidates[-1].name: s for s in (one, free) if s is not None}
         return list(chosen.values())
 
@@ -417,7 +433,7 @@ class Search:
     def _simulate(self, free_parameters: Iterable[FreeParameter]) -> None:
         """Secants of the base fit."""
         every = {(parameter.name, parameter.form): parameter for parameter in free_parameters}
-        secants = slopes_by(self.residuals, self.start, self.base, list(every.values()), SECANT)
+        secants = slopes_by(self.residuals, self.start, self.base, list(every.values()), EFFORT.secant)
         for (key, parameter), secant in zip(every.items(), secants, strict=True):
             self._columns[key] = [part / parameter.deviation for part in secant]
             self._progress()
@@ -434,13 +450,13 @@ class Search:
 
     def _simulate_together(self, points: Sequence[FreeParameter]) -> None:
         """Secants of the base fit by a size at places."""
-        for point, slopes in zip(points, self._slopes_of_places(self.base, points, SECANT), strict=True):
+        for point, slopes in zip(points, self._slopes_of_places(self.base, points, EFFORT.secant), strict=True):
             self._columns[point.name, point.form] = [part / point.deviation for part in slopes]
 
     def _slopes_of_places(self, at: Fit, points: Sequence[FreeParameter], step: float) -> list[list[Array]]:
         """Slopes by a size at each of these places, per deviation, by window: of those that are far from one another at
         once, as a car has soon forgotten where it has been. What happens around a place is what the size there does."""
-        groups = [points[first::APART] for first in range(min(APART, len(points)))]
+        groups = [points[first :: EFFORT.places_apart] for first in range(min(EFFORT.places_apart, len(points)))]
         windows, layout = self.residuals.predictor.dataset.windows, self.residuals.layout
         passed = [np.tile(places(window), len(names)) for window, names in zip(windows, layout, strict=True)]
         found: dict[str, list[Array]] = {}
@@ -448,7 +464,7 @@ class Search:
         for group, secant in zip(groups, secants, strict=True):
             for point in group:
                 assert point.place is not None
-                near = [np.abs(way - point.place[1]) < APART / 2 * SPACING for way in passed]
+                near = [np.abs(way - point.place[1]) < EFFORT.places_apart / 2 * SPACING for way in passed]
                 found[point.name] = [np.where(here, part, 0.0) for here, part in zip(near, secant, strict=True)]
             self._progress()
         return [found[point.name] for point in points]
@@ -561,9 +577,9 @@ class Search:
         """`refined`, side by side."""
 
         def few(hypothesis: Hypothesis) -> bool:
-            return sum(parameter.place is not None for parameter in hypothesis.fit.free_parameters) <= FEW
+            return sum(parameter.place is not None for parameter in hypothesis.fit.free_parameters) <= EFFORT.few_places
 
-        chosen = [e for e in hypotheses if few(e) and e.gain > WORTH_REFINING]
+        chosen = [e for e in hypotheses if few(e) and e.gain > EFFORT.refined_gain]
         better = self._fitted_further(chosen, (replace(e.fit, slopes=self._slopes_at(e.fit)) for e in chosen))
         return [self._on_the_road(better.get(e, e)) if few(e) else e for e in hypotheses]
 
@@ -576,7 +592,7 @@ class Search:
             columns = slopes_by(self.residuals, self.start, at, new)
             return at.joined(new, [np.column_stack(parts) for parts in zip(*columns, strict=True)])
 
-        chosen = [e for e in hypotheses if e.gain > WORTH_REFINING and not e.candidates[-1].along_road]
+        chosen = [e for e in hypotheses if e.gain > EFFORT.refined_gain and not e.candidates[-1].along_road]
         better = self._fitted_further(chosen, map(joined, chosen))
         return [self._on_the_road(better.get(e, e)) if e in chosen else e for e in hypotheses]
 
@@ -605,7 +621,9 @@ class Search:
         """The hypothesis with its sizes fitted once more with a wider prior, which hardly shrinks them: the narrow one
         has told the likely effects from the unlikely. Its gain is counted with the same prior as that of all others."""
         at, sizes = hypothesis.fit, hypothesis.sizes
-        times = np.array([max(1.0, UNSHRUNK * abs(sizes.get(p.name, 0.0)) / p.deviation) for p in at.free_parameters])
+        times = np.array(
+            [max(1.0, EFFORT.unshrunk_ratio * abs(sizes.get(p.name, 0.0)) / p.deviation) for p in at.free_parameters]
+        )
         free_parameters = tuple(
             replace(parameter, deviation=parameter.deviation * factor)
             for parameter, factor in zip(at.free_parameters, times, strict=True)
@@ -655,14 +673,14 @@ class Search:
 
 
 def _of_both_layers(likeliest: Sequence[tuple[float, Signature]]) -> list[tuple[float, Signature]]:
-    """Those beyond the first `BEAM` whose last effect is of the layer, sensors or the car on its road, that none of
-    these is of."""
+    """Those beyond the first `EFFORT.beam` whose last effect is of the layer, sensors or the car on its road, that none
+    of these is of."""
 
     def of_sensors(signature: Signature) -> bool:
         return EVERY[signature.candidates[-1].effect].acts_on() == SENSOR
 
-    layers = {of_sensors(signature) for _, signature in likeliest[:BEAM]}
-    return [one for one in likeliest[BEAM:] if of_sensors(one[1]) not in layers]
+    layers = {of_sensors(signature) for _, signature in likeliest[: EFFORT.beam]}
+    return [one for one in likeliest[EFFORT.beam :] if of_sensors(one[1]) not in layers]
 
 
 def _mistaken(one: str, other: str) -> bool:
@@ -681,4 +699,8 @@ def _worth_their_freedom(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     for e in hypotheses:
         if not e.candidates[-1].along_road:
             single[e.effects] = max(e.score, single.get(e.effects, 0.0))
-    return [e for e in hypotheses if not e.candidates[-1].along_road or e.score > single.get(e.effects, 0.0) + WORTH]
+    return [
+        e
+        for e in hypotheses
+        if not e.candidates[-1].along_road or e.score > single.get(e.effects, 0.0) + EFFORT.least_profile_gain
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,16 @@ from vsense_ros.mismatch.windows import RUN_IN, Dataset, Readings, Window
 
 Array = NDArray[np.float64]
 
-MANY = 4  # recordings, from which on a remark counts them instead of naming them
-COARSE = 0.1  # [s] between samples of speed and steering
+
+@dataclass(frozen=True)
+class SelectionSettings:
+    """Settings of the selection of recordings."""
+
+    many: int = 4  # recordings, from which on a remark counts them instead of naming them
+    sampling: float = 0.1  # [s] between samples of speed and steering
+
+
+SELECTION = SelectionSettings()
 
 
 def most_telling(dataset: Dataset, duration: float) -> Dataset:
@@ -46,7 +54,7 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
     windows = tuple(dataset.windows[i] for i in sorted(chosen))
     names = list(dict.fromkeys(w.name for w in dataset.windows))
     lost = [name for name in names if name not in {w.name for w in windows}]
-    of = ", ".join(names) if len(names) < MANY else f"{len(names)} recordings"
+    of = ", ".join(names) if len(names) < SELECTION.many else f"{len(names)} recordings"
     remark = (
         f"{of}: of {sum(lengths) / 60:.0f} min {(duration - left) / 60:.0f} min are looked at, in which speed and "
         f"steering vary most"
@@ -59,12 +67,20 @@ def most_telling(dataset: Dataset, duration: float) -> Dataset:
 def _description(window: Window, steering: Readings) -> Array:
     """What tells without a model how a window differs from others, (instants, 7): the time since the recording began,
     speed, its square and its rate, steering angle, its rate, and angle times squared speed (lateral acceleration)."""
-    t = np.arange(window.begin + RUN_IN, window.end, COARSE)
+    t = np.arange(window.begin + RUN_IN, window.end, SELECTION.sampling)
     known = np.isfinite(steering.value[:, 0])
     speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
     angle = np.interp(t, steering.t[known], steering.value[known, 0])
     return np.column_stack(
-        [t, speed, speed**2, np.gradient(speed, COARSE), angle, np.gradient(angle, COARSE), angle * speed**2]
+        [
+            t,
+            speed,
+            speed**2,
+            np.gradient(speed, SELECTION.sampling),
+            angle,
+            np.gradient(angle, SELECTION.sampling),
+            angle * speed**2,
+        ]
     )
 
 

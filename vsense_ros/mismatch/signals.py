@@ -8,6 +8,7 @@ physics.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,20 @@ from vsense_ros.model.sensors import SensorBase, compared_signals, telling
 
 Array = NDArray[np.float64]
 
-KEPT_EVERY = 4  # of the grid: what is left below the cut-off needs no more
-CUT_OFF = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling knows
-EDGE = 0.4  # [s] at the end of a window, where the filter has not settled
 
-_FILTER = butter(2, CUT_OFF, fs=1 / GRID, output="sos")
+@dataclass(frozen=True)
+class SignalSettings:
+    """How signals are filtered before they are compared: decisions of this project."""
+
+    kept_every: int = 4  # instants of the grid: below the cut-off no more are needed
+    cut_off: float = 6.0  # [Hz] above it roads and engines shake a car in ways that no model of handling describes
+    edge: float = 0.4  # [s] at the end of a window, where the filter has not settled
+
+
+SIGNALS = SignalSettings()
+
+
+_FILTER = butter(2, SIGNALS.cut_off, fs=1 / GRID, output="sos")
 
 
 SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes the body
@@ -32,8 +42,8 @@ SHAKING = "vertical_acceleration"  # which says how much an uneven road shakes t
 def grid(window: Window) -> Array:
     """Times at which the signals of a window are kept [s]."""
     t = np.arange(window.begin, window.end, GRID)
-    inside = slice(round(RUN_IN / GRID), len(t) - round(EDGE / GRID))
-    return t[inside][::KEPT_EVERY]
+    inside = slice(round(RUN_IN / GRID), len(t) - round(SIGNALS.edge / GRID))
+    return t[inside][:: SIGNALS.kept_every]
 
 
 def signals(
@@ -42,11 +52,11 @@ def signals(
     """Signals of a window by name on its `grid`, from readings by sensor, measured or simulated; `radius` is a rolling
     radius [m], the same for both. Signals with gaps are left out."""
     t = np.arange(window.begin, window.end, GRID)
-    inside = slice(round(RUN_IN / GRID), len(t) - round(EDGE / GRID))
+    inside = slice(round(RUN_IN / GRID), len(t) - round(SIGNALS.edge / GRID))
     found = {name: np.interp(t, at, value) for name, at, value in _made(window, readings, sensors, radius)}
     if not found:
         return {}
-    smooth = sosfiltfilt(_FILTER, np.array(list(found.values())))[:, inside][:, ::KEPT_EVERY]
+    smooth = sosfiltfilt(_FILTER, np.array(list(found.values())))[:, inside][:, :: SIGNALS.kept_every]
     return dict(zip(found, smooth, strict=True))
 
 
@@ -62,7 +72,7 @@ def noise(
     for name, at, value in _made(window, readings, sensors, radius):
         if len(value) > 50:
             white = float(np.median(np.abs(np.diff(value, 3)))) / (0.6745 * np.sqrt(20))
-            found[name] = white * min(1.0, 2 * CUT_OFF * float(np.median(np.diff(at)))) ** 0.5
+            found[name] = white * min(1.0, 2 * SIGNALS.cut_off * float(np.median(np.diff(at)))) ** 0.5
     return found
 
 

@@ -53,20 +53,31 @@ from vsense_ros.model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-STEP = 0.005  # [s] of the simulation
-KEEP = 2  # steps
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Settings of the simulation of windows: decisions of this project."""
+
+    step: float = 0.005  # [s] of the simulation
+    keep_every: int = 2  # steps
+    remembered: int = 3  # motions of each window, besides those that are foreseen
+    spun: float = 0.5  # [rad] of side slip from which cars do not come back
+    # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
+    slip_stiffness: float = 20.0
+    cornering_stiffness: float = 14.0  # [1/rad] lateral force over load per slip angle, where a window begins
+    braked: float = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
+    smoothing: float = 0.3  # [s] of the mean that separates driving from braking
+    driving_torque: float = 1.0  # [N m] of torque that a driven wheel exceeds in a twentieth of the time, at least
+    driving_percentile: float = 95.0  # [%] of the time below that torque
+    not_driven_share: float = 0.15  # [-] of the torque, of all or of the other axle, below which an axle is not driven
+    slipping_share: float = 0.5  # [-] of the speed, from where on a wheel that slips locks or spins
+
+
+PREDICTION = PredictionSettings()
+
 SIDE_BY_SIDE = (
     16  # runs that are given to the vectors at once, about: twice what the widest hold (AVX-512, eight lanes)
 )
-REMEMBERED = 3  # motions of each window, besides those that are foreseen
-SPUN = 0.5  # [rad] of side slip from which cars do not come back
-SLIP_STIFFNESS = 20.0  # [-] force over load per slip that is assumed of tyres to begin with; their own is fitted
-CORNERING_STIFFNESS = 14.0  # [1/rad] the same of lateral force per slip angle, where a window begins
-BRAKED = 0.6  # [m/s²] of deceleration that needs brakes: less is drag and engine
-SMOOTH = 0.3  # [s] of the mean that tells driving from braking
-DRIVING, DRIVING_SHARE = 1.0, 95.0  # [N m] of torque that a driven wheel has in a twentieth of the time, at least
-NOT_DRIVEN = 0.15  # share of the torque, of all or of the other axle, below which an axle is not driven
-SLIPPING = 0.5  # of the speed, from where on a wheel that slips locks or spins
 LOST = "the simulated car spins, or locks a wheel, where the real one did not"
 _FIX = ("latitude", "longitude", "altitude")
 _SLOPING = tuple(id for id, effect in BY_ID.items() if effect.slope is not Effect.slope)
@@ -150,7 +161,7 @@ class Predictor:
         self.car = car_of(self.vehicle)
         self.names = self.car.parameter_names
         self.radius = float(np.mean(rolling_radii(vehicle)))
-        self._loop = OpenLoop(self.car, KEEP)
+        self._loop = OpenLoop(self.car, PREDICTION.keep_every)
         self._motions: list[dict[int, tuple[StateHistory, dict[int, dict[str, Array]]]]] = [{} for _ in dataset.windows]
         self.ahead = _at_once(len(dataset.windows), self._loop.lanes)  # parameter sets that are driven at once
         self._asked: list[tuple[ParameterSet, Mapping[str, SensorBase], list[_Driving]]] = []  # the last at the end
@@ -204,10 +215,10 @@ class Predictor:
         begin = self.dataset.windows[index].begin
         if not _in_bounds(motion):
             return begin
-        lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < SPUN)
+        lost = ~(np.abs(np.arctan2(motion.u[:, Y], motion.u[:, X])) < PREDICTION.spun)
         if not self._slipped[index]:
             rolling = motion.u[:, SPIN] * self.radius - motion.u[:, [X]]
-            lost |= np.any(np.abs(rolling) > SLIPPING * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
+            lost |= np.any(np.abs(rolling) > PREDICTION.slipping_share * np.maximum(motion.u[:, [X]], SLOWEST), axis=1)
         return begin + float(motion.t[np.argmax(lost)]) if lost.any() else np.inf
 
     @cached_property
@@ -221,7 +232,7 @@ class Predictor:
                     continue
                 speed = readings.value[np.isfinite(readings.value).all(axis=1)] * self.radius
                 usual = np.median(speed, axis=1, keepdims=True)
-                slips |= bool(np.any(np.abs(speed - usual) > SLIPPING * np.maximum(usual, SLOWEST)))
+                slips |= bool(np.any(np.abs(speed - usual) > PREDICTION.slipping_share * np.maximum(usual, SLOWEST)))
             found.append(slips)
         return found
 
@@ -239,11 +250,17 @@ class Predictor:
         ]
         if torques:
             with np.errstate(all="ignore"):
-                most = np.nanpercentile(np.concatenate(torques), DRIVING_SHARE, axis=0).reshape(2, 2).max(axis=1)
-            least = max(DRIVING, NOT_DRIVEN * float(most.max()))
+                most = (
+                    np.nanpercentile(np.concatenate(torques), PREDICTION.driving_percentile, axis=0)
+                    .reshape(2, 2)
+                    .max(axis=1)
+                )
+            least = max(PREDICTION.driving_torque, PREDICTION.not_driven_share * float(most.max()))
             return frozenset(axle for axle, torque in zip(AXLES, most, strict=True) if torque > least)
         front = parameter_set.values[next(iter(TORQUE_SHARES))]
-        return frozenset(axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > NOT_DRIVEN)
+        return frozenset(
+            axle for axle, share in zip(AXLES, (front, 1 - front), strict=True) if share > PREDICTION.not_driven_share
+        )
 
     def _ways(self, parameter_set: ParameterSet) -> tuple[Mapping[str, SensorBase], list[_Driving]]:
         """The sensors, and what the motion in each window depends on; of the sets that were asked for last known."""
@@ -257,7 +274,7 @@ class Predictor:
             self._driving(index, parameter_set, sensors, road, parameters, mechanical)
             for index, road in enumerate(self._roads(parameter_set))
         ]
-        self._asked = [*self._asked[-(REMEMBERED + self.ahead) :], (parameter_set, sensors, ways)]
+        self._asked = [*self._asked[-(PREDICTION.remembered + self.ahead) :], (parameter_set, sensors, ways)]
         return sensors, ways
 
     def _drive(self, several: Sequence[Sequence[_Driving]]) -> None:
@@ -271,7 +288,7 @@ class Predictor:
         motions = self._loop.runs([self._run(index, way, self._remembered[index]) for (index, _), way in new.items()])
         for (index, key), motion in zip(new, motions, strict=True):
             known = self._motions[index]
-            if len(known) >= REMEMBERED + self.ahead:
+            if len(known) >= PREDICTION.remembered + self.ahead:
                 known.pop(next(iter(known)))
             known[key] = motion, {}
 
@@ -342,7 +359,7 @@ class Predictor:
         points = tuple((name, values[name], *at.items()) for one in profiles for name, at in one.items())
         key = *(values[name] for name in self._sizes_of_slopes), points
         if key not in self._roads_met:
-            if len(self._roads_met) >= REMEMBERED + self.ahead:
+            if len(self._roads_met) >= PREDICTION.remembered + self.ahead:
                 self._roads_met.pop(next(iter(self._roads_met)))
             windows = range(len(self.dataset.windows))
             self._roads_met[key] = [self._road(index, parameter_set, profiles) for index in windows]
@@ -381,7 +398,7 @@ class Predictor:
     @cached_property
     def _of_sensors(self) -> frozenset[str]:
         """Names of parameters that the motion does not depend on."""
-        moving = ca.vertcat(self.car.dynamics, self.car.next_internal_state(ca.SX(STEP)))
+        moving = ca.vertcat(self.car.dynamics, self.car.next_internal_state(ca.SX(PREDICTION.step)))
         used = {symbol.name() for symbol in ca.symvar(moving)}
         return frozenset(
             name for name, symbol in zip(self.names, ca.vertsplit(self.car.p), strict=True) if symbol.name() not in used
@@ -408,7 +425,7 @@ class Predictor:
     def _until(self, end: float, index: int, way: _Driving, memory: Array) -> Run:
         """The run of a window up to a time [s]."""
         run = self._run(index, way, memory)
-        return replace(run, inputs=run.inputs.first(round((end - self.dataset.windows[index].begin) / STEP)))
+        return replace(run, inputs=run.inputs.first(round((end - self.dataset.windows[index].begin) / PREDICTION.step)))
 
     def _rested(self, memory: Array, duration: float) -> Array:
         """What lasts of the memory of all effects after a while [s] that no window tells of."""
@@ -443,7 +460,7 @@ class Predictor:
         q, u = turning(self.vehicle, float(speed[0]), window.yaw_rate)
         q[YAW] += window.heading
         target, gain = speed / self.radius, inertia / HOLDING_TIME
-        return Run(q, u, Inputs(STEP, inputs, way.around, way.varying, target, gain), way.parameters, memory)
+        return Run(q, u, Inputs(PREDICTION.step, inputs, way.around, way.varying, target, gain), way.parameters, memory)
 
     @cached_property
     def _speedometer(self) -> list[str]:
@@ -466,8 +483,8 @@ class Predictor:
         speed = np.interp(_middle(window) + late, window.speed.t, window.speed.value[:, 0])
         if "rolling speed" in self.dataset.sensors[self._speedometer[index]].tells:
             return speed, _of_the_car(speed)
-        acceleration = np.gradient(speed, STEP)
-        return speed * (1 + acceleration / (SLIP_STIFFNESS * GRAVITY)), acceleration
+        acceleration = np.gradient(speed, PREDICTION.step)
+        return speed * (1 + acceleration / (PREDICTION.slip_stiffness * GRAVITY)), acceleration
 
     def _signals(
         self, window: Window, motion: StateHistory, sensors: Mapping[str, SensorBase], way: _Driving
@@ -479,7 +496,9 @@ class Predictor:
             if name not in window.readings:
                 continue
             stamps, base, now = window.readings[name].t, self.dataset.sensors[name], sensors[name]
-            value = sensing(motion, way.around[::KEEP], now.mounting()) + now.offsets() - base.offsets()
+            value = (
+                sensing(motion, way.around[:: PREDICTION.keep_every], now.mounting()) + now.offsets() - base.offsets()
+            )
             older = now.ages() - base.ages()
             at = stamps - window.begin
             read = np.column_stack(
@@ -522,23 +541,26 @@ def abscissae(rows: Sequence[tuple[float, float, float, float]], dataset: Datase
 
 def _middle(window: Window) -> Array:
     """Times in the middle of each step [s]."""
-    return np.asarray(window.begin + (np.arange(np.ceil((window.end - window.begin) / STEP)) + 0.5) * STEP, dtype=float)
+    return np.asarray(
+        window.begin + (np.arange(np.ceil((window.end - window.begin) / PREDICTION.step)) + 0.5) * PREDICTION.step,
+        dtype=float,
+    )
 
 
 def _of_the_car(rolling: Array) -> Array:
     """Acceleration [m/s²] of a car that follows its wheels, which roll at these speeds (n,) [m/s], by their slip."""
     speed, found = rolling[0], np.zeros(len(rolling))
     for i, wheels in enumerate(rolling):
-        found[i] = (wheels - speed) / (STEP + max(speed, SLOWEST) / (SLIP_STIFFNESS * GRAVITY))
-        speed += found[i] * STEP
+        found[i] = (wheels - speed) / (PREDICTION.step + max(speed, SLOWEST) / (PREDICTION.slip_stiffness * GRAVITY))
+        speed += found[i] * PREDICTION.step
     return found
 
 
 def _of_each_wheel(acceleration: Array, driving: float, braking: float) -> Array:
     """Shares (n, 4) of the wheels of an axle in the torque that gives the car an acceleration (n,) [m/s²], from the
     shares of the front wheels where it drives and where it brakes."""
-    smooth = uniform_filter1d(acceleration, round(SMOOTH / STEP))
-    front = driving + (braking - driving) * np.clip(-smooth / BRAKED, 0.0, 1.0)
+    smooth = uniform_filter1d(acceleration, round(PREDICTION.smoothing / PREDICTION.step))
+    front = driving + (braking - driving) * np.clip(-smooth / PREDICTION.braked, 0.0, 1.0)
     return np.column_stack([front, front, 1 - front, 1 - front])
 
 
@@ -551,7 +573,7 @@ def turning(vehicle: Vehicle, speed: float, yaw_rate: float) -> tuple[Array, Arr
     physics = vehicle.physics
     q, u = rolling_straight(vehicle, speed)
     u[YAW] = yaw_rate
-    u[Y] = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (CORNERING_STIFFNESS * GRAVITY))
+    u[Y] = yaw_rate * (physics.chassis.cog_to_rear_axle - speed**2 / (PREDICTION.cornering_stiffness * GRAVITY))
     q[YAW] = -np.arctan2(u[Y], speed)
     track = np.array([physics.front.track, physics.front.track, physics.rear.track, physics.rear.track])
     u[SPIN] *= 1 - yaw_rate / speed * track / 2 * np.array([1, -1, 1, -1])

@@ -16,7 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.road import ALONG, Road, points
+from vsense_ros.mismatch.road import ROAD_SETTINGS, Road, points
 from vsense_ros.model.sensors import SensorBase, Tells, telling, unheard
 from vsense_ros.model.simulation.closed_loop import rolling_radii
 from vsense_ros.model.vehicle import Vehicle
@@ -325,7 +325,7 @@ def _to_both_ends(distance: Array, abscissa: Array, travelled: Array) -> tuple[A
 
 def _without_jumps(t: Array, distance: Array, abscissa: Array) -> Readings:
     """Where the abscissa jumps it does so between two times that are as good as one, instead of on the way."""
-    jumps = np.flatnonzero(np.abs(np.diff(abscissa) - np.diff(distance)) > ALONG) + 1
+    jumps = np.flatnonzero(np.abs(np.diff(abscissa) - np.diff(distance)) > ROAD_SETTINGS.along) + 1
     before = t[jumps] - 1e-6
     reached = abscissa[jumps - 1] + distance[jumps] - distance[jumps - 1]
     return Readings(np.insert(t, jumps, before), np.insert(abscissa, jumps, reached)[:, None])

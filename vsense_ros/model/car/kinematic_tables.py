@@ -27,12 +27,23 @@ from vsense_ros.model.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 COLUMNS = tuple(AxleTable.model_fields)
-TOLERANCE = 1e-5  # [m, rad] between a table and the linkage
-MARGIN = 0.8  # of the tolerance at the points of a fit: between them the error is a little larger
-POINTS = 14  # in each direction: Chebyshev's, which keep the error between them as small as at them
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """Settings of the fit of suspension tables: decisions of this project."""
+
+    tolerance: float = 1e-5  # [m, rad] between a table and the linkage
+    margin: float = 0.8  # [-] of the tolerance at the points of a fit: between them the error is a little larger
+    points: int = 14  # in each direction: Chebyshev's, which keep the error between them as small as at them
+    digits: int = 9  # behind the point, of the coefficients [m, rad]
+    rack_points: int = 33  # of the fit of the steering rack
+    rack_degree: int = 13  # of the polynomial of the steering rack
+
+
+TABLES = TableSettings()
+
 DEGREES = range(9)
-DIGITS = 9  # behind the point, of the coefficients [m, rad]
-RACK_POINTS, RACK_DEGREE = 33, 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +88,7 @@ def steering_rack(vehicle: Vehicle, rack: float = 0.04) -> SteeringRack:
 
 
 def kinematic_tables(
-    vehicle: Vehicle, bump: float = 0.06, rebound: float = 0.06, rack: float = 0.04, tolerance: float = TOLERANCE
+    vehicle: Vehicle, bump: float = 0.06, rebound: float = 0.06, rack: float = 0.04, tolerance: float = TABLES.tolerance
 ) -> SuspensionTables:
     """Tables of a vehicle with a `linkage` section, for travels from `-rebound` to `bump` and the rack within ±`rack`,
     all in m; `tolerance` is the largest error [m, rad].
@@ -89,8 +100,8 @@ def kinematic_tables(
             raise InputError(f"{name} must be a length between 0 and 1 m, found {value:g}")
     front, rear = _positions(vehicle)
     steering = _steering_rack(front, vehicle, rack)
-    largest = np.floor(steering.limit * 10**DIGITS) / 10**DIGITS
-    points = chebyshev.chebpts2(POINTS)
+    largest = np.floor(steering.limit * 10**TABLES.digits) / 10**TABLES.digits
+    points = chebyshev.chebpts2(TABLES.points)
     middle, half = (bump - rebound) / 2, (bump + rebound) / 2
     tables = {}
     for axle, position in (("front", front), ("rear", rear)):
@@ -105,7 +116,7 @@ def kinematic_tables(
                     f"{name} of the {axle} suspension cannot be put into a polynomial of degree {DEGREES[-1]} within "
                     f"{tolerance:g} m or rad; ask for less travel or less rack"
                 )
-            columns[name] = tuple(tuple(round(float(c), DIGITS) for c in row) for row in coefficients)
+            columns[name] = tuple(tuple(round(float(c), TABLES.digits) for c in row) for row in coefficients)
         tables[axle] = AxleTable(**columns)
     return SuspensionTables(travel=(-rebound, bump), steering=float(largest), **tables)
 
@@ -143,7 +154,7 @@ def _steering_rack(front: WheelPosition, vehicle: Vehicle, rack: float) -> Steer
         raise InputError(
             f"vehicle {vehicle.name!r} cannot be steered: set `steered: true` in its section linkage.front"
         )
-    racks = rack * chebyshev.chebpts2(RACK_POINTS)
+    racks = rack * chebyshev.chebpts2(TABLES.rack_points)
     toe = front.grid(np.zeros(1), racks)[0, :, COLUMNS.index("toe")]
     angles = (toe - toe[::-1]) / 2  # the right wheel is the mirror image of the left one at the opposite rack
     steps = np.diff(angles)
@@ -153,8 +164,8 @@ def _steering_rack(front: WheelPosition, vehicle: Vehicle, rack: float) -> Steer
             "tables with a smaller rack travel, or check the hard points of the tie rod"
         )
     limit = float(np.abs(angles).max())
-    odd = np.arange(1, RACK_DEGREE + 1, 2)
-    coefficients = np.zeros(RACK_DEGREE + 1)
+    odd = np.arange(1, TABLES.rack_degree + 1, 2)
+    coefficients = np.zeros(TABLES.rack_degree + 1)
     coefficients[odd] = np.linalg.lstsq((angles[:, None] / limit) ** odd, racks, rcond=None)[0] / limit**odd
     return SteeringRack(Polynomial(coefficients), limit)
 
@@ -168,7 +179,7 @@ def _polynomial(
         terms = np.stack([np.outer(along**i, across**j).reshape(-1) for i, j in powers], axis=1)
         terms -= [design_point**i * (j == 0) for i, j in powers]
         found = np.linalg.lstsq(terms, values.reshape(-1) - design, rcond=None)[0]
-        if np.abs(terms @ found + design - values.reshape(-1)).max() > MARGIN * tolerance:
+        if np.abs(terms @ found + design - values.reshape(-1)).max() > TABLES.margin * tolerance:
             continue
         coefficients = np.zeros(tuple(np.max(powers, axis=0) + 1))
         coefficients[tuple(np.transpose(powers))] = found

@@ -9,7 +9,7 @@ import casadi as ca
 from vsense_ros.model.coordinates import WHEELS
 from vsense_ros.model.effects.base import Effect, of_axle, size
 from vsense_ros.model.moving_car import Corner, MovingCar
-from vsense_ros.model.tyres.slip import SHORTEST_RELAXATION, transport_speed
+from vsense_ros.model.tyres.slip import SLIP, transport_speed
 
 STANDSTILL = 0.3  # [m/s] keeps the lag finite at rest
 
@@ -34,7 +34,7 @@ class TyreRelaxation(Effect):
 
     def lateral_speed(self, speed: ca.SX, corner: Corner, internal_state: ca.SX) -> ca.SX:
         constant, share = internal_state[4 * corner.index + 2], internal_state[4 * corner.index + 3]
-        return ca.if_else(of_axle(self, corner) > SHORTEST_RELAXATION, constant + share * speed, speed)
+        return ca.if_else(of_axle(self, corner) > SLIP.shortest_relaxation, constant + share * speed, speed)
 
     def update(self, internal_state: ca.SX, car: MovingCar, h: ca.SX) -> ca.SX:
         after = []
@@ -42,7 +42,7 @@ class TyreRelaxation(Effect):
             lagged, before = internal_state[4 * corner.index], internal_state[4 * corner.index + 1]
             now = contact.touch.speed_y * corner.axle.cornering_scale
             rolled = h * transport_speed(contact.rolling_speed, STANDSTILL)
-            ratio = rolled / ca.fmax(of_axle(self, corner), SHORTEST_RELAXATION)
+            ratio = rolled / ca.fmax(of_axle(self, corner), SLIP.shortest_relaxation)
             decay = ca.exp(-ratio)
             share = 1 - (1 - decay) / ratio
             lagged = lagged + (1 - decay) * (before - lagged) + share * (now - before)

@@ -28,9 +28,21 @@ Array = NDArray[np.float64]
 
 AXLES = ("front", "rear")
 STIFFNESSES = ("slip_stiffness", "cornering_stiffness")  # of a linear tyre: those that are parameters of a model
-STANDSTILL_SPEED = 0.01  # [m/s] of a linear tyre in a handling model, which leaves its stiffness as it is
-_SMALLEST_SPEED = 0.1  # [m/s] below which the side slip is that at this speed, so that it has a derivative at rest
-_AT, _SMALL = 20.0, 1e-4  # [m/s] at which a tyre is asked for its slope, and slip
+
+
+@dataclass(frozen=True)
+class HandlingSettings:
+    """Numerical settings of handling models."""
+
+    standstill_speed: float = 0.01  # [m/s] of a linear tyre in a handling model, which leaves its stiffness as it is
+    # [m/s] below which the side slip is that at this speed, so that it has a derivative at rest
+    smallest_speed: float = 0.1
+    slope_speed: float = 20.0  # [m/s] at which the slope of a tyre is evaluated
+    slope_slip: float = 1e-4  # [-] slip for that slope
+
+
+HANDLING = HandlingSettings()
+
 TyreKind = Literal["linear", "own"]
 
 
@@ -179,7 +191,7 @@ class Planar(HandlingModel):
     def measured(self, x: Any, u: Any, p: Any) -> list[Scalar]:
         ahead, left, *_ = self.forces(x, u, p)
         along, across = self.accelerations(x, ahead, left, p)
-        slip = ca.atan2(x.lateral_velocity, ca.fmax(x.forward_velocity, _SMALLEST_SPEED))
+        slip = ca.atan2(x.lateral_velocity, ca.fmax(x.forward_velocity, HANDLING.smallest_speed))
         return [along, across, x.yaw_rate, x.lateral_velocity, slip]
 
     def tyre_numbers(self) -> dict[str, float]:
@@ -214,16 +226,19 @@ def static_loads(vehicle: Vehicle) -> tuple[float, float]:
 def slopes(axle: Axle, load: float) -> tuple[float, float]:
     """Slopes of one tyre at small slips: longitudinal force per slip [N], lateral force per slip angle [N/rad]."""
     driven, braked = (
-        axle.tyre.forces(TyreInput(load, _AT, 0.0, _AT * (1 + slip))).longitudinal for slip in (_SMALL, -_SMALL)
+        axle.tyre.forces(TyreInput(load, HANDLING.slope_speed, 0.0, HANDLING.slope_speed * (1 + slip))).longitudinal
+        for slip in (HANDLING.slope_slip, -HANDLING.slope_slip)
     )
-    along = (float(driven) - float(braked)) / (2 * _SMALL) * axle.longitudinal_scale
+    along = (float(driven) - float(braked)) / (2 * HANDLING.slope_slip) * axle.longitudinal_scale
     return along, float(axle.tyre.cornering_stiffness_at(load)) * axle.cornering_scale
 
 
 def linear_tyre(axle: Axle, load: float) -> Linear:
     """The linear tyre that an axle's tyre is at small slips under a load [N]."""
     along, across = slopes(axle, load)
-    return Linear(model="linear", slip_stiffness=along, cornering_stiffness=across, standstill_speed=STANDSTILL_SPEED)
+    return Linear(
+        model="linear", slip_stiffness=along, cornering_stiffness=across, standstill_speed=HANDLING.standstill_speed
+    )
 
 
 def car_numbers(vehicle: Vehicle) -> dict[str, float]:

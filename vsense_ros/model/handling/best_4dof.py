@@ -8,6 +8,7 @@ is in SAE axes, this is in ISO 8855: lateral quantities, yaw and steering change
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -21,8 +22,18 @@ from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres.base import TyreInput
 from vsense_ros.model.tyres.similarity import Similarity
 
-SMOOTH_LOAD = 100.0  # [N] below about this a wheel load bends to zero, smoothly, and never gets there
-SLOWEST = 2.0  # [m/s] forward speed of a wheel below which slip is that of this speed
+
+@dataclass(frozen=True)
+class Best4DofSettings:
+    """Where the equations of Best & Bogdanski 2016 are smoothed: decisions of this project."""
+
+    load: float = 100.0  # [N] below about this a wheel load bends to zero, smoothly, and never gets there
+    slowest: float = 2.0  # [m/s] forward speed of a wheel below which slip is that of this speed
+    curve_points: int = 30  # of a curve
+
+
+SMOOTHING = Best4DofSettings()
+
 TYRE = ("stiffness", "longitudinal_ratio", "shape", "peak", "curvature")  # C_α, K_x, C, D, E
 
 # Of the paper's car, a Jaguar XF of 2008: what its identification takes as known, and what it found (table 1, IEKF).
@@ -159,7 +170,7 @@ class Best4Dof:
             p.front_weight / 2 - front - pitch, p.front_weight / 2 + front - pitch,
             p.rear_weight / 2 - rear + pitch, p.rear_weight / 2 + rear + pitch,
         ]  # fmt: skip
-        return [(load + ca.sqrt(load * load + SMOOTH_LOAD**2)) / 2 for load in straight]
+        return [(load + ca.sqrt(load * load + SMOOTHING.load**2)) / 2 for load in straight]
 
     def steady_forces(self, x: Any, u: Any, p: Any, loads: list[Scalar]) -> list[tuple[Scalar, Scalar]]:
         """Steady forces of the four tyres, along and across [N], which the actual ones approach (eqs. 22 to 27)."""
@@ -173,7 +184,7 @@ class Best4Dof:
             left = x.lateral_velocity + (to_front if front else -to_rear) * x.yaw_rate
             if front:
                 ahead, left = ahead * cos + left * sin, left * cos - ahead * sin
-            ahead = ca.fmax(ahead, SLOWEST)
+            ahead = ca.fmax(ahead, SMOOTHING.slowest)
             rolling = p.wheel_radius * u[f"spin_{wheel}"]
             contact = TyreInput(loads[i], ahead, left, rolling, p.friction)
             forces = tyre(p, "front" if front else "rear").forces(contact)
@@ -198,16 +209,16 @@ REACH = {
     "front lateral": np.tan(np.radians(9.0)), "front longitudinal": 0.2,
     "rear lateral": np.tan(np.radians(6.0)), "rear longitudinal": 0.3,
 }  # fmt: skip
-POINTS = 30  # of a curve
 
 
 def curve_slips(name: str) -> NDArray[np.float64]:
-    """Slips of a force curve of `REACH`, (POINTS,)."""
-    return np.linspace(0.0, REACH[name], POINTS + 1)[1:]
+    """Slips of a force curve of `REACH`, (SMOOTHING.curve_points,)."""
+    return np.linspace(0.0, REACH[name], SMOOTHING.curve_points + 1)[1:]
 
 
 def curves(p: Mapping[str, float]) -> NDArray[np.float64]:
-    """Force over slip at the wheel's load at rest and in pure slip, for each of `REACH` (4, POINTS) [N]."""
+    """Force over slip at the wheel's load at rest and in pure slip, for each of `REACH` (4, SMOOTHING.curve_points)
+    [N]."""
     return np.array(_curves()([p[name] for name in Best4Dof.parameters])).T
 
 

@@ -15,8 +15,16 @@ from vsense_ros.model.parameter import Scalar
 
 Array = NDArray[np.float64]
 
-_GAMMA = 1 - 1 / np.sqrt(2)  # of the step: stable however stiff the wheels are
-_NEWTON_STEPS = 5  # to a straight run: tyres are nearly linear there
+
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Numerical settings of the response of handling models."""
+
+    gamma: float = 1 - 1 / np.sqrt(2)  # [-] of the step: stable however stiff the wheels are
+    newton_steps: int = 5  # to a straight run: tyres are nearly linear there
+
+
+RESPONSE = ResponseSettings()
 
 
 class Values:
@@ -91,7 +99,7 @@ class Response:
         if not pushing:
             return x, u
         balanced = [0, *wheels]  # forward velocity and spins do not change
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(RESPONSE.newton_steps):
             linear = self.linear(x, u)
             slope = np.column_stack([linear.b[:, pushing].sum(axis=1), linear.a[:, wheels]])[balanced]
             unbalance = np.asarray(self.rates(x, u, self.parameters)).ravel()[balanced]
@@ -141,7 +149,7 @@ class Response:
 
 def rosenbrock_step(rates: ca.Function, jacobian: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, h: Scalar) -> ca.SX:
     """State after `h` [s] by the method ROS2 of second order (Verwer et al. 1999): spin of wheels is stiff."""
-    system = ca.SX.eye(x.numel()) - _GAMMA * h * jacobian
+    system = ca.SX.eye(x.numel()) - RESPONSE.gamma * h * jacobian
     first = ca.solve(system, rates(x, u, p))
     second = ca.solve(system, rates(x + h * first, u, p) - 2 * first)
     return x + h * (1.5 * first + 0.5 * second)

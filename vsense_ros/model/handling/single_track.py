@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.handling.best_4dof import SLOWEST, TYRE, tyre
+from vsense_ros.model.handling.best_4dof import SMOOTHING, TYRE, tyre
 from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres.base import TyreInput
 
@@ -36,7 +36,7 @@ class SingleTrack:
         """Time derivatives of the states, (4,)."""
         front, rear, to_front, to_rear = self._axles(x, u, p)
         mass = (p.front_weight + p.rear_weight) / GRAVITY
-        follow = ca.fmax(u.speed, SLOWEST) / p.relaxation_length
+        follow = ca.fmax(u.speed, SMOOTHING.slowest) / p.relaxation_length
         return [
             (x.front_force + x.rear_force) / mass - u.speed * x.yaw_rate,
             (to_front * x.front_force - to_rear * x.rear_force) / p.yaw_inertia,
@@ -53,10 +53,10 @@ class SingleTrack:
         """Steady lateral forces of the axles [N], and how far they are from the centre of gravity [m]."""
         to_front = p.wheelbase * p.rear_weight / (p.front_weight + p.rear_weight)
         to_rear = p.wheelbase - to_front
-        speed, cos, sin = ca.fmax(u.speed, SLOWEST), ca.cos(u.steering), ca.sin(u.steering)
+        speed, cos, sin = ca.fmax(u.speed, SMOOTHING.slowest), ca.cos(u.steering), ca.sin(u.steering)
         left = x.lateral_velocity + to_front * x.yaw_rate
         ahead, across = speed * cos + left * sin, left * cos - speed * sin
-        wheel = TyreInput(p.front_weight / 2, ca.fmax(ahead, SLOWEST), across, ahead, p.friction)
+        wheel = TyreInput(p.front_weight / 2, ca.fmax(ahead, SMOOTHING.slowest), across, ahead, p.friction)
         front = 2 * tyre(p, "front").forces(wheel).lateral * cos
         wheel = TyreInput(p.rear_weight / 2, speed, x.lateral_velocity - to_rear * x.yaw_rate, speed, p.friction)
         return front, 2 * tyre(p, "rear").forces(wheel).lateral, to_front, to_rear

@@ -6,6 +6,7 @@ apart here, and refused with a sentence.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -17,10 +18,19 @@ from vsense_ros.model.multibody.mechanism import Linkage
 from vsense_ros.model.multibody.semi_recursive import Motion
 
 Array = NDArray[np.float64]
-ITERATIONS = 60
-CLOSED = 1e-11  # [m] what counts as closed
-LARGEST_TURN = 0.3  # largest change of a coordinate in one iteration
-RELATIVE_RANK = 1e-7  # singular values below this share of the largest are zero
+
+
+@dataclass(frozen=True)
+class AssemblySettings:
+    """Numerical settings of the assembly of linkages."""
+
+    most_iterations: int = 60  # [-]
+    closed: float = 1e-11  # [m] opening of a linkage that counts as closed
+    largest_change: float = 0.3  # [m, rad] of a coordinate in one iteration
+    relative_rank: float = 1e-7  # [-] singular values below this share of the largest are zero
+
+
+ASSEMBLY = AssemblySettings()
 
 
 @lru_cache(maxsize=16)
@@ -54,17 +64,17 @@ def assemble(
     free = [i for i in range(len(z)) if i not in held]
     for index, value in held.items():
         z[index] = value
-    for _ in range(ITERATIONS):
+    for _ in range(ASSEMBLY.most_iterations):
         gap, jacobian = (np.asarray(r) for r in function(z, positions, parameters))
         gap = gap.reshape(-1)
-        if gap.size == 0 or np.abs(gap).max() < CLOSED:
+        if gap.size == 0 or np.abs(gap).max() < ASSEMBLY.closed:
             return z
-        change = np.linalg.lstsq(jacobian[:, free], -gap, rcond=RELATIVE_RANK)[0]
-        z[free] += change * min(1.0, LARGEST_TURN / max(np.abs(change).max(), 1e-300))
+        change = np.linalg.lstsq(jacobian[:, free], -gap, rcond=ASSEMBLY.relative_rank)[0]
+        z[free] += change * min(1.0, ASSEMBLY.largest_change / max(np.abs(change).max(), 1e-300))
     open_by: dict[str, float] = {}
     for name, value in zip(linkage.equation_names, gap, strict=True):
         open_by[name] = max(open_by.get(name, 0.0), abs(value))
-    worst = ", ".join(f"{name} by {1e3 * value:.3g} mm" for name, value in open_by.items() if value > CLOSED)
+    worst = ", ".join(f"{name} by {1e3 * value:.3g} mm" for name, value in open_by.items() if value > ASSEMBLY.closed)
     raise InputError(
         f"linkage {linkage.name!r} does not close: the nearest position leaves open {worst}. Check the hard points and "
         "lengths, and whether the travel or the guide asks for more than the linkage can do"
@@ -83,14 +93,14 @@ def check(linkage: Linkage, parameters: Array, z: Array, guides: Array | None = 
     if not count:
         return n
     values = np.linalg.svd(jacobian, compute_uv=False)
-    rank = int(np.sum(values > RELATIVE_RANK * values[0]))
+    rank = int(np.sum(values > ASSEMBLY.relative_rank * values[0]))
     if rank < count:
         names: list[str] = []
         kept = np.zeros((0, n))
         for row, name in zip(jacobian, linkage.equation_names, strict=True):
             trial = np.vstack([kept, row])
             singular = np.linalg.svd(trial, compute_uv=False)
-            if np.sum(singular > RELATIVE_RANK * values[0]) > len(kept):
+            if np.sum(singular > ASSEMBLY.relative_rank * values[0]) > len(kept):
                 kept = trial
             elif name not in names:
                 names.append(name)

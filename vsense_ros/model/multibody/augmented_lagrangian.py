@@ -26,9 +26,18 @@ from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
 from vsense_ros.model.multibody.semi_recursive import Forces, Motion
 from vsense_ros.model.multibody.tree import solve_dominant
 
-PENALTY_MASS = 1e6  # [kg]
-CORRECTIONS = 3  # iterations in one call
-SETTLING = 4  # iterations for rates and accelerations that fit given coordinates
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Numerical settings of time steps of mechanisms."""
+
+    penalty_mass: float = 1e6  # [kg] α h²/4, the penalty of constraints as a mass
+    corrections: int = 3  # iterations in one call
+    settling: int = 4  # iterations for rates and accelerations that fit given coordinates
+
+
+STEP = StepSettings()
+
 
 Array = NDArray[np.float64]
 
@@ -76,9 +85,11 @@ class StepOfLinkage:
             z, dz, ddz, guides, multipliers, base_velocity, base_acceleration, up, height,
             linkage.parameters, linkage.inputs, h,
         ]  # fmt: skip
-        residual = weight * (forces.residual + jacobian.T @ multipliers) + PENALTY_MASS * (jacobian.T @ constraint)
+        residual = weight * (forces.residual + jacobian.T @ multipliers) + STEP.penalty_mass * (jacobian.T @ constraint)
         tangent, by_base, of_base, both = forces.tangent(h / 2, weight)
-        matrix = tangent + weight * motion.constraint_curvature(multipliers) + PENALTY_MASS * (jacobian.T @ jacobian)
+        matrix = (
+            tangent + weight * motion.constraint_curvature(multipliers) + STEP.penalty_mass * (jacobian.T @ jacobian)
+        )
         self.evaluated = [residual, weight * forces.base, constraint]
         self.tangent = [matrix, by_base, of_base, both, jacobian]
 
@@ -304,7 +315,7 @@ class Equations:
                 f[2] + factor[4] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]]
                 for i, (f, factor) in enumerate(zip(found, factors, strict=True))
             ]
-            multipliers = multipliers + PENALTY_MASS * 4 / h**2 * ca.vertcat(ca.MX(0, 1), *violations)
+            multipliers = multipliers + STEP.penalty_mass * 4 / h**2 * ca.vertcat(ca.MX(0, 1), *violations)
             largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
         return z, dz, ddz, multipliers, largest
 
@@ -319,7 +330,7 @@ class Equations:
             # Twice: one projection by a penalty leaves a share of the violation that is the ratio of the masses.
             for _ in range(2):
                 found = self._branches("constraints", z, dz, ddz, multipliers, base)
-                residuals = [PENALTY_MASS * (f[3].T @ f[which]) for f in found]
+                residuals = [STEP.penalty_mass * (f[3].T @ f[which]) for f in found]
                 change = self._solve(z, factors, at_base, residuals, nothing)
                 if which == 1:
                     dz = dz + change
@@ -343,21 +354,21 @@ class Equations:
         def constraints() -> list[tuple[ca.MX, ...]]:
             return self._branches("constraints", z, dz, ddz, multipliers, self._base(z, dz, ddz))
 
-        for _ in range(SETTLING):
-            residuals = [PENALTY_MASS * (f[3].T @ f[1]) for f in constraints()]
+        for _ in range(STEP.settling):
+            residuals = [STEP.penalty_mass * (f[3].T @ f[1]) for f in constraints()]
             dz = dz + self._solve(z, factors, at_base, residuals, ca.MX(6, 1))
         largest = ca.MX(0)
-        for _ in range(SETTLING):
+        for _ in range(STEP.settling):
             base = self._base(z, dz, ddz, unit_weight)
             found = self._branches("evaluate", z, dz, ddz, multipliers, base, unit_weight)
             held = constraints()
-            residuals = [f[0] + PENALTY_MASS * (c[3].T @ (c[2] - c[0])) for f, c in zip(found, held, strict=True)]
+            residuals = [f[0] + STEP.penalty_mass * (c[3].T @ (c[2] - c[0])) for f, c in zip(found, held, strict=True)]
             change = self._solve(z, factors, at_base, residuals, sum((f[1] for f in found), base[4]))
             ddz = ddz + change
             violations = [
                 c[2] + c[3] @ change[mechanism.offsets[i] : mechanism.offsets[i + 1]] for i, c in enumerate(held)
             ]
-            multipliers = multipliers + PENALTY_MASS * ca.vertcat(ca.MX(0, 1), *violations)
+            multipliers = multipliers + STEP.penalty_mass * ca.vertcat(ca.MX(0, 1), *violations)
             largest = ca.norm_2(change)  # unlike the largest element, it does not hide what is no number
         return self._function("settle", [dz, ddz, multipliers, largest])
 
@@ -372,13 +383,13 @@ class Equations:
         of the constraints' violation; `project` gives dz, ddz and that violation. Guides, inputs and forces are
         those of the end of the step.
         """
-        stepped = self._corrected(*self._predicted(), CORRECTIONS)
+        stepped = self._corrected(*self._predicted(), STEP.corrections)
         *projected, violation = self._projected(*stepped[:4])
         z, dz, ddz, multipliers = self.symbols[:4]
         return [
             self._function("step", [stepped[0], *projected, stepped[3], stepped[4], violation]),
             self._function("advance", stepped),
-            self._function("refine", self._corrected(z, dz, ddz, multipliers, CORRECTIONS)),
+            self._function("refine", self._corrected(z, dz, ddz, multipliers, STEP.corrections)),
             self._function("project", self._projected(z, dz, ddz, multipliers)),
         ]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsense_ros import codegen
 from vsense_ros.errors import InputError
 from vsense_ros.model.constants import GRAVITY
-from vsense_ros.model.multibody.augmented_lagrangian import CORRECTIONS, Equations
+from vsense_ros.model.multibody.augmented_lagrangian import STEP, Equations
 from vsense_ros.model.multibody.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ class Integrator:
             self.state.take(self._before)
             raise InputError(
                 f"a step of {self.h[0]:g} s does not converge: coordinates still change by "
-                f"{self._refine.results[4].item():.2g} after {MOST_CALLS * CORRECTIONS} iterations (allowed "
+                f"{self._refine.results[4].item():.2g} after {MOST_CALLS * STEP.corrections} iterations (allowed "
                 f"{self.tolerance:g}); use a shorter step, or check masses, stiffnesses and forces"
             )
         self._project.call()
@@ -110,7 +110,7 @@ class Integrator:
     @property
     def iterations(self) -> float:
         """Mean number of iterations of a step so far."""
-        return CORRECTIONS * self.calls / max(self.steps, 1)
+        return STEP.corrections * self.calls / max(self.steps, 1)
 
     def _take(self, results: list[Array]) -> None:
         state = self.state

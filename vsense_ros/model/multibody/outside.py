@@ -18,12 +18,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.model import spatial
-from vsense_ros.model.multibody.augmented_lagrangian import (
-    CORRECTIONS,
-    PENALTY_MASS,
-    Equations,
-    StepOfLinkage,
-)
+from vsense_ros.model.multibody.augmented_lagrangian import STEP, Equations, StepOfLinkage
 from vsense_ros.model.multibody.integrator import MOST_CALLS, Integrator
 from vsense_ros.model.multibody.joints import column
 from vsense_ros.model.multibody.mechanism import Linkage, Mechanism
@@ -185,7 +180,7 @@ class OutsideIntegrator(Integrator):
         self._system.call()
         matrix, jacobian = self._system.results
         size = np.inf
-        for _ in range(CORRECTIONS * MOST_CALLS):
+        for _ in range(STEP.corrections * MOST_CALLS):
             self._missing.call()
             missing, gaps, rates = self._missing.results
             found = self._outside.solve(matrix, -missing[:, 0])
@@ -194,7 +189,7 @@ class OutsideIntegrator(Integrator):
             state.z += change
             state.dz += 2 / h * change
             state.ddz += 4 / h**2 * change
-            state.multipliers += PENALTY_MASS * 4 / h**2 * (gaps[:, 0] + jacobian @ found[base:])
+            state.multipliers += STEP.penalty_mass * 4 / h**2 * (gaps[:, 0] + jacobian @ found[base:])
             size = float(np.linalg.norm(change))
             if size < self.tolerance:
                 return

@@ -13,8 +13,17 @@ from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, parameter
 
-HIGHEST_DEGREE = 12
-ROUNDING = 1e-6  # what a table may differ by from the design position where it must go through it
+
+@dataclass(frozen=True)
+class TableLimits:
+    """Limits of suspension tables."""
+
+    highest_degree: int = 12  # of a polynomial
+    rounding: float = 1e-6  # [m] that a table may differ by from the design position where it must go through it
+
+
+LIMITS = TableLimits()
+
 
 Polynomial = tuple[tuple[float, ...], ...]
 Coefficients = dict[str, Sequence[Sequence[ca.SX | float]]]  # of an axle's columns, by name
@@ -47,9 +56,9 @@ class AxleTable(Part):
         for name in type(self).model_fields:
             rows = getattr(self, name)
             widths = {len(row) for row in rows}
-            if len(widths) != 1 or 0 in widths or max(len(rows), *widths) > HIGHEST_DEGREE + 1:
+            if len(widths) != 1 or 0 in widths or max(len(rows), *widths) > LIMITS.highest_degree + 1:
                 raise ValueError(
-                    f"{name} must have rows of one length, up to {HIGHEST_DEGREE + 1} coefficients each way, "
+                    f"{name} must have rows of one length, up to {LIMITS.highest_degree + 1} coefficients each way, "
                     f"found rows of {', '.join(str(len(row)) for row in rows) or 'none'}"
                 )
         return self
@@ -77,7 +86,7 @@ class SuspensionTables(Part):
         for axle in ("front", "rear"):
             place = self.columns(axle, 0.0, 0.0)
             for name in ("x", "y", "spring"):
-                if abs(place[name][0]) > ROUNDING:
+                if abs(place[name][0]) > LIMITS.rounding:
                     raise ValueError(
                         f"{axle}.{name} is {place[name][0]:g} m in the design position, where it must be 0"
                     )

@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from vsense_ros.model.parameter import Scalar, parameter
 from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
+from vsense_ros.model.tyres.slip import SLIP, contact, slips
 
 
 class Fiala(Tyre):
@@ -50,12 +50,12 @@ class Fiala(Tyre):
     def forces(self, wheel: TyreInput) -> TyreForces:
         """Steady forces and slips; inclination and side of the car are without effect."""
         travel, slip_x, slip_y = slips(wheel, wheel.speed_x, self.standstill_speed)
-        size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SMALLEST_SLIP**2), 1)
+        size = ca.fmin(ca.sqrt(slip_x**2 + slip_y**2 + SLIP.smallest_slip**2), 1)
         coefficient = wheel.friction * (self.static_friction - (self.static_friction - self.sliding_friction) * size)
-        limit = coefficient * ca.fmax(wheel.load, SMALLEST_LOAD)
+        limit = coefficient * ca.fmax(wheel.load, SLIP.smallest_load)
         # What the force would be if all of the contact patch stuck to the road.
         elastic_x, elastic_y = self.slip_stiffness * slip_x, self.cornering_stiffness * slip_y
-        elastic = ca.sqrt(elastic_x**2 + elastic_y**2 + (SMALLEST_SLIP * self.cornering_stiffness) ** 2)
+        elastic = ca.sqrt(elastic_x**2 + elastic_y**2 + (SLIP.smallest_slip * self.cornering_stiffness) ** 2)
         sticking = ca.fmax(1 - elastic / (3 * limit), 0)  # share of the contact patch
         share = contact(wheel.load) * limit * (1 - sticking**3) / elastic
         trail = 3 * self.pneumatic_trail * (1 - sticking) * sticking**3 / (1 - sticking**3)

@@ -21,7 +21,7 @@ from pydantic import model_validator
 from vsense_ros.model.parameter import Scalar, parameter
 from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
 from vsense_ros.model.tyres.magic_formula_coefficients import Aligning, Lateral, Longitudinal, Scaling
-from vsense_ros.model.tyres.slip import SMALLEST_SLIP, Slips, slips
+from vsense_ros.model.tyres.slip import SLIP, Slips, slips
 
 
 def _bent(slope: Scalar, curvature: Scalar, slip: Scalar) -> Scalar:
@@ -279,7 +279,7 @@ class MagicFormula(Tyre):
     def _sliding_conditions(self, wheel: TyreInput) -> _Conditions:
         """`_conditions`, with the grip that sliding leaves (4.E7)."""
         at = self._conditions(wheel.load, wheel.friction)
-        sliding = ca.sqrt((wheel.rolling_speed - wheel.speed_x) ** 2 + wheel.speed_y**2 + SMALLEST_SLIP**2)
+        sliding = ca.sqrt((wheel.rolling_speed - wheel.speed_x) ** 2 + wheel.speed_y**2 + SLIP.smallest_slip**2)
         loss = 1 + self.scaling.lmuv * sliding / self.reference_speed
         return replace(at, grip_x=at.grip_x / loss, grip_y=at.grip_y / loss)
 
@@ -327,7 +327,7 @@ class MagicFormula(Tyre):
         asymmetry = (c.qez4 + c.qez5 * camber) * (2 / math.pi) * ca.atan(slope * c.qcz1 * slip)
         curvature = (c.qez1 + c.qez2 * at.dfz + c.qez3 * at.dfz**2) * (1 + asymmetry)
         # The cosine is even, so the equivalent slip needs no sign.
-        equivalent = ca.sqrt(slip**2 + stretched**2 + SMALLEST_SLIP**2)
+        equivalent = ca.sqrt(slip**2 + stretched**2 + SLIP.smallest_slip**2)
         return longest * _cosine(slope, c.qcz1, curvature, equivalent)
 
     def _residual_moment(self, at: _Conditions, roll: _Rolling, pure: _PureLateral, stretched: Scalar) -> Scalar:

@@ -13,7 +13,7 @@ import casadi as ca
 
 from vsense_ros.model.parameter import Scalar, parameter
 from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips, transport_speed
+from vsense_ros.model.tyres.slip import SLIP, contact, slips, transport_speed
 
 
 class Similarity(Tyre):
@@ -41,10 +41,10 @@ class Similarity(Tyre):
     def forces(self, wheel: TyreInput) -> TyreForces:
         """Steady forces and slips, no aligning moment; inclination and side of the car are without effect."""
         _, slip_x, slip_y = slips(wheel, wheel.speed_x, self.standstill_speed)
-        limit = wheel.friction * ca.fmax(wheel.load, SMALLEST_LOAD)
+        limit = wheel.friction * ca.fmax(wheel.load, SLIP.smallest_load)
         k_x = self.stiffness / limit * self.longitudinal_ratio * slip_x
         k_y = self.stiffness / limit * slip_y
-        k = ca.sqrt(k_x**2 + k_y**2 + SMALLEST_SLIP**2)
+        k = ca.sqrt(k_x**2 + k_y**2 + SLIP.smallest_slip**2)
         scaled = k / self.shape
         bent = scaled - self.curvature * (scaled - ca.atan(scaled))
         # An identified shape above 2 would let the curve cross zero far out, and the tyre push the sliding car.

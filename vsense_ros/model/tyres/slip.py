@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
@@ -9,9 +10,17 @@ import casadi as ca
 from vsense_ros.model.parameter import Scalar
 from vsense_ros.model.tyres.base import TyreInput
 
-SMALLEST_SLIP = 1e-6  # keeps the direction of the slip vector defined where the slip vanishes
-SMALLEST_LOAD = 1.0  # [N] keeps force ratios defined where the wheel is in the air
-SHORTEST_RELAXATION = 1e-3  # [m] keeps the rate of a tyre without relaxation finite
+
+@dataclass(frozen=True)
+class SlipLimits:
+    """Limits that keep slips and forces of tyres finite."""
+
+    smallest_slip: float = 1e-6  # [-] keeps the direction of the slip vector defined where the slip vanishes
+    smallest_load: float = 1.0  # [N] keeps force ratios defined where the wheel is in the air
+    shortest_relaxation: float = 1e-3  # [m] keeps the rate of a tyre without relaxation finite
+
+
+SLIP = SlipLimits()
 
 
 def transport_speed(speed: Scalar, standstill_speed: Scalar) -> Scalar:
@@ -35,7 +44,7 @@ def slips(wheel: TyreInput, velocity: Scalar, standstill_speed: Scalar) -> Slips
 
 def contact(load: Scalar) -> Scalar:
     """1 on the road, 0 in the air [-]."""
-    return ca.fmin(ca.fmax(load, 0) / SMALLEST_LOAD, 1)
+    return ca.fmin(ca.fmax(load, 0) / SLIP.smallest_load, 1)
 
 
 def relaxation_rate(length: Scalar, rolling_speed: Scalar, standstill_speed: Scalar) -> Scalar:
@@ -44,4 +53,4 @@ def relaxation_rate(length: Scalar, rolling_speed: Scalar, standstill_speed: Sca
     The deflection of a tyre builds up over the distance rolled, `length` [m] (Pacejka 2012, section 7.2), so the rate
     grows with the speed. It keeps a rest at standstill, where a tyre that does not roll yields to its slip speed alone.
     """
-    return transport_speed(rolling_speed, standstill_speed) / ca.fmax(length, SHORTEST_RELAXATION)
+    return transport_speed(rolling_speed, standstill_speed) / ca.fmax(length, SLIP.shortest_relaxation)

@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from vsense_ros.model.parameter import Part, Scalar, parameter
 from vsense_ros.model.tyres.base import RelaxationLengths, Tyre, TyreForces, TyreInput
-from vsense_ros.model.tyres.slip import SMALLEST_LOAD, SMALLEST_SLIP, contact, slips
+from vsense_ros.model.tyres.slip import SLIP, contact, slips
 
 LARGEST_LOAD_RATIO = 2.5  # the force curves are those of this ratio to the nominal load beyond it
 
@@ -171,7 +171,7 @@ class TMeasy(Tyre):
 
     def _load_ratio(self, load: Scalar) -> Scalar:
         """Over the nominal load; limited, because the parabola that describes load influence turns down beyond."""
-        return ca.fmin(ca.fmax(load, SMALLEST_LOAD) / self.nominal_load, LARGEST_LOAD_RATIO)
+        return ca.fmin(ca.fmax(load, SLIP.smallest_load) / self.nominal_load, LARGEST_LOAD_RATIO)
 
     def _forces_over_slips(self, wheel: TyreInput, slip_x: Scalar, slip_y: Scalar) -> tuple[Scalar, Scalar]:
         """Longitudinal and lateral force over the slip in the same direction [N]: positive everywhere."""
@@ -183,9 +183,9 @@ class TMeasy(Tyre):
         factor_x = x.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_x / (range_x + range_y)
         factor_y = y.slip_at_maximum / (x.slip_at_maximum + y.slip_at_maximum) + range_y / (range_x + range_y)
         normal_x, normal_y = slip_x / factor_x, slip_y / factor_y
-        slip = ca.sqrt(normal_x**2 + normal_y**2 + SMALLEST_SLIP**2)
+        slip = ca.sqrt(normal_x**2 + normal_y**2 + SLIP.smallest_slip**2)
         share_x = (
-            normal_x**2 + 0.5 * SMALLEST_SLIP**2
+            normal_x**2 + 0.5 * SLIP.smallest_slip**2
         ) / slip**2  # cos² of the slip direction; an even mix at zero slip
 
         def combine(along: Scalar, across: Scalar) -> Scalar:
