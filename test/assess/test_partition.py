@@ -28,6 +28,7 @@ def test_the_link_that_ate_the_thesis_s_mass_matrix_eats_ours():
     assert all(choice.use.kernel.name != "body_mass" for choice in found.chosen)
 
 
+@pytest.mark.exam
 def test_without_a_cost_of_transfers_what_is_chosen_gains_and_fits():
     device = load_device("xc7z020").model_copy(update={"setup_us": 0.0, "stream_bits": 128})
     found = partition(device, 1000.0, uses(VEHICLE))
@@ -66,6 +67,7 @@ def test_a_device_that_nobody_knows_is_refused_with_those_that_are():
         load_device("virtex")
 
 
+@pytest.mark.exam
 def test_the_kernels_for_the_full_car_fit_the_thesis_s_device_and_its_solver_gains_there():
     device = load_device("xc7z020")
     step = profile(VEHICLE, full=True, iterations=4.0)
@@ -76,6 +78,7 @@ def test_the_kernels_for_the_full_car_fit_the_thesis_s_device_and_its_solver_gai
     assert found.best["body_mass"].gain_us < 0
 
 
+@pytest.mark.exam
 def test_a_kernel_that_makes_more_iterations_gains_less():
     device, step = load_device("xc7z020"), profile(VEHICLE, full=True, iterations=4.0)
     gains = [partition(device, 5000.0, step.uses(), more).best["solve56"].gain_us for more in (1.0, 1.85)]

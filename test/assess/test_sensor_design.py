@@ -28,6 +28,7 @@ def truth(store):
     return drive_plant(MANOEUVRE, "jaguar_saloon", store)
 
 
+@pytest.mark.exam
 def test_what_noise_and_model_leave_makes_up_the_error_of_a_filter(truth):
     slip = job.expect("dual_kkf", job.Plan(MANOEUVRE, Errors()), truth, 10).side_slip
     assert slip.rmse**2 == pytest.approx(slip.noise**2 + slip.model**2, rel=0.15)

@@ -448,6 +448,7 @@ def test_a_kind_or_set_that_is_not_there_is_told_with_those_that_are(option, the
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.exam
 def test_untold_cases_have_the_recordings_and_labels_of_those_they_come_from(tmp_path):
     source, quiet = tmp_path / "told" / "public", tmp_path / "quiet" / "public"
     every = cases.all_cases("public")

@@ -94,6 +94,7 @@ def test_the_curves_offer_no_upload(whole, still, tmp_path):
     assert '"showSendToCloud": false' in page
 
 
+@pytest.mark.exam
 def test_the_script_of_the_curves_is_on_the_page_once_for_all_drives(whole, still, tmp_path):
     one = write_report([whole], tmp_path / "one.html", title="one", pictures=still).stat().st_size
     two = write_report([whole, replace(whole, name="again")], tmp_path / "two.html", title="two", pictures=still)
@@ -161,9 +162,14 @@ def standing(found: Recording, place: float) -> Recording:
     ("output", "reference", "axis"),
     [
         (lambda o: rows(o, slice(1)), lambda r: r, "east of the start [m]"),
-        (lambda o: o, lambda r: rows(r, slice(50, 51)), "along the drive [m]"),
-        (lambda o: standing(o, np.nan), lambda r: rows(r, slice(50, 51)), "east of the start [m]"),
-        (lambda o: standing(o, np.nan), lambda r: standing(r, np.nan), ""),
+        pytest.param(lambda o: o, lambda r: rows(r, slice(50, 51)), "along the drive [m]", marks=pytest.mark.exam),
+        pytest.param(
+            lambda o: standing(o, np.nan),
+            lambda r: rows(r, slice(50, 51)),
+            "east of the start [m]",
+            marks=pytest.mark.exam,
+        ),
+        pytest.param(lambda o: standing(o, np.nan), lambda r: standing(r, np.nan), "", marks=pytest.mark.exam),
         (lambda o: standing(o, 7.0), lambda r: standing(r, 7.0), "east of the start [m]"),
     ],
     ids=["one estimate", "one reference", "one position", "no position", "one place"],
@@ -191,6 +197,7 @@ def test_friction_is_not_shown_of_tyres_whose_forces_are_never_known_at_once(who
     assert [text.get_text() for text in panel.texts] == ["not estimated"]
 
 
+@pytest.mark.exam
 def test_a_car_that_comes_to_rest_has_a_picture_and_a_page(whole, tmp_path):
     slip = whole.output["vsense/sideslip"]
     vector = slip.columns["vector"].copy()

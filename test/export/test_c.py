@@ -162,7 +162,7 @@ def test_the_header_is_for_c_plus_plus_as_well(sources: Path) -> None:
     assert subprocess.run(command, capture_output=True, text=True, check=False).stderr == ""
 
 
-@pytest.mark.parametrize("estimates", [False, pytest.param(True, marks=pytest.mark.exam)])
+@pytest.mark.parametrize("estimates", exam_except([False, True]))
 def test_whatever_the_sensors_are_called_compilers_take_it(vehicle: Vehicle, tmp_path: Path, estimates: bool) -> None:
     names = {
         "2nd imu": "imu",
@@ -384,6 +384,7 @@ def test_a_parameter_that_the_sensors_cannot_tell_is_refused(vehicle: Vehicle, t
         c.write(hopeless, tmp_path)
 
 
+@pytest.mark.exam
 def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Path) -> None:
     chosen = ["--sensor", "wheel_speeds", "--sensor", "steering"]
     arguments = ["export", "c", "prototype_model", "--output", str(tmp_path)]
@@ -396,6 +397,7 @@ def test_of_a_sensor_set_only_its_functions_and_biases_are_written(tmp_path: Pat
     assert "has no sensor lidar; it has imu, wheel_speeds" in result.output
 
 
+@pytest.mark.exam
 def test_without_a_compiler_the_sources_are_written_and_the_check_says_what_it_needs(tmp_path: Path) -> None:
     arguments = ["export", "c", "prototype_model", "--output", str(tmp_path), "--check", str(ROOT / "bags/step_steer")]
     result = CliRunner(env={"VSENSE_COMPILE": "0"}).invoke(main, arguments)

@@ -69,6 +69,7 @@ def test_loops_over_the_corners_compute_what_casadi_does(order: tuple[int, ...],
     same()
 
 
+@pytest.mark.exam
 def test_the_equations_of_a_corner_stand_in_the_export_once() -> None:
     car = car_of(load_vehicle(vehicle_path("prototype_model"))).corners_alike
     linearize = next(f for f in steps.functions_of(car) if f.name() == "linearize")

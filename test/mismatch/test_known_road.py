@@ -132,6 +132,7 @@ def test_where_a_surveyed_road_begins_and_ends_the_estimated_slope_stays():
         assert ekf.car.mean[BANK] == pytest.approx(expected, abs=1e-3), east
 
 
+@pytest.mark.exam
 def test_who_no_longer_knows_where_he_is_does_not_keep_the_grip_of_the_last_place():
     on_map = Map(ORIGIN)
     rows = [(*on_map.latitude_longitude(x, 0.0), 0.0, -0.3) for x in (0.0, 50.0, 100.0)]

@@ -184,6 +184,7 @@ def test_a_hypothesis_whose_car_gets_lost_is_fitted_anew_until_it_stays_on_the_r
     assert found.fit.value == pytest.approx(at.value, rel=0.05)
 
 
+@pytest.mark.exam
 def test_of_one_manoeuvre_alone_its_stretches_say_how_sure_a_size_is():
     search = biased("sweep")
     (found,) = search.single()

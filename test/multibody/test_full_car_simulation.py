@@ -95,6 +95,7 @@ def test_a_jump_of_the_steering_that_no_linkage_can_follow_is_refused(vehicle: V
     assert np.all(np.isfinite(plant.q))
 
 
+@pytest.mark.exam
 def test_uphill_it_slows_as_gravity_says(vehicle: Vehicle):
     q, u = rolling_straight(vehicle, 10.0)
     grade = np.array([0.05, *[0.0] * 6])
