@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv check test exam lint format house demo bench best thesis genesis road leung blind recordings bags \
+.PHONY: help venv check test exam lint docs format house demo bench best thesis genesis road leung blind recordings bags \
 	hw-tools hw hw-timing arm accelerator vehicle fuzz clean
 
 help: ## this list
@@ -37,7 +37,7 @@ exam: venv ## hours, for the night: the tests that are too long for make test, a
 check: venv ## within a minute: lint, types, contracts, and the fast tests of what changed since main
 	@.ci/check
 
-lint: venv ## ruff, mypy, and the contracts about which room may import which
+lint: venv ## ruff, mypy, and the contracts about which package may import which
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
@@ -49,6 +49,9 @@ format: venv ## let ruff mend what it can
 
 house: venv ## the measures of the code base beside their goals, to out/house.json
 	@$(VENV)/bin/python tools/house.py
+
+docs: venv ## the pages, schemas and pictures of docs/ that are made from code
+	@$(VENV)/bin/python tools/docs.py
 
 demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
 	$(VENV)/bin/vsense demo

@@ -1,7 +1,7 @@
-"""The page about the rooms of the package and their arrows: python tools/architecture.py writes docs/architecture.md
+"""The page about the packages of vsense_ros and their arrows: python tools/architecture.py writes docs/architecture.md
 and the picture beside it.
 
-What a room is stands in its own docstring, its line in the contract of pyproject.toml; arrows are the imports as they
+What a package is stands in its docstring, its line in the contract of pyproject.toml; arrows are the imports as they
 are in the code, those within functions too. The text around them is architecture.md.j2, whose every file must exist.
 """
 
@@ -28,18 +28,20 @@ PATH = re.compile(r"`((?:vsense_ros|test|tools|docs|launch|config)/[\w/.-]+)(?::
 
 
 @dataclass(frozen=True)
-class Room:
-    """A folder of the package: what it says it is, and the rooms from which it imports."""
+class Subpackage:
+    """A folder of vsense_ros: what it says it is, and the packages from which it imports."""
 
     name: str
     text: str
     imports: tuple[str, ...]
 
 
-def rooms() -> list[Room]:
-    """All rooms, in the order of the contract's lines from top to bottom."""
+def packages() -> list[Subpackage]:
+    """All packages, in the order of the contract's lines from top to bottom."""
     return [
-        Room(name, first_sentence(PACKAGE / name), tuple(sorted(imports()[name]))) for line in lines() for name in line
+        Subpackage(name, first_sentence(PACKAGE / name), tuple(sorted(imports()[name])))
+        for line in lines()
+        for name in line
     ]
 
 
@@ -48,12 +50,12 @@ def first_sentence(folder: Path) -> str:
     text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or ""
     paragraph = " ".join(text.partition("\n\n")[0].split())
     if not paragraph:
-        raise SystemExit(f"{folder.relative_to(ROOT)}/__init__.py: expected a docstring that says what the room is")
+        raise SystemExit(f"{folder.relative_to(ROOT)}/__init__.py: expected a docstring that says what the package is")
     return re.split(r"(?<=\w\.) ", paragraph)[0]
 
 
 def lines() -> list[list[str]]:
-    """The rooms that there are, on the lines of the contract."""
+    """The packages that there are, on the lines of the contract."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
     (contract,) = [one for one in contracts if one.get("containers") == [PACKAGE.name]]
@@ -63,13 +65,13 @@ def lines() -> list[list[str]]:
 
 @cache
 def imports() -> dict[str, set[str]]:
-    """The rooms from which each room imports."""
+    """The packages from which each package imports."""
     found: dict[str, set[str]] = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        room = path.relative_to(PACKAGE).parts[0]
-        if (PACKAGE / room).is_dir():
-            own = found.setdefault(room, set())
-            own.update(other for other in _imported(path) if other != room and (PACKAGE / other).is_dir())
+        package = path.relative_to(PACKAGE).parts[0]
+        if (PACKAGE / package).is_dir():
+            own = found.setdefault(package, set())
+            own.update(other for other in _imported(path) if other != package and (PACKAGE / other).is_dir())
     return found
 
 
@@ -90,12 +92,12 @@ def without_shortcuts(arrows: Mapping[str, Sequence[str]]) -> list[tuple[str, st
     circles (Aho, Garey, Ullman 1972)."""
 
     @cache
-    def reached(room: str) -> frozenset[str]:
-        return frozenset(arrows[room]).union(*(reached(other) for other in arrows[room]))
+    def reached(package: str) -> frozenset[str]:
+        return frozenset(arrows[package]).union(*(reached(other) for other in arrows[package]))
 
     return [
-        (room, other)
-        for room, others in arrows.items()
+        (package, other)
+        for package, others in arrows.items()
         for other in others
         if not any(other in reached(between) for between in others)
     ]
@@ -104,14 +106,21 @@ def without_shortcuts(arrows: Mapping[str, Sequence[str]]) -> list[tuple[str, st
 def exceptions() -> list[tuple[str, str]]:
     """Arrows that do not lead to a lower line, which the contract lists with what will remove them."""
     line = {name: i for i, names in enumerate(lines()) for name in names}
-    return [(room.name, other) for room in rooms() for other in room.imports if line[other] <= line[room.name]]
+    return [
+        (package.name, other)
+        for package in packages()
+        for other in package.imports
+        if line[other] <= line[package.name]
+    ]
 
 
 def picture() -> str:
-    """The rooms on their lines and the arrows between them, as SVG."""
+    """The packages on their lines and the arrows between them, as SVG."""
     upward = exceptions()
-    down = {room.name: [one for one in room.imports if (room.name, one) not in upward] for room in rooms()}
-    return draw(lines(), {room.name: room.text for room in rooms()}, without_shortcuts(down))
+    down = {
+        package.name: [one for one in package.imports if (package.name, one) not in upward] for package in packages()
+    }
+    return draw(lines(), {package.name: package.text for package in packages()}, without_shortcuts(down))
 
 
 def page() -> str:
@@ -119,7 +128,7 @@ def page() -> str:
     loader = FileSystemLoader(Path(__file__).parent)
     template = Environment(loader=loader, undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
     text = template.get_template("architecture.md.j2").render(
-        rooms=rooms(), allowed=_allowed(), exceptions=exceptions(), example=_example
+        packages=packages(), allowed=_allowed(), exceptions=exceptions(), example=_example
     )
     if missing := [problem for match in PATH.finditer(text) if (problem := _missing(*match.groups()))]:
         raise SystemExit("tools/architecture.md.j2 names what does not exist: " + ", ".join(missing))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vsense_ros.errors import InputError
-from vsense_ros.files.schema import page, parameter_rows
+from vsense_ros.files.schema import parameter_rows
 from vsense_ros.files.vehicle import load_vehicle, save_changes, save_vehicle
 
 ROOT = Path(__file__).parents[2]
@@ -258,8 +258,3 @@ def test_an_unknown_parameter_cannot_be_changed():
 
 def test_every_quantity_of_the_schema_is_described():
     assert [row.key for row in parameter_rows() if row.unit and not row.description] == []
-
-
-def test_the_page_of_parameters_is_that_of_the_schema():
-    written = (ROOT / "docs/vehicle_parameters.md").read_text(encoding="utf-8")
-    assert written == page(), "run: python -m vsense_ros.files.schema > docs/vehicle_parameters.md"

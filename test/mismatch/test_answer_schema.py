@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from synthetic_findings import effect, finding
 from vsense_ros.errors import InputError
 from vsense_ros.files.schema import models_of, unit_of
-from vsense_ros.mismatch.answer_schema import Answer, json_schema, parsed, read_answer
+from vsense_ros.mismatch.answer_schema import Answer, parsed, read_answer
 from vsense_ros.mismatch.words import BADGES
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -24,12 +24,6 @@ FIRST = {
     "genesis": "85a4a32f8b59d23b04d4964057a43cba988ebc5c74255004ae47e234e5f86d8f",
     "rav4": "517d4212de011dec3ede8a3a165d39115bee25d87308040a063bb6e7e80c62d9",
 }
-
-
-def test_the_published_schema_is_up_to_date():
-    written = json.loads((DOCS / "explain.schema.json").read_text(encoding="utf-8"))
-    command = "python -m vsense_ros.mismatch.answer_schema > docs/explain.schema.json"
-    assert written == json_schema(), f"run: {command}"
 
 
 @pytest.mark.parametrize("name", FIRST)

@@ -85,14 +85,6 @@ def test_the_core_imports_without_ros() -> None:
             assert not ros & {name.partition(".")[0] for name in names}, f"{path.relative_to(ROOT)}:{item.lineno}"
 
 
-def test_the_page_about_the_nodes_is_the_one_that_their_models_make() -> None:
-    pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed here")
-    from vsense_ros.node.document import page
-
-    written = (ROOT / "docs" / "nodes.md").read_text(encoding="utf-8")
-    assert written == page(), "run: python -m vsense_ros.node.document > docs/nodes.md"
-
-
 class _Anything:
     """Stands for any class or value of launch; remembers what it was made with."""
 
