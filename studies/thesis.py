@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,7 +178,7 @@ def repeat(
     steps: tuple[int, ...] = STEPS,
     progress: Callable[[float], None] | None = None,
 ) -> Results:
-    """Both manoeuvres with the noise of every seed, from rest to the end, nothing left out."""
+    """Results of all observers in both manoeuvres with the noise of every seed, from rest to the end of the drive."""
     results: Results = {}
     runs = {(kind, step): seeds[:1] if kind.once else seeds for step in steps for kind in kinds}
     runs = {(kind, step): chosen for (kind, step), chosen in runs.items() if step == steps[0] or not kind.reference}
@@ -189,37 +190,57 @@ def repeat(
                 record(trajectory, car, seed, name=manoeuvre.name, biased=False, every=step) for seed in seeds
             ]
             for kind in (kind for kind, of in runs if of == step):
-                vehicle = observing(model, kind, step)
-                squares: dict[str, list[float]] = {row.signal: [] for row in ROWS}
-                largest: dict[str, float] = {}
-                times: list[Array] = []
-                parameters: dict[str, tuple[float, float]] = {}
-                iterations = None
+                estimated = []
                 for recording in recordings[: len(runs[kind, step])]:
-                    observer, output, spent = observe(recording, vehicle, kind, step)
-                    times.append(spent)
-                    parameters = parameters or observer.parameters()
-                    observed = getattr(observer.filter, "car", None)
-                    if isinstance(observed, FullCarBlocks):
-                        iterations = observed.plant.integrator.iterations
-                    estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
-                    for row in ROWS:
-                        aligned = align(estimates[row.signal], truths[row.signal])
-                        squares[row.signal].append(float(np.mean(np.sum(aligned.error**2, axis=1))))
-                        largest[row.signal] = float(np.abs(aligned.truth).max())
+                    estimated.append(_estimate(recording, observing(model, kind, step), kind, step))
                     done += 1
                     if progress is not None:
                         progress(done / total)
-                rmse = {signal: float(np.sqrt(np.mean(errors))) for signal, errors in squares.items()}
-                known = {name: (value, 0.0) for name, value in model.values().items() if name in PARAMETERS}
-                results[manoeuvre.name, kind.name, step] = Result(
-                    rmse,
-                    {row.signal: 100 * rmse[row.signal] / largest[row.signal] for row in FORCES},
-                    {name: parameters.get(name, known[name]) for name in PARAMETERS},
-                    float(np.median(np.concatenate(times))),
-                    iterations,
-                )
+                results[manoeuvre.name, kind.name, step] = _over_all_seeds(estimated, model)
     return results
+
+
+class _Estimated(NamedTuple):
+    """One run of an observer: of each row's signal the mean square error and the largest magnitude in truth, parameters
+    at the end, computing times of the steps [µs], and iterations of the model in 1 ms, None if its steps have none."""
+
+    mean_squares: dict[str, float]
+    largest: dict[str, float]
+    parameters: dict[str, tuple[float, float]]
+    spent: Array
+    iterations: float | None
+
+
+def _estimate(recording: Recording, vehicle: Vehicle, kind: Kind, step: int) -> _Estimated:
+    """Run an observer on a recording and compare it with the truth."""
+    observer, output, spent = observe(recording, vehicle, kind, step)
+    parameters = observer.parameters()
+    car = getattr(observer.filter, "car", None)
+    iterations = car.plant.integrator.iterations if isinstance(car, FullCarBlocks) else None
+    estimates, truths = read_signals(output, "vsense"), read_signals(recording, "reference")
+    pairs = {row.signal: align(estimates[row.signal], truths[row.signal]) for row in ROWS}
+    return _Estimated(
+        {signal: float(np.mean(np.sum(pair.error**2, axis=1))) for signal, pair in pairs.items()},
+        {signal: float(np.abs(pair.truth).max()) for signal, pair in pairs.items()},
+        parameters,
+        spent,
+        iterations,
+    )
+
+
+def _over_all_seeds(estimated: Sequence[_Estimated], model: Vehicle) -> Result:
+    """Result of one observer in one manoeuvre; parameters are those of the first seed, or of the model."""
+    rmse = {row.signal: float(np.sqrt(np.mean([one.mean_squares[row.signal] for one in estimated]))) for row in ROWS}
+    last = estimated[-1]
+    parameters = {name: (value, 0.0) for name, value in model.values().items() if name in PARAMETERS}
+    parameters |= {name: value for name, value in estimated[0].parameters.items() if name in PARAMETERS}
+    return Result(
+        rmse,
+        {row.signal: 100 * rmse[row.signal] / last.largest[row.signal] for row in FORCES},
+        {name: parameters[name] for name in PARAMETERS},
+        float(np.median(np.concatenate([one.spent for one in estimated]))),
+        last.iterations,
+    )
 
 
 def show(results: Results, console: Console) -> None:

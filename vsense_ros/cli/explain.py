@@ -102,22 +102,26 @@ def explain(
         raise click.UsageError("expected --vehicle and RECORDINGS, or --vehicle and --next, or --fleet")
     if not recordings and (held_out or assume):
         raise click.UsageError("--hold-out and --assume need RECORDINGS")
-    verdict = (
-        _explain(recordings, vehicle, held_out, assume, ablation or "", by_lap, mend, observe, report)
-        if recordings
-        else "ambiguous"
-    )
-    if verdict == "ambiguous" and not design:
+    if recordings:
+        verdict = _explain(recordings, vehicle, held_out, assume, ablation or "", by_lap, mend, observe, report)
+        _next_test(verdict, vehicle, report, design)
+    else:
+        _design(vehicle, report)
+
+
+def _next_test(verdict: str, vehicle: str, report: Path, design: bool) -> None:
+    """Design the test that would decide an ambiguous answer, or say how; without it the answer still holds."""
+    if verdict != "ambiguous":
+        if design:
+            click.echo(f"No next test: it would decide what an ambiguous answer leaves open; this one is {verdict}.")
+        return
+    if not design:
         click.echo(f"vsense explain --next --vehicle {vehicle} --report {report} suggests the test that would decide.")
-    elif verdict == "ambiguous":
-        try:
-            _design(vehicle, report)
-        except Exception as error:  # the answer is there without the next test
-            if not recordings:
-                raise
-            warn(f"no next test could be designed: {type(error).__name__}: {error}")
-    elif design:
-        click.echo(f"No next test: it would decide what an ambiguous answer leaves open; this one is {verdict}.")
+        return
+    try:
+        _design(vehicle, report)
+    except Exception as error:
+        warn(f"no next test could be designed: {type(error).__name__}: {error}")
 
 
 def _explain(
