@@ -241,77 +241,103 @@ def run_through_ros(
 
     Raises `InputError` with the last words of a node that ended too early, or if the observer never started.
     """
-    if can_log is not None and (can_database is None or can_mapping is None):
-        raise InputError("a CAN log needs a database (DBC) and a mapping")
     live = can_log is not None or bool(gnss_bytes) or bool(imu_bytes)
     rate = (1.0 if live else 0.0) if rate is None else rate
-    extra = {name: dict(values) for name, values in (driver_parameters or {}).items()}
     environment = ros_environment(free_domain())
     with tempfile.TemporaryDirectory(prefix="vsense_") as scratch, contextlib.ExitStack() as running:
         folder = Path(scratch)
         bag = Path(out_bag) if out_bag is not None else folder / "output"
-
-        def start(node: str, **parameters: Any) -> NodeProcess:
-            values = {"use_sim_time": True, "summary": str(folder / f"{node}.json")} | parameters | extra.get(node, {})
-            return running.enter_context(NodeProcess(node, values, environment))
-
-        if accelerator is not None:
-            extra["observer"] = {"accelerator": "topics"} | extra.get("observer", {})
-        nodes = {
-            "observer": start(
-                "observer",
-                vehicle=str(vehicle_file),
-                rate=output_rate,
-                publish_all=rate == 0,
-                map_origin=[] if map_origin is None else [float(v) for v in map_origin],
-            ),
-            "recorder": start("recorder", bag=str(bag), overwrite=True),
-        }
         source: dict[str, Any] = {"rate": rate, "consumers": 2, "topics": list(topics)}
         if recording_bag is not None:
             source["bag"] = str(recording_bag)
-        drivers: list[str] = []
+        drivers: dict[str, dict[str, Any]] = {}
         if can_log is not None:
-            source |= {"can_log": str(can_log), "can_channel": str(folder / "can"), "can_log_channel": can_log_channel}
-            extra["can_driver"] = {
-                "interface": "slcan",
-                "channel": str(folder / "can"),
-                "database": str(can_database),
-                "mapping": str(can_mapping),
-            } | extra.get("can_driver", {})
-            drivers.append("can_driver")
-        for name, driver, entries in (("gnss", "gps_driver", gnss_bytes), ("imu", "imu_driver", imu_bytes)):
-            if entries:
-                write_byte_log(folder / f"{name}.log", entries)
-                source |= {f"{name}_bytes": str(folder / f"{name}.log"), f"{name}_port": str(folder / name)}
-                extra[driver] = {"port": str(folder / name)} | extra.get(driver, {})
-                drivers.append(driver)
-        if "gps_driver" in drivers:
-            extra["gps_driver"] = {"protocol": gnss_protocol} | extra["gps_driver"]
-        for name in drivers:
-            nodes[name] = start(name)
-        if accelerator is not None:
-            nodes["accelerator"] = start("accelerator", **accelerator)
-        for node in nodes.values():
-            node.wait_until_active()
-        # Estimates and measurements have their readers before the first of them is made.
-        for name in ("observer", *drivers):
-            nodes[name].wait_for("connected", _DISCOVERY)
-        replay = start("replay", **source)
-        elapsed = _follow(replay, nodes, progress)
-        # In the order of their messages: each works off what has come, and waits until its readers have it.
-        for name in (*drivers, "observer", "recorder", *(["accelerator"] if accelerator is not None else [])):
-            if nodes[name].stop() != 0:
-                raise InputError(f"node {name} failed at its end: {nodes[name].output[-2000:]}")
+            bus, drivers["can_driver"] = _can_bus(folder, can_log, can_log_channel, can_database, can_mapping)
+            source |= bus
+        if gnss_bytes:
+            source |= _serial_line(folder, "gnss", gnss_bytes)
+            drivers["gps_driver"] = {"port": str(folder / "gnss"), "protocol": gnss_protocol}
+        if imu_bytes:
+            source |= _serial_line(folder, "imu", imu_bytes)
+            drivers["imu_driver"] = {"port": str(folder / "imu")}
+        observer = {
+            "vehicle": str(vehicle_file),
+            "rate": output_rate,
+            "publish_all": rate == 0,
+            "map_origin": [] if map_origin is None else [float(v) for v in map_origin],
+            **({} if accelerator is None else {"accelerator": "topics"}),
+        }
+        last = {} if accelerator is None else {"accelerator": accelerator}
+
+        def start(node: str, parameters: Mapping[str, Any]) -> NodeProcess:
+            common = {"use_sim_time": True, "summary": str(folder / f"{node}.json")}
+            values = {**common, **parameters, **(driver_parameters or {}).get(node, {})}
+            return running.enter_context(NodeProcess(node, values, environment))
+
+        recorder = {"bag": str(bag), "overwrite": True}
+        nodes = {
+            name: start(name, parameters)
+            for name, parameters in {"observer": observer, "recorder": recorder, **drivers, **last}.items()
+        }
+        elapsed = _driven(nodes, lambda: start("replay", source), tuple(drivers), tuple(last), progress)
         summaries = {name: _summary(folder / f"{name}.json") for name in (*nodes, "replay")}
         recording = read_bag(bag)
-    mine = {topic: channel for topic, channel in recording.channels.items() if topic.startswith("vsense/")}
+    return _result(recording, summaries, elapsed, rate, str(recording_bag or can_log or "recording"))
+
+
+def _driven(
+    nodes: Mapping[str, NodeProcess],
+    start_replay: Callable[[], NodeProcess],
+    drivers: Sequence[str],
+    last: Sequence[str],
+    progress: Callable[[float], None] | None,
+) -> float:
+    """Replay a drive to nodes once they are ready, stop them in the order of their messages, and return the time that
+    the replay took [s]. Raises `InputError` if one fails."""
+    for node in nodes.values():
+        node.wait_until_active()
+    # Estimates and measurements have their readers before the first of them is made.
+    for name in ("observer", *drivers):
+        nodes[name].wait_for("connected", _DISCOVERY)
+    elapsed = _follow(start_replay(), nodes, progress)
+    # Each node works off what has come, and waits until its readers have it.
+    for name in (*drivers, "observer", "recorder", *last):
+        if nodes[name].stop() != 0:
+            raise InputError(f"node {name} failed at its end: {nodes[name].output[-2000:]}")
+    return elapsed
+
+
+def _can_bus(
+    folder: Path, log: str | Path, log_channel: str, database: str | Path | None, mapping: str | Path | None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Parameters of the replay and of `can_driver` for a CAN log on a bus in `folder`. Raises `InputError` without a
+    database or a mapping."""
+    if database is None or mapping is None:
+        raise InputError("a CAN log needs a database (DBC) and a mapping")
+    channel = str(folder / "can")
+    replay = {"can_log": str(log), "can_channel": channel, "can_log_channel": log_channel}
+    driver = {"interface": "slcan", "channel": channel, "database": str(database), "mapping": str(mapping)}
+    return replay, driver
+
+
+def _serial_line(folder: Path, name: str, entries: Sequence[tuple[int, bytes]]) -> dict[str, str]:
+    """Parameters of the replay for bytes on a pseudo-terminal, whose log is written into `folder`."""
+    write_byte_log(folder / f"{name}.log", entries)
+    return {f"{name}_bytes": str(folder / f"{name}.log"), f"{name}_port": str(folder / name)}
+
+
+def _result(
+    recording: Recording, summaries: Mapping[str, Mapping[str, Any]], elapsed: float, rate: float, name: str
+) -> RosRun:
+    """Result of a run from the recorded messages and the summaries of the nodes. Raises `InputError` if the observer
+    never started."""
+    estimates = {topic: channel for topic, channel in recording.channels.items() if topic.startswith("vsense/")}
     observed = summaries["observer"]
-    if not mine:
+    if not estimates:
         text = "; ".join(f"{d['name']}: {d['message']}" for d in observed["diagnostics"])
-        raise InputError(f"{recording_bag or can_log or 'recording'}: the observer never started ({text})")
+        raise InputError(f"{name}: the observer never started ({text})")
     return RosRun(
-        output=replace(recording, channels=mine),
+        output=replace(recording, channels=estimates),
         step_us_median=observed["step_us_median"] or float("nan"),
         realtime_factor=summaries["replay"]["seconds"] / elapsed,
         messages_lost=lost(summaries) + recording.messages_lost,
