@@ -182,6 +182,7 @@ def _version(path: Path, entries: Mapping[str, _Entry]) -> float:
 
 
 def _parameters(path: Path, entries: dict[str, _Entry], axes: Axes) -> dict[str, Any]:
+    """Fields of a Magic Formula tyre in SI units and ISO axes."""
     units = _units(path, entries)
     data: dict[str, Any] = {"model": "magic_formula", "version": _version(path, entries)}
     for other, key in _OTHER_NAMES.items():
@@ -192,32 +193,9 @@ def _parameters(path: Path, entries: dict[str, _Entry], axes: Axes) -> dict[str,
             data[name] = _number(path, key, entries[key])
             for quantity, exponent in dimensions.items():
                 data[name] *= units[quantity] ** exponent
-    coefficients = {
-        name: _number(path, name.upper(), entries[name.upper()])
-        for group in _GROUPS.values()
-        for name in group.model_fields
-        if name.upper() in entries
-    }
-    if coefficients.get("pty1") == 0.0 or coefficients.get("pty2") == 0.0:  # not measured for relaxation
-        logging.getLogger(__name__).warning("%s: PTY1 or PTY2 is 0: the lateral force follows without a lag", path)
-        coefficients |= {"pty1": 0.0}
-        coefficients.pop("pty2", None)
-    side = entries["TYRESIDE"].text.upper() if "TYRESIDE" in entries else "LEFT"
-    if side not in ("LEFT", "RIGHT", "SYMMETRIC", "BOTH", "UNKNOWN"):
-        raise InputError(
-            f"{path}:{entries['TYRESIDE'].line}: TYRESIDE: expected LEFT, RIGHT or SYMMETRIC, found {side!r}"
-        )
+    side = _side(path, entries)
     data["measured_side"] = -1.0 if side == "RIGHT" else 1.0
-    if side in ("SYMMETRIC", "BOTH"):
-        coefficients |= dict.fromkeys(ASYMMETRIC, 0.0)
-    if axes == "adapted_sae":
-        coefficients = adapted_sae_to_iso(coefficients)
-    if coefficients.get("pky1", -1.0) > 0:
-        other = "iso" if axes == "adapted_sae" else "adapted_sae"
-        raise InputError(
-            f"{path}:{entries['PKY1'].line}: PKY1 {entries['PKY1'].text} has the wrong sign for {axes} axes: the "
-            f"lateral force would push the tyre on; if the file's axes are others, say `axes: {other}`"
-        )
+    coefficients = _coefficients(path, entries, axes, symmetric=side in ("SYMMETRIC", "BOTH"))
     for name, group in _GROUPS.items():
         data[name] = {key: value for key, value in coefficients.items() if key in group.model_fields}
     if (load := data.get("nominal_load")) is not None:
@@ -228,6 +206,42 @@ def _parameters(path: Path, entries: dict[str, _Entry], axes: Axes) -> dict[str,
     elif "nominal_pressure" in data:
         data["inflation_pressure"] = data["nominal_pressure"]
     return data
+
+
+def _side(path: Path, entries: Mapping[str, _Entry]) -> str:
+    """Side of the car that the tyre was measured for. Raises `InputError` for an unknown one."""
+    side = entries["TYRESIDE"].text.upper() if "TYRESIDE" in entries else "LEFT"
+    if side not in ("LEFT", "RIGHT", "SYMMETRIC", "BOTH", "UNKNOWN"):
+        raise InputError(
+            f"{path}:{entries['TYRESIDE'].line}: TYRESIDE: expected LEFT, RIGHT or SYMMETRIC, found {side!r}"
+        )
+    return side
+
+
+def _coefficients(path: Path, entries: Mapping[str, _Entry], axes: Axes, symmetric: bool) -> dict[str, float]:
+    """Dimensionless coefficients in ISO axes; those that make a tyre asymmetric are zero for a `symmetric` one. Raises
+    `InputError` where the sign of the cornering stiffness contradicts the axes."""
+    coefficients = {
+        name: _number(path, name.upper(), entries[name.upper()])
+        for group in _GROUPS.values()
+        for name in group.model_fields
+        if name.upper() in entries
+    }
+    if coefficients.get("pty1") == 0.0 or coefficients.get("pty2") == 0.0:  # not measured for relaxation
+        logging.getLogger(__name__).warning("%s: PTY1 or PTY2 is 0: the lateral force follows without a lag", path)
+        coefficients |= {"pty1": 0.0}
+        coefficients.pop("pty2", None)
+    if symmetric:
+        coefficients |= dict.fromkeys(ASYMMETRIC, 0.0)
+    if axes == "adapted_sae":
+        coefficients = adapted_sae_to_iso(coefficients)
+    if coefficients.get("pky1", -1.0) > 0:
+        other = "iso" if axes == "adapted_sae" else "adapted_sae"
+        raise InputError(
+            f"{path}:{entries['PKY1'].line}: PKY1 {entries['PKY1'].text} has the wrong sign for {axes} axes: the "
+            f"lateral force would push the tyre on; if the file's axes are others, say `axes: {other}`"
+        )
+    return coefficients
 
 
 def _merge(data: dict[str, Any], changes: Mapping[str, Any]) -> None:

@@ -174,7 +174,25 @@ def _plain(node: Any) -> Any:
 
 
 def _fault(path: Path, tree: CommentedMap, fault: Any) -> str:
-    """One line for one fault; the location of a tagged union carries the tag, which is no key of the file."""
+    """Message of one line for one fault: file, line and key, what was expected and what was found."""
+    line, keys = _place(tree, fault)
+    where = f"{path}:{line}: {'.'.join(keys) or 'file'}"
+    model, field = _field(fault["loc"])
+    found = _shown(fault["input"])
+    if fault["type"] == "missing":
+        wanted = field.description if field and field.description else "a value"
+        return f"{where}: missing; expected {wanted}{_range(field)}"
+    if fault["type"] == "extra_forbidden":
+        known = f"; known here: {', '.join(model.model_fields)}" if model else ""
+        return f"{where}: unknown key, found {found}{known}"
+    message = fault["msg"].removeprefix("Value error, ")
+    inside = "" if isinstance(fault["input"], dict) else f", found {found}"
+    return f"{where}: {message[:1].lower() + message[1:]}{inside}{_range(field)}"
+
+
+def _place(tree: CommentedMap, fault: Any) -> tuple[int, list[str]]:
+    """Line and keys of a fault in a file. The location of a tagged union carries the tag, which is no key of the file;
+    for a fault of several values, the message begins with the key of the wrong one."""
     node: Any = tree
     line = tree.lc.line + 1
     keys: list[str] = []
@@ -189,25 +207,14 @@ def _fault(path: Path, tree: CommentedMap, fault: Any) -> str:
         elif fault["type"] != "missing" or step != fault["loc"][-1]:
             continue
         keys.append(str(step))
-    if fault["type"] == "value_error":  # of several values; the message begins with the key of the wrong one
+    if fault["type"] == "value_error":
         for step in fault["msg"].removeprefix("Value error, ").split()[0].split("."):
             if not isinstance(node, CommentedMap) or step not in node:
                 break
             line = _line(node.lc.data, step, line)
             node = node[step]
             keys.append(step)
-    where = f"{path}:{line}: {'.'.join(keys) or 'file'}"
-    model, field = _field(fault["loc"])
-    found = _shown(fault["input"])
-    if fault["type"] == "missing":
-        wanted = field.description if field and field.description else "a value"
-        return f"{where}: missing; expected {wanted}{_range(field)}"
-    if fault["type"] == "extra_forbidden":
-        known = f"; known here: {', '.join(model.model_fields)}" if model else ""
-        return f"{where}: unknown key, found {found}{known}"
-    message = fault["msg"].removeprefix("Value error, ")
-    inside = "" if isinstance(fault["input"], dict) else f", found {found}"
-    return f"{where}: {message[:1].lower() + message[1:]}{inside}{_range(field)}"
+    return line, keys
 
 
 def _line(places: Any, key: Any, default: int) -> int:

@@ -68,41 +68,46 @@ def check(text: str, where: str) -> None:
         raise InputError(f"{where}: longer than {LARGEST_TEXT >> 20} MiB; expected a YAML file that people write")
     if "&" not in text and _shallow(text) and not _LONG_NUMBER.search(text):
         return
-    sizes: dict[str, int] = {}  # of anchors: nodes below them
-    open_: list[tuple[str | None, int]] = []  # anchors and nodes so far of the collections around
-    total = 0
     try:
-        for event in YAML(typ="safe", pure=True).parse(text):
-            line = event.start_mark.line + 1 if event.start_mark else 0
-            if isinstance(event, CollectionStartEvent):
-                open_.append((event.anchor, total))
-                if len(open_) > DEEPEST:
-                    raise InputError(f"{where}:{line}: nested more than {DEEPEST} levels deep")
-                total += 1
-            elif isinstance(event, CollectionEndEvent):
-                anchor, before = open_.pop()
-                if anchor is not None:
-                    sizes[anchor] = total - before
-            elif isinstance(event, AliasEvent):
-                if event.anchor in {anchor for anchor, _ in open_}:
-                    raise InputError(f"{where}:{line}: *{event.anchor} stands within what it stands for")
-                total += sizes.get(event.anchor, 1)
-            elif isinstance(event, ScalarEvent):
-                total += 1
-                if event.anchor is not None:
-                    sizes[event.anchor] = 1
-                if event.implicit[0] and _LONG_NUMBER.fullmatch(event.value):
-                    raise InputError(f"{where}:{line}: a number of {len(event.value)} characters")
-            if total > MOST_NODES:
-                raise InputError(f"{where}:{line}: stands for more than {MOST_NODES} values, aliases spelt out")
+        _measure(text, where)
     except YAMLError as error:
         raise InputError(f"{where}{_place(error)}: not valid YAML: {_problem(error)}") from None
     except RecursionError:
         raise InputError(f"{where}: nested more than {DEEPEST} levels deep") from None
 
 
+def _measure(text: str, where: str) -> None:
+    """Count the nodes of a text with its aliases spelt out. Raises `InputError` if it is too large or too deep."""
+    sizes: dict[str, int] = {}  # of anchors: nodes below them
+    open_: list[tuple[str | None, int]] = []  # anchors and nodes so far of the collections around
+    total = 0
+    for event in YAML(typ="safe", pure=True).parse(text):
+        line = event.start_mark.line + 1 if event.start_mark else 0
+        if isinstance(event, CollectionStartEvent):
+            open_.append((event.anchor, total))
+            if len(open_) > DEEPEST:
+                raise InputError(f"{where}:{line}: nested more than {DEEPEST} levels deep")
+            total += 1
+        elif isinstance(event, CollectionEndEvent):
+            anchor, before = open_.pop()
+            if anchor is not None:
+                sizes[anchor] = total - before
+        elif isinstance(event, AliasEvent):
+            if event.anchor in {anchor for anchor, _ in open_}:
+                raise InputError(f"{where}:{line}: *{event.anchor} stands within what it stands for")
+            total += sizes.get(event.anchor, 1)
+        elif isinstance(event, ScalarEvent):
+            total += 1
+            if event.anchor is not None:
+                sizes[event.anchor] = 1
+            if event.implicit[0] and _LONG_NUMBER.fullmatch(event.value):
+                raise InputError(f"{where}:{line}: a number of {len(event.value)} characters")
+        if total > MOST_NODES:
+            raise InputError(f"{where}:{line}: stands for more than {MOST_NODES} values, aliases spelt out")
+
+
 def _shallow(text: str) -> bool:
-    """Whether a text cannot be nested too deeply, at a look: brackets that are open, and indents."""
+    """True if a text cannot be nested too deeply, by its open brackets and its indents."""
     depth = 0
     for character in re.findall(r"[\[\]{}]", text):
         depth += 1 if character in "[{" else -1
