@@ -68,6 +68,10 @@ setup(
         "console_scripts": [
             f"vsense = {PACKAGE}.cli:main",
             *(f"{node} = {PACKAGE}.node.{node}:main" for node in nodes()),
-        ]
+        ],
+        "vsense_ros.observer": [
+            f"accelerator = {PACKAGE}.node.observer_accelerator:Accelerator",
+            f"identification = {PACKAGE}.node.observer_identification:Identification",
+        ],
     },
 )

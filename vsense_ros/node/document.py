@@ -22,8 +22,9 @@ def nodes() -> Iterator[tuple[ModuleType, type[NodeParameters]]]:
         module = import_module(f"{node.__name__}.{found.name}")
         (model,) = (
             value
-            for value in vars(module).values()
+            for name, value in vars(module).items()
             if isinstance(value, type) and issubclass(value, NodeParameters) and value.__module__ == module.__name__
+            if not name.startswith("_")
         )
         yield module, model
 

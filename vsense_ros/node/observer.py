@@ -11,18 +11,14 @@ import sys
 import time
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field
 
-from vsense_ros.accelerator.client import Client, Direct
-from vsense_ros.accelerator.device import Device
 from vsense_ros.errors import InputError
 from vsense_ros.files.installed import vehicle_path
 from vsense_ros.files.urdf import urdf
 from vsense_ros.files.vehicle import load_vehicle
-from vsense_ros.identify.online import ONLINE, TOPIC, OnlineIdentification
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
 from vsense_ros.messages.recording import Sample
@@ -30,16 +26,14 @@ from vsense_ros.messages.topics import WHEELS
 from vsense_ros.model.frames import sensor_frames
 from vsense_ros.model.vehicle import Vehicle
 from vsense_ros.node import autoware
-from vsense_ros.node.accelerator_link import TopicLink
 from vsense_ros.node.base import SensingNode, run_node
 from vsense_ros.node.convert import message_type
 from vsense_ros.node.durations import Durations
+from vsense_ros.node.extensions import Extension, fault_lines, installed, with_extensions
 from vsense_ros.node.origin import read_origin, write_origin
 from vsense_ros.node.parameters import NodeParameters, parameter, path_parameter
 from vsense_ros.node.reader import LATCHED, Reader
 from vsense_ros.node.transforms import Transforms
-from vsense_ros.observer.catalogue import MakeFilter
-from vsense_ros.observer.implicit import ACCELERATED, accelerated
 from vsense_ros.observer.monitor import load_limits
 from vsense_ros.runner import Runner
 from vsense_ros.runner.catalogue import every_filter
@@ -48,7 +42,7 @@ _MOST_FRAMES = 20  # that are told
 _PERCENTILES = (50, 90, 99, 99.9)
 
 
-class ObserverParameters(NodeParameters):
+class _OwnParameters(NodeParameters):
     """Vehicle and output."""
 
     vehicle: str = path_parameter("vehicle file, or the name of one in config/vehicles")
@@ -59,20 +53,6 @@ class ObserverParameters(NodeParameters):
     rate: float = parameter(250.0, "Hz", "highest rate of the estimates", gt=0, le=1000)
     publish_all: bool = Field(False, description="publish every estimate that is due, also when behind")
     monitor: str = path_parameter("limits that `vsense monitor --calibrate` wrote; empty: the fit is not judged")
-    identify: str = path_parameter(
-        "file that the identifying filter goes on from and stores its parameters in; empty: none runs"
-    )
-    accelerator: Literal["", "topics", "mock", "rtl"] = Field(
-        "",
-        description="what computes kernels of errorEKF or SPI, whose step is implicit then: the accelerator node over "
-        "its topics, or within this process NumPy or simulated hardware, in modelled time; empty: none",
-    )
-    accelerator_kernels: tuple[str, ...] = Field(
-        ("solve14",), description="which: solve14, suspension_motion, body_mass; of the full car solve56, body_mass"
-    )
-    accelerator_deadline: float = parameter(
-        0.002, "s", "longest wait for the accelerator; over topics with use_sim_time: 1 s", gt=0, le=1
-    )
     map_origin: tuple[float, ...] = parameter(
         (), "deg, deg, m", "latitude, longitude, height of the map's origin; empty: the stored one, else the first fix"
     )
@@ -85,15 +65,16 @@ class ObserverParameters(NodeParameters):
     autoware: bool = Field(False, description="publish vehicle/status/* of autoware_vehicle_msgs")
 
 
-class ObserverNode(SensingNode[ObserverParameters]):
+ObserverParameters = with_extensions(_OwnParameters, "ObserverParameters")
+
+
+class ObserverNode(SensingNode[_OwnParameters]):
     """See the module."""
 
     consumes = True
     _observer: Runner | None = None
     _inputs: tuple[Reader, ...] = ()
-    _identification: OnlineIdentification | None = None
-    _client: Client | None = None
-    _link: TopicLink | None = None
+    _extensions: tuple[Extension, ...] = ()
 
     def configure(self) -> None:
         p = self.parameters
@@ -103,21 +84,15 @@ class ObserverNode(SensingNode[ObserverParameters]):
             raise InputError(f"parameter map_origin has {len(p.map_origin)} numbers, expected three or none")
         origin = self._origin()
         car = load_vehicle(vehicle_path(p.vehicle))
-        self._client = None
-        if p.accelerator:
-            self._observer = Runner(car, origin, self._accelerated(car))
-        else:
-            self._observer = Runner(car, origin, every_filter()[p.filter].make if p.filter else None)
+        self._extend(car)
+        makers = [make for extension in self._extensions if (make := extension.make_filter()) is not None]
+        if not makers and p.filter:
+            makers = [every_filter()[p.filter].make]
+        self._observer = Runner(car, origin, makers[0] if makers else None)
         if self._observer.left_out:
             self.get_logger().warning(self._observer.left_out)
         if p.monitor:
             self._observer.watch(load_limits(p.monitor))
-        self._identification = (
-            OnlineIdentification(load_vehicle(vehicle_path(p.vehicle)), Path(p.identify)) if (p.identify) else None
-        )
-        self._next_identified = 0
-        if self._identification is not None:
-            self.create_output(TOPIC, "sensor_msgs/msg/JointState")
         # The topics are those of any estimate, also of one before the start.
         for sample in self._observer.output():
             self.create_output(sample.topic, sample.kind)
@@ -137,6 +112,18 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self._announce(car)
         self._foreign: set[tuple[str, str]] = set()  # topics and frames that were refused
         self._inputs = tuple(self._subscribe(topic, kind) for topic, kind in self._observer.topics.items())
+
+    def _extend(self, car: Vehicle) -> None:
+        """Make the extensions that the parameters ask for, and report those that cannot be imported."""
+        wanted, faults = installed()
+        for sentence in faults:
+            self.get_logger().warning(sentence)
+        self._extensions = ()
+        for extension in wanted:
+            if extension.is_wanted(self.parameters):
+                self._extensions += (extension(self, self.parameters, car),)
+                for topic, kind in extension.outputs.items():
+                    self.create_output(topic, kind)
 
     def _origin(self) -> tuple[float, float, float] | None:
         """The map's origin that was told, or that an earlier process of this node has stored."""
@@ -190,26 +177,6 @@ class ObserverNode(SensingNode[ObserverParameters]):
             self.publish_bytes("/tf_static", "tf2_msgs/msg/TFMessage", self._transforms.static())
             self.publish_bytes("robot_description", "std_msgs/msg/String", cdr.encode_text(self._description))
 
-    def _accelerated(self, car: Vehicle) -> MakeFilter:
-        """The filter of which an accelerator computes some kernels."""
-        p = self.parameters
-        name = p.filter or ("spi" if car.observer.parameters else "error_ekf")
-        if name not in ACCELERATED:
-            raise InputError(
-                f"parameter accelerator is {p.accelerator!r} with the filter {p.filter!r}; an accelerator computes "
-                f"kernels of {', '.join(ACCELERATED)} alone: leave filter empty, or accelerator"
-            )
-        if p.accelerator == "topics":
-            self._link = TopicLink(self)
-            # In a replay nothing may depend on how busy the machine is: there the observer waits.
-            waits = bool(self.get_parameter("use_sim_time").value)
-            client, at = Client(self._link, deadline=1.0 if waits else p.accelerator_deadline), None
-        else:
-            direct = Direct(Device(p.accelerator, p.accelerator_kernels))
-            client, at = Client(direct, deadline=p.accelerator_deadline), direct.at
-        self._client = client
-        return accelerated(name, client, p.accelerator_kernels, at)
-
     def _subscribe(self, topic: str, kind: str) -> Reader:
         def receive(data: bytes) -> None:
             self._receive(topic, kind, data)
@@ -217,15 +184,12 @@ class ObserverNode(SensingNode[ObserverParameters]):
         return Reader(self, message_type(kind), topic, receive, raw=True, made_anew=self.expect_question)
 
     def release(self) -> None:
-        if self._identification is not None:
-            self._identification.save()
-            self._identification = None
+        for extension in self._extensions:
+            extension.release()
+        self._extensions = ()
         for reader in self._inputs:
             reader.close()
         self._inputs = ()
-        if self._link is not None:
-            self._link.close()
-        self._link = None
 
     def _receive(self, topic: str, kind: str, data: bytes) -> None:
         observer = self._observer
@@ -249,8 +213,9 @@ class ObserverNode(SensingNode[ObserverParameters]):
         self.step_times.add(time.perf_counter() - before)
         if self._noise_untold:
             self._tell_noise(observer)
-        if self._identification is not None:
-            self._identify(self._identification, sample)
+        for extension in self._extensions:
+            for made in extension.add(sample):
+                self.publish(made)
         if not observer.started or not self._due(observer.stamp):
             return
         if self.parameters.publish_all:
@@ -288,13 +253,6 @@ class ObserverNode(SensingNode[ObserverParameters]):
             )
         self.refused_frames += 1
         return None
-
-    def _identify(self, identification: OnlineIdentification, sample: Sample) -> None:
-        """Hand a message on, and publish once a second what is identified."""
-        identification.add(sample)
-        if identification.stamp and abs(sample.stamp - self._next_identified) * 1e-9 >= ONLINE.period:
-            self._next_identified = sample.stamp
-            self.publish(identification.sample())
 
     def _due(self, stamp: int) -> bool:
         """Whether an estimate for this time may be published; half an interval of jitter costs none of them."""
@@ -346,7 +304,8 @@ class ObserverNode(SensingNode[ObserverParameters]):
             own = replace(own, level=Level.ERROR, message=message)
         if self._delays and any(line.level != Level.OK for line in sensors):
             others = [*self._clocks(round(self._observer.vehicle.observer.history * 1e9)), *others]
-        return [own, *others, *self._use_of_accelerator()]
+        extended = [line for extension in self._extensions for line in extension.diagnostics()]
+        return [own, *others, *extended, *fault_lines()]
 
     def _dead(self, lines: list[Diagnostic]) -> dict[str, str]:
         """Sensors that the estimate needs and of which nothing comes: what is wrong, by name. It needs what drives its
@@ -365,19 +324,6 @@ class ObserverNode(SensingNode[ObserverParameters]):
             or (without_speed and name in speed)
         }
 
-    def _use_of_accelerator(self) -> list[Diagnostic]:
-        client = self._client
-        if client is None:
-            return []
-        values = {name: str(number) for name, number in client.counts.items()}
-        values |= {"clocks of a result": str(client.compute_cycles), "of the link": str(client.link_cycles)}
-        values |= {"fallback": str(client.fallbacks), "longest wait [ms]": f"{1e3 * client.longest:.2f}"}
-        if client.is_off:
-            return [Diagnostic("use of accelerator", Level.WARN, "left alone: the processor does the work", values)]
-        level = Level.WARN if client.fallbacks else Level.OK
-        text = f"{client.fallbacks} of {client.counts['requests']} requests were computed by the processor"
-        return [Diagnostic("use of accelerator", level, text, values)]
-
     def _clocks(self, reach: int) -> list[Diagnostic]:
         """Which topics have stamps so far behind those of others [ns] that the filter cannot go back to them."""
         newest = min(self._delays.values())
@@ -391,15 +337,18 @@ class ObserverNode(SensingNode[ObserverParameters]):
     def summary(self) -> dict[str, Any]:
         if self._observer is None:
             return super().summary()
+        extended: dict[str, Any] = {"accelerator": {}}
+        for extension in self._extensions:
+            extended |= extension.summary()
         return {
             **super().summary(),
+            **extended,
             "received": dict(self.received),
             "unreadable": self.unreadable,
             "refused_frames": self.refused_frames,
             "step_us_median": 1e6 * self.step_times.percentile(50) if self.step_times.count else None,
             "latency_ms": percentiles(self.latencies),
             "parameters": self._observer.parameters() if self._observer.started else {},
-            "accelerator": dict(self._client.counts) if self._client is not None else {},
             "diagnostics": [
                 {"name": d.name, "level": int(d.level), "message": d.message, "values": dict(d.values)}
                 for d in self._observer.diagnostics()
