@@ -62,7 +62,7 @@ class Extension:
         return {}
 
     def release(self) -> None:
-        """Store what is to be kept, and close what is open."""
+        """Store what is to be kept, and close what is open; may be called more than once."""
 
 
 @cache

@@ -184,9 +184,8 @@ class ObserverNode(SensingNode[_OwnParameters]):
         return Reader(self, message_type(kind), topic, receive, raw=True, made_anew=self.expect_question)
 
     def release(self) -> None:
-        for extension in self._extensions:
+        for extension in self._extensions:  # which stay, as the summary is written afterwards
             extension.release()
-        self._extensions = ()
         for reader in self._inputs:
             reader.close()
         self._inputs = ()
