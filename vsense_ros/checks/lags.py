@@ -46,8 +46,8 @@ class LagCurve:
     @property
     def correlation(self) -> Array:
         """Correlation (k,), NaN where a signal is constant or the two have nothing in common."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.covariance / np.sqrt(self.variance_one * self.variance_other))
+        power = np.sqrt(self.variance_one * self.variance_other)
+        return np.divide(self.covariance, power, out=np.full(len(power), np.nan), where=power > 0)
 
     @property
     def ratio(self) -> Array:
@@ -84,8 +84,8 @@ def lag_curve(one: Array, other: Array, longest: int, least: float = 2) -> LagCu
     mean_one, mean_other = sums(a, mask_other) / count, sums(mask_one, b) / count
     variance_one = sums(a_square, mask_other) / count - mean_one**2
     variance_other = sums(mask_one, b_square) / count - mean_other**2
-    variance_one[variance_one <= _NO_POWER * power[0]] = np.nan
-    variance_other[variance_other <= _NO_POWER * power[1]] = np.nan
+    variance_one[variance_one <= _NO_POWER * power[0]] = 0.0
+    variance_other[variance_other <= _NO_POWER * power[1]] = 0.0
     return LagCurve(shifts, count, variance_one, variance_other, sums(a, b) / count - mean_one * mean_other)
 
 

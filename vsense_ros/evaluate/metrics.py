@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.checks.lags import lag_curve, refined
 from vsense_ros.evaluate.signals import Array, Series, read_signals, wrap
 from vsense_ros.messages.recording import Recording
 
 LONGEST_GAP = 0.5  # between two estimates, to interpolate between them [s]
 LONGEST_LAG = 1.0  # that is searched for [s]
+NO_DIFFERENCE = 1e-6  # of both variances, which the lag has to make to be known
 WEAKEST_CORRELATION = 0.5  # of estimate and truth, for a lag to mean something
 
 
@@ -115,8 +117,8 @@ def lag(estimate: Series, truth: Series) -> float | None:
 
     τ minimises the variance of estimate(t) - truth(t - τ) over the times at which both are known, for |τ| up to
     `LONGEST_LAG` and a quarter of the common time. The variance rather than the mean square, so that a bias does
-    not pass for a delay. It is evaluated at all whole steps of a common grid by FFT (each of its sums is a
-    correlation of masked signals) and refined below the step by the parabola through its minimum.
+    not pass for a delay. It is evaluated at all whole steps of a common grid and refined below the step by the
+    parabola through its minimum.
     """
     if len(estimate) < 4 or len(truth) < 4:
         return None
@@ -133,15 +135,20 @@ def lag(estimate: Series, truth: Series) -> float | None:
     both = x_known & y_known
     if both.sum() < 4:
         return None
-    variance, spread = _difference_variance(x, x_known, y, y_known, reach)
+    y[~y_known], x[~x_known] = np.nan, np.nan
+    curves = [lag_curve(one, other, reach) for one, other in zip(y.T, x.T, strict=True)]
+    variance = np.nan_to_num(np.sum([curve.difference_variance for curve in curves], axis=0), nan=np.inf)
+    power_y, power_x = (
+        np.sum([getattr(c, name) for c in curves], axis=0) for name in ("variance_one", "variance_other")
+    )
     best = int(np.argmin(variance))
-    if best in (0, 2 * reach) or variance.max() - variance[best] <= 1e-6 * spread:
+    in_all = variance[np.isfinite(variance)]
+    if best in (0, 2 * reach) or in_all.max() - variance[best] <= NO_DIFFERENCE * (power_y + power_x)[reach]:
         return None
-    if _correlation(x, y, x_known, y_known, best - reach) < WEAKEST_CORRELATION:
+    alike = float(np.sum([curve.covariance[best] for curve in curves]))
+    if not alike >= WEAKEST_CORRELATION * float(np.sqrt(power_y[best] * power_x[best])):
         return None
-    before, here, after = variance[best - 1 : best + 2]
-    curvature = before - 2.0 * here + after
-    return float((best - reach + 0.5 * (before - after) / curvature) * step)
+    return float((refined(variance, best) - reach) * step)
 
 
 def _resample(series: Series, origin: int, times: Array, longest_gap: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -159,41 +166,3 @@ def _resample(series: Series, origin: int, times: Array, longest_gap: float) -> 
     for column in range(value.shape[1]):
         value[:, column] = np.interp(times, own, source[:, column])
     return value, known
-
-
-def _difference_variance(
-    x: Array, x_known: NDArray[np.bool_], y: Array, y_known: NDArray[np.bool_], reach: int
-) -> tuple[Array, float]:
-    """Variance of y[i + s] - x[i] for s = -reach … reach over the i at which both are known; variance of x and y."""
-    size = 1 << (len(x) + reach).bit_length()
-    shifts = np.arange(-reach, reach + 1)
-
-    def correlate(a: Array, b: Array) -> Array:
-        spectrum = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
-        return np.asarray(np.fft.irfft(spectrum, size)[shifts], dtype=np.float64)
-
-    x_mask, y_mask = x_known.astype(float), y_known.astype(float)
-    count = np.maximum(correlate(x_mask, y_mask), 1.0)
-    total = np.zeros(len(shifts))
-    spread = 0.0
-    for column in range(x.shape[1]):
-        a = np.where(x_known, x[:, column] - x[x_known, column].mean(), 0.0)
-        b = np.where(y_known, y[:, column] - y[y_known, column].mean(), 0.0)
-        squares = correlate(x_mask, b * b) + correlate(a * a, y_mask) - 2.0 * correlate(a, b)
-        mean = (correlate(x_mask, b) - correlate(a, y_mask)) / count
-        total += squares / count - mean**2
-        spread += float(np.mean(a * a) + np.mean(b * b))
-    return total, spread
-
-
-def _correlation(x: Array, y: Array, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_], shift: int) -> float:
-    """Correlation coefficient of y[i + shift] and x[i]."""
-    count = len(x) - abs(shift)
-    first_x, first_y = max(0, -shift), max(0, shift)
-    both = x_known[first_x : first_x + count] & y_known[first_y : first_y + count]
-    if not both.any():
-        return 0.0
-    a, b = x[first_x : first_x + count][both], y[first_y : first_y + count][both]
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    power = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
-    return float(np.sum(a * b)) / power if power > 0.0 else 0.0

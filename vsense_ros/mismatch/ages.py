@@ -16,6 +16,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros.checks.aligned import means_around
+from vsense_ros.checks.blame import who_is_wrong
+from vsense_ros.checks.lags import LONG_LAGS, match
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Window
 from vsense_ros.model.effects import EVERY
 from vsense_ros.model.effects.base import bounds
@@ -27,13 +30,11 @@ Array = NDArray[np.float64]
 
 STEP = 0.05  # [s] between the values that are compared
 SPAN = 0.3  # [s] of the means
-MOST = 3.0  # [s] of a lag that is looked for
 LATE = 0.3  # [s] from where on a sensor is late: below it a fit finds how much, and cars take as long to respond
 AGREED = 0.25  # [s] within which recordings, and groups of a sensor, are equally late
 ALIKE = 0.7  # correlation of what tells one motion, at least, at the best lag …
 BETTER = 0.15  # … and how much more that is than without a lag, …
 CLEAR = 0.05  # … and than at any other lag: a slalom looks the same one period later
-APART = 0.4  # [s] from a lag to another one
 LEAST = 8.0  # [s] that are compared
 TURNING, PUSHING = 0.02, 0.2  # [rad/s], [m/s²] that tell a lag, as standard deviations
 
@@ -69,85 +70,40 @@ def with_ages(vehicle: Vehicle, older: Mapping[str, float]) -> Vehicle:
     return vehicle.model_copy(update={"physics": physics})
 
 
-def best_lag(one: Array, other: Array, step: float) -> tuple[float, float, float] | None:
-    """By how much the first of two signals (n,) at common times, `step` [s] apart, is the later one [s], their
-    correlation then, and how much smaller it is at any other lag; None where they have too little in common."""
-    shifts = range(-round(MOST / step), round(MOST / step) + 1)
-    values = np.array([_correlation(one, other, shift, LEAST / step) for shift in shifts])
-    if not np.isfinite(values).any():
-        return None
-    size = np.nan_to_num(np.abs(values))
-    at = int(np.argmax(size))
-    lags = np.array(shifts) * step
-    elsewhere = size[np.abs(lags - lags[at]) > APART]
-    return float(lags[at]), float(values[at]), float(size[at] - np.max(elsewhere, initial=0.0))
-
-
-def _correlation(one: Array, other: Array, shift: int, least: float) -> float:
-    """Of the first signal, `shift` steps later, with the other; NaN where they have too little in common."""
-    if abs(shift) >= len(one):
-        return np.nan
-    a = one[max(shift, 0) : len(one) + min(shift, 0)]
-    b = other[max(-shift, 0) : len(other) - max(shift, 0)]
-    good = np.isfinite(a) & np.isfinite(b)
-    if good.sum() < least:
-        return np.nan
-    a, b = a[good] - a[good].mean(), b[good] - b[good].mean()
-    power = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / power if power > 0 else np.nan
-
-
 _Pairs = Mapping[tuple[Source, Source], float]  # by how much the first is the later one [s]
 
 
 def _lags(windows: Sequence[Window], sensors: Mapping[str, SensorBase], vehicle: Vehicle) -> _Pairs:
-    """Between all that tell one motion well enough."""
-    found: dict[tuple[Source, Source], float] = {}
+    """The lags between all sources that measure one motion well enough."""
+    lags: dict[tuple[Source, Source], float] = {}
     for signals, least in zip(_motions(windows, sensors, vehicle), (TURNING, PUSHING), strict=True):
         moving = {source: v for source, v in signals.items() if np.nanstd(v, ddof=0) > least}
         for one, other in combinations(moving, 2):
-            told = best_lag(moving[one], moving[other], STEP)
-            if told is None:
+            found = match(moving[one], moving[other], STEP, LONG_LAGS)
+            if found is None or abs(found.best) < ALIKE:
                 continue
-            lag, correlation, clear = told
-            without = abs(np.nan_to_num(_correlation(moving[one], moving[other], 0, LEAST / STEP)))
-            if abs(correlation) < ALIKE:
-                continue
-            if abs(lag) < LATE:
-                found.setdefault((one, other), 0.0)
-            elif clear > CLEAR and without < abs(correlation) - BETTER:
-                found.setdefault((one, other), lag)
-    return found
+            if abs(found.lag) < LATE:
+                lags.setdefault((one, other), 0.0)
+            elif found.clear > CLEAR and abs(found.correlation) < abs(found.best) - BETTER:
+                lags.setdefault((one, other), found.lag)
+    return lags
 
 
 def _late(lags: _Pairs) -> dict[Source, float]:
-    """How late each source is against those that agree among themselves, who are not; nothing where two groups of them
-    agree as much."""
-    sources = sorted({source for pair in lags for source in pair})
-    lags = {**lags, **{(b, a): -lag for (a, b), lag in lags.items()}}
-    agree = {pair for pair, lag in lags.items() if lag == 0.0}
-
-    def together(of: Sequence[Source]) -> int:
-        """How many of these agree with one another; none where two contradict each other."""
-        pairs = list(combinations(of, 2))
-        return 0 if any(pair in lags and pair not in agree for pair in pairs) else sum(pair in agree for pair in pairs)
-
-    sets = [of for count in range(2, len(sources) + 1) for of in combinations(sources, count)]
-    agreeing = {of: together(of) for of in sets}
-    most = max(agreeing.values(), default=0)
-    largest = [of for of, number in agreeing.items() if number == most]
-    if not most:
+    """How late each source is against those that agree among themselves, which are not late; nothing where it is open
+    who is."""
+    agree = {pair: lag == 0.0 for pair, lag in lags.items()}
+    blame = who_is_wrong(agree, {})
+    if blame.undecided or not any(agree.values()):
         return {}
-    smallest = min(map(len, largest))
-    right = [of for of in largest if len(of) == smallest]
-    if len(right) > 1:
-        return {}
-    late = {source: _against(source, right[0], lags) for source in sources if source not in right[0]}
-    return dict.fromkeys(right[0], 0.0) | {source: float(np.median(told)) for source, told in late.items() if told}
-
-
-def _against(source: Source, others: Sequence[Source], lags: _Pairs) -> list[float]:
-    return [lags[source, other] for other in others if (source, other) in lags]
+    sources = dict.fromkeys(source for pair in lags for source in pair)
+    late = {source: 0.0 for source in sources if source not in blame.wrong}
+    for source in blame.wrong:
+        against = [lag if source == one else -lag for (one, other), lag in lags.items() if source in (one, other)
+                   and (other if source == one else one) not in blame.wrong]  # fmt: skip
+        if against:
+            late[source] = float(np.median(against))
+    return late
 
 
 def _motions(
@@ -160,7 +116,7 @@ def _motions(
     driven = np.zeros(len(t), dtype=bool)
     for window in windows:
         driven |= (t >= window.begin) & (t <= window.end)
-    speed = _smooth(t, _joined([w.speed for w in windows]), 0)
+    speed = _means(t, _joined([w.speed for w in windows]), 0)
     fast = np.where(driven & (speed > SLOWEST), speed, np.nan)
     chassis = vehicle.physics.chassis
     wheelbase = chassis.cog_to_front_axle + chassis.cog_to_rear_axle
@@ -176,22 +132,22 @@ def _motions(
     pushes: dict[Source, Array] = {}
     gyro, accelerometer = GROUPS
     if (inertial := of("rates and forces")) is not None:
-        turns[gyro] = _smooth(t, inertial[2], 2)
-        turns[accelerometer] = _smooth(t, inertial[2], 4) / fast
-        pushes[accelerometer] = _smooth(t, inertial[2], 3)
+        turns[gyro] = _means(t, inertial[2], 2)
+        turns[accelerometer] = _means(t, inertial[2], 4) / fast
+        pushes[accelerometer] = _means(t, inertial[2], 3)
     if (steering := of("steering")) is not None:
-        turns[steering[0]] = _smooth(t, steering[2], 0) * fast / wheelbase
+        turns[steering[0]] = _means(t, steering[2], 0) * fast / wheelbase
     if (course := of("course")) is not None:
-        east, north = (_smooth(t, course[2], axis) for axis in (0, 1))
+        east, north = (_means(t, course[2], axis) for axis in (0, 1))
         ahead = np.exp(1j * np.unwrap(np.nan_to_num(np.arctan2(north, east))))
         turns[course[0]] = np.where(np.isfinite(east), np.gradient(np.unwrap(np.angle(ahead)), STEP), np.nan)
         pushes[course[0]] = np.gradient(np.hypot(east, north), STEP)
     if (rolling := of("rolling speed")) is not None:
         value = Readings(rolling[2].t, rolling[1].mean_speed(rolling[2].value, radius)[:, None])
-        pushes[rolling[0]] = np.gradient(_smooth(t, value, 0), STEP)
+        pushes[rolling[0]] = np.gradient(_means(t, value, 0), STEP)
     if (torques := of("torques")) is not None:
         value = Readings(torques[2].t, torques[2].value.sum(axis=1, keepdims=True))
-        pushes[torques[0]] = _smooth(t, value, 0) / (radius * chassis.mass)
+        pushes[torques[0]] = _means(t, value, 0) / (radius * chassis.mass)
     hidden = ~(driven & np.isfinite(fast))
     for signals in (turns, pushes):
         for source in list(signals):
@@ -209,14 +165,6 @@ def _joined(parts: Sequence[Readings]) -> Readings:
     return Readings(t, value[first])
 
 
-def _smooth(at: Array, readings: Readings, column: int) -> Array:
-    """Means over `SPAN` of a component around times; NaN where there is nothing."""
-    value = readings.value[:, column]
-    present = np.isfinite(value)
-    if present.sum() < 2:
-        return np.full(len(at), np.nan)
-    t, value = readings.t[present], value[present]
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(t) * (value[1:] + value[:-1]) / 2)])
-    first, last = np.clip(at - SPAN / 2, t[0], t[-1]), np.clip(at + SPAN / 2, t[0], t[-1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (np.interp(last, t, integral) - np.interp(first, t, integral)) / (last - first)
+def _means(at: Array, readings: Readings, column: int) -> Array:
+    """Means of a component over `SPAN` seconds around times; NaN where there is nothing."""
+    return means_around(at, readings.t, readings.value[:, column], SPAN)

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from vsense_ros.checks.aligned import means_around, runs_of_equal_values, stretches
 from vsense_ros.checks.consistency import turning
 from vsense_ros.checks.examination import OF_UNITS, run
 from vsense_ros.checks.finding import Finding
+from vsense_ros.checks.lags import LONG_LAGS, match
 from vsense_ros.checks.mending import mends
 from vsense_ros.checks.motion import GNSS
 from vsense_ros.checks.roles import topics_of
@@ -24,7 +26,7 @@ from vsense_ros.checks.sentences import mend_in_words, sentence
 from vsense_ros.checks.subject import Subject
 from vsense_ros.identify.least_squares import DEFAULT, Fit, prior_weight, solve
 from vsense_ros.messages.recording import Recording
-from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE, best_lag
+from vsense_ros.mismatch.ages import ALIKE, BETTER, CLEAR, LATE
 from vsense_ros.mismatch.candidates import BASE
 from vsense_ros.mismatch.residuals import Residuals
 from vsense_ros.mismatch.windows import SLOWEST, Dataset, Readings, Spoilt, Window, build_dataset
@@ -48,6 +50,7 @@ SATURATED = 8  # samples at the end of a range, and as many times longer than it
 CLIPPED = 3  # times that a steering angle does so, which may be held at one end once
 INPUT_STILL = 2.0  # [s] of the same steering angle, or the same torques, during which the car begins to move otherwise
 GRIPPING = 4.0  # [m/s²] of lateral acceleration up to which the path follows the steering
+MOMENT = 0.2  # [s] of means beside which one wild sample is no motion
 SMOOTH = 0.5  # [s] of the means between which relations are judged
 RADIUS_APART = 0.04  # relative difference of rolling radii that two cars have
 STRANGE = 2.0  # standard deviations left over, from which on the recordings may be of several cars
@@ -102,9 +105,9 @@ def _cut_in_words(cut: Sequence[Spoilt]) -> Iterator[str]:
     by_reason: dict[str, list[Spoilt]] = {}
     for stretch in cut:
         by_reason.setdefault(stretch.reason, []).append(stretch)
-    for reason, stretches in by_reason.items():
+    for reason, cuts in by_reason.items():
         spans: list[tuple[float, float]] = []
-        for one in sorted(stretches, key=lambda one: one.begin):
+        for one in sorted(cuts, key=lambda one: one.begin):
             if spans and one.begin <= spans[-1][1]:
                 spans[-1] = spans[-1][0], max(spans[-1][1], one.end)
             else:
@@ -282,7 +285,7 @@ def _standing_still(windows: Sequence[Window], sensors: Mapping[str, SensorBase]
                 value, t = _present(readings.in_own_axes, column)
                 if len(value) < 2:
                     continue
-                first, length = _runs(value)
+                first, length = runs_of_equal_values(value)
                 last = first + length - 1
                 long = int(np.argmax(t[last] - t[first]))
                 duration = float(t[last[long]] - t[first[long]])
@@ -309,11 +312,11 @@ def _input_still(
     response, at = _present(imu, expected.component)
     if expected.by_speed:
         speed = np.interp(at, window.speed.t, window.speed.value[:, 0])
-        response = _averaged(at, response * speed)
+        response = means_around(at, at, response * speed, MOMENT)
         shape = response / np.maximum(speed, 1.0) ** 2
     else:
-        response = shape = _averaged(at, response)
-    for first, length in zip(*_runs(value), strict=True):
+        response = shape = means_around(at, at, response, MOMENT)
+    for first, length in zip(*runs_of_equal_values(value), strict=True):
         begin, end = t[first], t[first + length - 1]
         # The car needs a while to follow what went before, and means and clocks reach beyond the end.
         inside = (at >= begin + 0.5) & (at <= end - 0.3)
@@ -337,7 +340,7 @@ def _saturated(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> 
             if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
                 continue
             ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-            runs = [(window, value, t, *_runs(value)) for window, value, t in parts]
+            runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
             elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
             usual = float(np.percentile(elsewhere, 99)) if len(elsewhere) else 1.0
             for end in ends:
@@ -364,7 +367,7 @@ def _clipped(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> It
         if not parts or len(np.unique(np.concatenate([value for _, value, _ in parts]))) < COARSE:
             continue
         ends = max(value.max() for _, value, _ in parts), min(value.min() for _, value, _ in parts)
-        runs = [(window, value, t, *_runs(value)) for window, value, t in parts]
+        runs = [(window, value, t, *runs_of_equal_values(value)) for window, value, t in parts]
         elsewhere = np.concatenate([length[~np.isin(value[first], ends)] for _, value, _, first, length in runs])
         longest = int(elsewhere.max(initial=1))
         for end in ends:
@@ -381,7 +384,7 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
         if len(t) < 2:
             continue
         speed = np.interp(t, window.speed.t, window.speed.value[:, 0])
-        fast = np.abs(_averaged(t, rate * speed)) > SPIN
+        fast = np.abs(means_around(t, t, rate * speed, MOMENT)) > SPIN
         reason = f"the car spins in {window.name}, or the unit of its yaw rate or speed is wrong"
         yield from (_stretch(window, *span, reason) for span in _spans(t, fast))
         velocity = _telling(window, sensors, "course")
@@ -400,10 +403,9 @@ def _spinning(windows: Sequence[Window], sensors: Mapping[str, SensorBase]) -> I
             yield _stretch(window, begin - SLIDE_TIME, end, reason)
 
 
-def _spans(t: Array, there: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Begin and end [s] of each stretch in which something is there."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
-    return [(float(t[first]), float(t[last - 1])) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+def _spans(t: Array, where: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Begin and end [s] of each stretch in which a mask is true."""
+    return [(float(t[first]), float(t[end - 1])) for first, end in stretches(where)]
 
 
 @dataclass(frozen=True)
@@ -479,10 +481,10 @@ def _unrelated(drive: _Drive, name: str) -> Iterator[str]:
         if alike > 0.3 and low < size < high:
             continue
         # The lag comes before sign and scale: what is a second late goes along with nothing.
-        late = best_lag(found, expected, SMOOTH / 2)
-        if late is not None and abs(late[0]) >= LATE and late[2] > CLEAR and late[1] > max(ALIKE, alike + BETTER):
-            side = "behind" if late[0] > 0 else "ahead of"
-            yield f"in {name} the {what} lies {abs(late[0]):.1f} s {side} {other}; which of the clocks is wrong?"
+        late = match(found, expected, SMOOTH / 2, LONG_LAGS)
+        if late is not None and abs(late.lag) >= LATE and late.clear > CLEAR and late.best > max(ALIKE, alike + BETTER):
+            side = "behind" if late.lag > 0 else "ahead of"
+            yield f"in {name} the {what} lies {abs(late.lag):.1f} s {side} {other}; which of the clocks is wrong?"
         elif alike < -0.5:
             yield f"in {name} the {what} has the sign opposite to {other}"
         elif not low < size < high:
@@ -553,25 +555,6 @@ def _present(readings: Readings, column: int) -> tuple[Array, Array]:
     return value[present], readings.t[present]
 
 
-def _runs(value: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First index and length of each stretch of equal values."""
-    changes = np.diff(value, axis=0) != 0.0
-    first = np.concatenate([[0], np.flatnonzero(changes if value.ndim == 1 else changes.any(axis=1)) + 1])
-    return first, np.diff(np.append(first, len(value)))
-
-
-def _averaged(t: Array, value: Array) -> Array:
-    """Means over 0.2 s: one wild sample is no motion."""
-    return _mean(t, t, value, 0.2)
-
-
-def _mean(at: Array, t: Array, value: Array, span: float = SMOOTH) -> Array:
-    """Mean over `span` seconds around the times `at`; NaN where there is nothing."""
-    present = np.isfinite(value)
-    if present.sum() < 2:
-        return np.full(len(at), np.nan)
-    t, value = t[present], value[present]
-    integral = cumulative_trapezoid(value, t, initial=0)
-    begin, end = np.clip(at - span / 2, t[0], t[-1]), np.clip(at + span / 2, t[0], t[-1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (np.interp(end, t, integral) - np.interp(begin, t, integral)) / (end - begin)
+def _mean(at: Array, t: Array, value: Array) -> Array:
+    """Means over `SMOOTH` seconds around the times `at`; NaN where there is nothing."""
+    return means_around(at, t, value, SMOOTH)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
+from vsense_ros.checks.aligned import stretches
 from vsense_ros.estimation.reading import Map, Reader
 from vsense_ros.messages.recording import Recording
 from vsense_ros.mismatch.road import ROAD_SETTINGS, Road, points
@@ -372,9 +373,8 @@ def _driving(
         good &= (grid >= t[0]) & (grid <= t[-1]) & _told(grid, t)
     for first, last in spoilt:
         good &= (grid < first) | (grid > last)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        begin, end = float(grid[first]), float(grid[last - 1])
+    for row, behind in stretches(good):
+        begin, end = float(grid[row]), float(grid[behind - 1])
         if end - begin >= SHORTEST:
             yield begin, end
 
