@@ -91,7 +91,7 @@ def velocity_against_position(signals: AlignedSignals) -> Finding | None:
         if (agree := _turns_with_gyro(signals, values, good)) is not None:
             pairs[name, GYRO] = agree
     trust = {GYRO: 2.0, "position": 1.0, "velocity": 0.5}
-    if pairs.get(("velocity", GYRO)) and "position" in who_is_wrong(pairs, trust).wrong:
+    if pairs.get(("position", GYRO)) is False and "position" in who_is_wrong(pairs, trust).wrong:
         reason = Reason.POSITION_AGAINST_YAW_RATE
         return Finding(position_topic, Kind.AXES, reason, against=velocity_topic, evidence=evidence)
     if close:

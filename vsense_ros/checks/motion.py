@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.checks.aligned import AlignedSignals, spread
+from vsense_ros.checks.aligned import AlignedSignals, robust_deviation, spread
 from vsense_ros.checks.lags import Match, match
 from vsense_ros.checks.roles import Role
 from vsense_ros.checks.setting import JUDGEMENT, setting
@@ -59,6 +59,7 @@ class Motion:
     turns: dict[str, Array] = field(default_factory=dict)
     pushes: dict[str, Array] = field(default_factory=dict)
     radius: float | None = None  # by which wheels roll [m], negative where they turn backwards; None: not measured
+    radius_scatter: float = 0.0  # standard deviation of it over the drive [m]
 
     @property
     def has_speed(self) -> bool:
@@ -141,7 +142,8 @@ def _add_wheels(motion: Motion, *, known: bool) -> None:
     mean = np.mean([signals[name] for name in names], axis=0)
     moving = (motion.speed > SETTINGS.slowest) & (np.abs(mean) > SETTINGS.wheel_spin)
     if known and moving.sum() > m.rows(1.0):
-        motion.radius = float(np.median(motion.speed[moving] / mean[moving]))
+        ratio = motion.speed[moving] / mean[moving]
+        motion.radius, motion.radius_scatter = float(np.median(ratio)), robust_deviation(ratio)
     radius = abs(motion.radius or SETTINGS.rolling_radius)
     rolling = mean * radius
     if not known:

@@ -46,9 +46,10 @@ LAGS = LagSettings(longest=3.0, least_overlap=2.0)
 
 
 def orientation(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
-    """Axes, signs and sides that are exchanged, each with the transformation that mends it."""
+    """Axes, signs and sides that are exchanged, each with the transformation that mends it; nothing where GNSS, which
+    shows them, is wrong itself."""
     motion = subject.motion
-    if motion is not None:
+    if motion is not None and not subject.frame_findings and not subject.course_findings:
         yield from _inertial(motion, subject.topics[Role.IMU])
         yield from _steering(motion, subject.topics[Role.STEERING])
         yield from _sides(motion, subject.topics[Role.WHEELS])

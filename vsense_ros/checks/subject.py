@@ -60,18 +60,19 @@ class Subject:
     @cached_property
     def course_findings(self) -> tuple[Finding, ...]:
         """What is wrong with the course of the GNSS velocity, given how the car turns."""
-        found = None if self.measured_motion is None or self._velocity_is_wrong else course_stays(self.measured_motion)
+        found = None if self.measured_motion is None or self.velocity_is_wrong else course_stays(self.measured_motion)
         return () if found is None else (found,)
 
     @property
-    def _velocity_is_wrong(self) -> bool:
+    def velocity_is_wrong(self) -> bool:
+        """Whether the GNSS velocity is in another frame or unit than the position."""
         return any(finding.topic == self.topics[Role.VELOCITY] for finding in self.frame_findings)
 
     @cached_property
     def measured_motion(self) -> Motion | None:
         """How each sensor measures the motion, with the course of the GNSS velocity unless that is no velocity over
         ground; None where nothing of it is measured."""
-        return None if self.aligned is None else motion_of(self.aligned, course_by_position=self._velocity_is_wrong)
+        return None if self.aligned is None else motion_of(self.aligned, course_by_position=self.velocity_is_wrong)
 
     @cached_property
     def motion(self) -> Motion | None:

@@ -36,6 +36,7 @@ class UnitSettings:
     speed_unit: float = setting(0.03, "-", "relative error of the rolling radius of wheels told as speeds")
     spin_unit: float = setting(0.4, "-", "relative error of a usual car's rolling radius")
     least_driving: float = setting(1.0, "s", "in which wheels are compared with GNSS", JUDGEMENT)
+    radius_scatter: float = setting(0.1, "-", "of the radius, beyond which it is not determined", JUDGEMENT)
     antenna: float = setting(2.0, "m", "that an antenna may be beside the middle of a car", JUDGEMENT)
     antenna_share: float = setting(0.01, "-", "of the speed by which such an antenna may be faster", JUDGEMENT)
     road_wheel: float = setting(1.2, "rad", "largest angle of a road wheel", "taxis reach 1.0 rad")
@@ -89,7 +90,9 @@ def gravity(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
 def rolling(subject: Subject, _: Sequence[Finding]) -> Iterator[Finding]:
     """Wheel speeds whose ratio to the speed over ground is no rolling radius, but one of a unit or a sign."""
     motion, wheels = subject.motion, subject.topics[Role.WHEELS]
-    if motion is None or motion.radius is None:
+    if motion is None or motion.radius is None or subject.velocity_is_wrong:
+        return
+    if motion.radius_scatter > SETTINGS.radius_scatter * abs(motion.radius):
         return
     radius, known, velocity = motion.radius, subject.radius, subject.topics[Role.VELOCITY]
     if radius < 0:

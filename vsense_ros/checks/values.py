@@ -78,7 +78,7 @@ class ValueSettings:
 
 
 SETTINGS = ValueSettings()
-_ROUNDING = 1e-12  # by which means of equal values differ
+_ROUNDING = 1e-9  # by which means of equal values differ
 _SIGNALS = (Role.IMU, Role.VELOCITY, Role.WHEELS, Role.STEERING)
 
 
