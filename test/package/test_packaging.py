@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 import sys
 import types
 from importlib.metadata import entry_points
@@ -12,6 +13,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+import setuptools
 
 ROOT = Path(__file__).parents[2]
 NODES = sorted(path.stem for path in (ROOT / "vsense_ros" / "node").glob("*.py") if "\ndef main(" in path.read_text())
@@ -59,6 +61,14 @@ def test_every_file_of_the_package_is_installed() -> None:
     for path in sorted((ROOT / "vsense_ros").rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
             assert path in installed, f"setup.py leaves {path.relative_to(ROOT)} out"
+
+
+def test_studies_and_tests_are_no_part_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    described: dict[str, Any] = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **settings: described.update(settings))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path(str(ROOT / "setup.py"))
+    assert {name.partition(".")[0] for name in described["packages"]} == {"vsense_ros"}
 
 
 @pytest.mark.parametrize("name", ["vsense", *NODES])
