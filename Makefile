@@ -52,6 +52,7 @@ house: venv ## the measures of the code base beside their goals, to out/house.js
 
 docs: venv ## the pages, schemas and pictures of docs/ that are made from code
 	@$(VENV)/bin/python tools/docs.py
+	@$(VENV)/bin/python tools/test_times.py --page
 
 demo: venv ## the recorded drives through the ROS processes: tables, pictures, report in out/demo
 	$(VENV)/bin/vsense demo

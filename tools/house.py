@@ -19,6 +19,9 @@ from typing import Any
 
 from radon.complexity import cc_visit
 
+sys.path.insert(0, str(Path(__file__).parent))
+from circles import circles
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = "vsense_ros"
 MOST_LINES = 500  # of a file
@@ -118,22 +121,20 @@ def measures(root: Path = ROOT) -> dict[str, Any]:
         "literals_per_1000": round(1000 * sum(literals(tree) for tree in trees) / lines, 2),
         "files_over_500": sum(module.lines > MOST_LINES for module in package),
         "complexity_max": max(c for module in package for c, _ in complexities(module)),
-        "circles": circles(root),
+        "circles": len(circles(root)),
         "hard_dependencies": hard_dependencies(root),
         "test_minutes": written(root / "out/test.json", "minutes"),
         "docstrings_of_whether_the_same": sum(fragments(tree) for tree in trees),
-        "mutants_killed_percent": written(root / "out/mutants.json", "killed_percent"),
+        "mutants_killed_percent": mutants_killed(root / "out/mutants"),
         "classes_of_25_methods": len([c for module in package for c in many_methods(module)]),
     }
 
 
-def circles(root: Path) -> int | None:
-    """Number of groups of modules that import each other, as tools/circles.py counts them."""
-    try:
-        from circles import circles as groups
-    except ImportError:
-        return None
-    return len(groups(root))
+def mutants_killed(folder: Path) -> float | None:
+    """Percentage of mutants that tests kill, in all packages that tools/mutants.py has examined."""
+    reports = [json.loads(path.read_text(encoding="utf-8"))["mutants"] for path in sorted(folder.glob("*.json"))]
+    killed = [bool(mutant["killed"]) for report in reports for mutant in report]
+    return round(100 * sum(killed) / len(killed), 1) if killed else None
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,17 @@ def test_functions_that_call_others_are_written_out_in_full() -> None:
     assert "half" not in text
 
 
+def test_what_was_compiled_is_kept_as_long_as_its_sources_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VSENSE_CACHE", str(tmp_path / "cache"))
+    source = tmp_path / "vsense.c"
+    source.write_text("int answer(void);\nint answer(void) { return 1; }\n")
+    assert check.build(tmp_path).answer() == 1
+    assert check.build(tmp_path).answer() == 1
+    assert len(list((tmp_path / "cache").glob("*.so"))) == 1
+    source.write_text(source.read_text().replace("1", "2"))
+    assert check.build(tmp_path).answer() == 2
+
+
 # Sources
 
 

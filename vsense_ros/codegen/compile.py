@@ -62,36 +62,42 @@ def _own(folder: Path) -> bool:
     return True
 
 
-def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
-    """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible.
+def kept(name: str, content: Sequence[str], make: Callable[[Path], Path]) -> Path:
+    """The library made from this content: the one in the cache, or else what `make` builds in an empty folder.
 
-    Safe against two processes that build at once: one builds beside the final place and moves the result there.
-    `name` is for humans: it begins the library's file name.
+    `make` returns the path of its result, which one step moves to its place, so that processes may build at once.
+    `name` is for humans: it begins the file's name. Raises `OSError` where nothing can be kept: also where the cache
+    belongs to somebody else, or others may write there.
     """
+    target = compiled_folder() / f"{name}-{hashlib.sha256(chr(10).join(content).encode()).hexdigest()[:20]}.so"
+    if not _own(target.parent):
+        raise PermissionError(
+            f"{target.parent} belongs to somebody else, or others may write there: what is compiled is not kept in it; "
+            "name a folder of your own in VSENSE_CACHE"
+        )
+    if target.exists():
+        return target
+    with one_builder(target):
+        if not target.exists():
+            with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+                os.replace(make(Path(folder)), target)
+    return target
+
+
+def library(name: str, source: str, flags: Sequence[str] = ()) -> Path | None:
+    """C source compiled into a shared library in the cache, with more `flags`, or None where that is impossible."""
     cc = compiler()
     if cc is None or cc in _broken:
         return None
-    key = hashlib.sha256("\n".join((cc, *FLAGS, *flags, _processor(), source)).encode()).hexdigest()
-    target = compiled_folder() / f"{name}-{key[:20]}.so"
+
+    def make(folder: Path) -> Path:
+        (folder / "source.c").write_text(source, encoding="utf-8")
+        command = [cc, *FLAGS, "source.c", "-o", "library.so", *flags, "-lm"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=600)
+        return folder / "library.so"
+
     try:
-        if not _own(target.parent):
-            _broken.add(cc)
-            log.warning(
-                "%s belongs to somebody else, or others may write there: what is compiled is not kept in it; name a "
-                "folder of your own in VSENSE_CACHE. Continuing without compiled code",
-                target.parent,
-            )
-            return None
-        if target.exists():
-            return target
-        with one_builder(target):
-            if not target.exists():
-                with tempfile.TemporaryDirectory(dir=target.parent) as folder:
-                    (Path(folder) / "source.c").write_text(source, encoding="utf-8")
-                    command = [cc, *FLAGS, "source.c", "-o", "library.so", *flags, "-lm"]
-                    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=600)
-                    os.replace(Path(folder) / "library.so", target)
-        return target
+        return kept(name, (cc, *FLAGS, *flags, _processor(), source), make)
     except (OSError, subprocess.SubprocessError) as error:
         _broken.add(cc)
         log.warning("compiling %s failed, continuing without compiled code: %s%s", name, error, _said(error))

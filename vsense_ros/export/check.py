@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense_ros import codegen
 from vsense_ros.estimation.filter import Gaussian, Innovation
 from vsense_ros.export import c
 from vsense_ros.export.same_calls import Difference, ExportedFilter, lead, relative, require_start
@@ -32,12 +33,22 @@ FLAGS = ("-O3", "-std=c99", "-Wall", "-Wextra", "-pedantic")
 
 
 def build(folder: Path, flags: tuple[str, ...] = FLAGS, sources: Sequence[Path] = ()) -> ctypes.CDLL:
-    """The `sources` in `folder`, by default vsense.c, as a library. Raises `InputError` where there is no compiler, or
-    where it complains."""
-    with tempfile.TemporaryDirectory() as place:
-        target = Path(place) / "vsense.so"
-        compile_library(sources or (folder / "vsense.c",), target, flags, ", which a check needs")
-        return ctypes.CDLL(str(target))
+    """Library made of the `sources` in `folder`, by default vsense.c; kept in the cache, by its content.
+
+    Raises `InputError` where there is no compiler, or where it complains.
+    """
+
+    def make(place: Path) -> Path:
+        compile_library(sources or (folder / "vsense.c",), place / "vsense.so", flags, ", which a check needs")
+        return place / "vsense.so"
+
+    texts = [file.read_text(encoding="utf-8") for file in sorted(folder.rglob("*.[ch]"))]
+    names = [source.name for source in sources]
+    try:
+        return ctypes.CDLL(str(codegen.kept("export", (codegen.compiler() or "", *flags, *names, *texts), make)))
+    except OSError:  # nowhere to keep it
+        with tempfile.TemporaryDirectory() as place:
+            return ctypes.CDLL(str(make(Path(place))))
 
 
 class Exported(ExportedFilter):
