@@ -11,11 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from vsense_ros.bag import BagWriter, mcap, read_bag, write_bag
+from vsense_ros.bag import BagWriter, read_bag, write_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import cdr
 from vsense_ros.messages.diagnostic import Diagnostic, Level
@@ -286,7 +287,7 @@ def test_a_damaged_message_in_a_sound_chunk_is_left_out_and_counted(tmp_path: Pa
     [
         (b"", "is empty"),
         (b"#ROSBAG V2.0\n", "not an MCAP file"),
-        (mcap._MAGIC, "no intact message"),
+        (MCAP0_MAGIC, "no intact message"),
     ],
 )
 def test_a_file_that_is_no_bag_is_an_input_error(tmp_path: Path, content: bytes, message: str) -> None:
@@ -363,13 +364,13 @@ def test_unchunked_messages_are_read(tmp_path: Path) -> None:
     def record(opcode: int, body: bytes) -> bytes:
         return struct.pack("<BQ", opcode, len(body)) + body
 
-    data = mcap._MAGIC + record(1, text("ros2") + text("by hand"))
+    data = MCAP0_MAGIC + record(1, text("ros2") + text("by hand"))
     data += record(3, struct.pack("<H", 1) + text(sample.kind) + text("ros2msg") + text(""))
     data += record(4, struct.pack("<HH", 5, 1) + text("/t") + text("cdr") + struct.pack("<I", 0))
     data += record(5, struct.pack("<HIQQ", 5, 0, 9, 9) + cdr.encode(sample))
     data += record(0x0F, struct.pack("<I", zlib.crc32(data)))
     file = tmp_path / "plain.mcap"
-    file.write_bytes(data + record(2, struct.pack("<QQI", 0, 0, 0)) + mcap._MAGIC)
+    file.write_bytes(data + record(2, struct.pack("<QQI", 0, 0, 0)) + MCAP0_MAGIC)
     found = read_bag(file)
     assert found["t"].columns["vector"].tolist() == [[0, 1, 2]]
     assert (found["t"].stamp[0], found["t"].received[0], found.notes) == (7, 9, ())

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from hidden import driven, having, prototype, wrong
-from vsense_ros.bag.mcap import write_bag
+from vsense_ros.bag import write_bag
 from vsense_ros.cli import main
 from vsense_ros.cli.common import STRETCH, Stretch, distinct_names, import_named
 from vsense_ros.errors import InputError

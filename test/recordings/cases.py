@@ -312,7 +312,7 @@ def xsens_delta_or_fixed_point(folder: Path) -> None:
 def rolled_over_log_time(folder: Path) -> None:
     path, recording = small_bag(folder)
     file = path / "good_0.mcap"
-    from vsense_ros.bag.mcap import BagWriter
+    from vsense_ros.bag import BagWriter
 
     imu = recording["imu/data"]
     with BagWriter(folder / "rolled", compression="") as writer:

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vsense_ros.bag.mcap import RELIABLE_QOS, TopicDescription
+from vsense_ros.bag.metadata import RELIABLE_QOS, TopicDescription
 from vsense_ros.errors import InputError
 from vsense_ros.messages import definitions
 from vsense_ros.node.raw_type import raw_type

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vsense_ros.bag.mcap import read_bag as read
+from vsense_ros.bag.reading import read_bag as read
 
 __all__ = ["DESCRIPTION", "NAME", "matches", "read"]
 

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from vsense_ros.bag.mcap import channels_of
+from vsense_ros.bag.decoding import TopicMessages, channels_of
 from vsense_ros.errors import InputError
 from vsense_ros.messages.recording import FIELDS, Recording
 
@@ -37,7 +37,7 @@ def read(path: Path) -> Recording:
         raise InputError(f"{path}: not a ROS 1 bag of version 2.0: {what}")
     ros1, ros2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
     converters: dict[str, Callable[[bytes | memoryview], memoryview]] = {}
-    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    merged: dict[str, TopicMessages] = {}
     skipped: dict[tuple[str, str], int] = {}
     damage: list[str] = []
     count = 0
@@ -47,20 +47,20 @@ def read(path: Path) -> Recording:
             rows = (row for connection in bag.connections for row in bag.messages(connections=[connection]))
             for connection, time, data in rows:
                 topic, kind = connection.topic.lstrip("/"), connection.msgtype
-                if kind not in FIELDS or merged.get(topic, (kind,))[0] != kind:
+                if kind not in FIELDS or (topic in merged and merged[topic].kind != kind):
                     skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
                     continue
                 if kind not in converters:
                     converters[kind] = generate_message_converter(
                         ros1, ros2, kind, kind, {}, src_is2=False, dst_is2=True
                     )
-                _, payloads, times = merged.setdefault(topic, (kind, [], []))
+                messages = merged.setdefault(topic, TopicMessages(kind))
                 count += 1
                 try:
-                    payloads.append(bytes(converters[kind](data)))
+                    payload = bytes(converters[kind](data))
                 except (struct.error, ValueError, IndexError, AssertionError):
-                    payloads.append(b"")  # counted as damaged with those that cannot be decoded
-                times.append(time)
+                    payload = b""  # counted as damaged with those that cannot be decoded
+                messages.append(payload, time)
     except MemoryError:
         raise
     except (

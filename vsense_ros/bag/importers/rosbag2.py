@@ -10,7 +10,8 @@ from typing import Any
 
 import zstandard
 
-from vsense_ros.bag.mcap import channels_of, read_bag
+from vsense_ros.bag.decoding import TopicMessages, channels_of
+from vsense_ros.bag.reading import read_bag
 from vsense_ros.errors import InputError
 from vsense_ros.messages import yaml_text
 from vsense_ros.messages.recording import FIELDS, Recording
@@ -42,7 +43,7 @@ def read(path: Path) -> Recording:
     notes: list[str] = []
     damage: list[str] = []
     per_message = path.is_dir() and _mode(path, notes) == "message"
-    merged: dict[str, tuple[str, list[bytes], list[int]]] = {}
+    merged: dict[str, TopicMessages] = {}
     skipped: dict[tuple[str, str], int] = {}
     others: list[Recording] = []
     for part in parts:
@@ -128,7 +129,7 @@ def _joined(parts: list[Recording], path: Path, notes: list[str], damage: list[s
 def _take(
     part: Path,
     per_message: bool,
-    merged: dict[str, tuple[str, list[bytes], list[int]]],
+    merged: dict[str, TopicMessages],
     skipped: dict[tuple[str, str], int],
     damage: list[str],
 ) -> None:
@@ -166,12 +167,11 @@ def _take(
                     data = unpack.decompress(data, max_output_size=1 << 20)
                 except zstandard.ZstdError:
                     data = b""
-            known, payloads, times = merged.setdefault(topic, (kind, [], []))
-            if known != kind:
+            messages = merged.setdefault(topic, TopicMessages(kind))
+            if messages.kind != kind:
                 skipped[topic, kind] = skipped.get((topic, kind), 0) + 1
                 continue
-            payloads.append(data)
-            times.append(time % 2**64)
+            messages.append(data, time % 2**64)
     except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{part}: not a bag of rosbag2 that can be read: {error}") from None
     finally:
