@@ -40,8 +40,10 @@ def _git(root: Path, *arguments: str) -> list[str]:
 
 
 def imports(root: Path = ROOT) -> dict[str, set[str]]:
-    """Of each Python file of package and tests the files that it imports, as paths below the repository."""
-    files = {str(path.relative_to(root)) for folder in (PACKAGE, "test") for path in (root / folder).rglob("*.py")}
+    """For each Python file of package, studies and tests the files that it imports, as paths below the repository."""
+    files = {
+        str(path.relative_to(root)) for folder in (PACKAGE, "studies", "test") for path in (root / folder).rglob("*.py")
+    }
     return {file: {one for one in _imported(root, file, files) if one != file} for file in files}
 
 
@@ -79,7 +81,7 @@ def _meant(change: str, imported: Iterable[str], root: Path) -> list[str]:
     """The Python files that a changed file stands for: itself, or those that name it, as they do a template or C."""
     if change in imported:
         return [change]
-    if change.endswith(".py") or Path(change).parts[0] not in (PACKAGE, "test", "config", "docs", "tools"):
+    if change.endswith(".py") or Path(change).parts[0] not in (PACKAGE, "studies", "test", "config", "docs", "tools"):
         return []
     name = Path(change).name
     return [file for file in imported if name in (root / file).read_text(encoding="utf-8")]
