@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from marks import exam_except
-from vsense_ros.assess.faults import CASES, CIRCLE, LANE_CHANGE, RAV4, STEP, Case, drive, examine, observe
+from vsense_ros.assess.faults import CASES, CIRCLE, LANE_CHANGE, RAV4, STEP, Case, concerns, drive, examine, observe
 from vsense_ros.bag import datasets
 from vsense_ros.errors import InputError
 from vsense_ros.evaluate import faults
@@ -40,14 +40,46 @@ def _parameters(*, fast: bool) -> list[object]:
     return [pytest.param(case, id=f"{case.title}, {case.drive}, {case.times[0]:g} s") for case in chosen]
 
 
-def _holds(case: Case) -> None:
+def _holds(case: Case, filter: str = "") -> None:
     try:
-        found = examine(case)
+        found = examine(case, filter)
     except InputError as error:
         pytest.skip(str(error))
-    if (case.title, case.drive) in OPEN and not found.holds:
+    if not filter and (case.title, case.drive) in OPEN and not found.holds:
         pytest.xfail(OPEN[case.title, case.drive])
     assert found.holds, found
+
+
+KINEMATIC = ("strapdown", "inertial", "integrated")
+FAST_OF_KINEMATIC = {
+    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "inertial"),
+    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "strapdown"),
+    ("gyro z +0.5 rad/s, 1 s", LANE_CHANGE, "integrated"),
+    ("gyros frozen", LANE_CHANGE, "inertial"),
+    ("IMU silent for 3 s", LANE_CHANGE, "inertial"),
+}
+
+
+def _parameters_of_kinematic(*, fast: bool) -> list[object]:
+    return [
+        pytest.param(case, filter, id=f"{filter}, {case.title}, {case.drive}, {case.times[0]:g} s")
+        for case in CASES
+        for filter in KINEMATIC
+        if ((case.title, case.drive, filter) in FAST_OF_KINEMATIC) == fast
+    ]
+
+
+@pytest.mark.parametrize(("case", "filter"), _parameters_of_kinematic(fast=True))
+def test_a_filter_that_an_inertial_sensor_drives_gets_over_its_faults(case: Case, filter: str) -> None:
+    _holds(case, filter)
+
+
+@pytest.mark.exam
+@pytest.mark.parametrize(("case", "filter"), _parameters_of_kinematic(fast=False))
+def test_a_filter_of_gnss_and_inertial_sensors_gets_over_any_fault_that_concerns_it(case: Case, filter: str) -> None:
+    if not concerns(case, filter):
+        pytest.skip(f"it does not matter to {filter}")
+    _holds(case, filter)
 
 
 @pytest.mark.parametrize("case", _parameters(fast=True))

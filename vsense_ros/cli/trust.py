@@ -108,8 +108,9 @@ def monitor(recordings: tuple[Path, ...], vehicle: str, calibrate: Path | None, 
 @click.command()
 @click.option("--out", type=NEW_FILE, default=Path("out/faults.json"), show_default=True, help="File.")
 @click.option("--only", metavar="WORDS", default="", help="Only faults whose name has these words in it.")
-def faults(out: Path, only: str) -> None:
-    """Let sensors fail, one way after the other, and look at what the observer makes of it.
+@click.option("--filter", "chosen", metavar="NAME", default="", help="Filter, as `vsense filters` lists them.")
+def faults(out: Path, only: str, chosen: str) -> None:
+    """Let sensors fail, one way after the other, and look at what the observer makes of it, or another filter.
 
     Jumps, drifts, frozen and absent axes of inertial sensors, GNSS that jumps, lies or is gone, on the generated bags
     and the RAV4's drive. Takes about a minute.
@@ -118,22 +119,25 @@ def faults(out: Path, only: str) -> None:
     Examples:
       vsense faults
       vsense faults --only gyro
+      vsense faults --filter strapdown
     """
     from vsense_ros.assess import faults as job
     from vsense_ros.errors import InputError
     from vsense_ros.evaluate.terminal import console, progress, say
 
-    chosen = [case for case in job.CASES if only in case.title]
-    if not chosen:
-        raise InputError(f"no fault has {only!r} in its name; `vsense faults` without --only lists them all")
+    cases = [case for case in job.CASES if only in case.title and job.concerns(case, chosen)]
+    if not cases:
+        raise InputError(
+            f"no fault that concerns the filter has {only!r} in its name; `vsense faults` without --only lists them all"
+        )
     outcomes, left_out = [], {}
     with progress("faults") as done:
-        for i, case in enumerate(chosen):
+        for i, case in enumerate(cases):
             try:
-                outcomes.append(job.examine(case))
+                outcomes.append(job.examine(case, chosen))
             except InputError as error:
                 left_out[case.drive] = str(error)
-            done((i + 1) / len(chosen))
+            done((i + 1) / len(cases))
     job.write(outcomes, out)
     console().print(job.table(outcomes))
     for name, why in left_out.items():

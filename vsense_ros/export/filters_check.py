@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense_ros.estimation.filter import Filter, Gaussian, Innovation, Kept
+from vsense_ros.estimation.filter import Gaussian, Innovation
 from vsense_ros.export import filters
 from vsense_ros.export.check import FLAGS, build
 from vsense_ros.export.same_calls import Difference, ExportedFilter, lead, relative, require_start
@@ -45,7 +45,7 @@ class Exported(ExportedFilter):
 class _Twin(Aided):
     """A filter whose every call is made to the exported one as well, and the results compared.
 
-    The struct of the exported one is the second half of the memory, so that both go back together for a late
+    The struct of the exported one is at the end of the memory, so that both go back together for a late
     measurement. Python writes into it at the start, and where trust was lost: all but the numbers of the car.
     """
 
@@ -61,17 +61,13 @@ class _Twin(Aided):
         definition, numbers = DEFINITIONS[name][1], car_numbers(vehicle, sensors.values())
         made: Any = definition.make(numbers)
         size = len(made.memory)
-        memory = np.zeros(2 * size)
-        super().__init__(name, definition, numbers, sensors, made.at(memory[:size]))
-        self.memory, self._ours, self._theirs, self.difference = memory, memory[:size], memory[size:], difference
-        self._there = made.at(memory[size:])  # the struct, as Python reads it
+        super().__init__(name, definition, numbers, sensors, behind=size)
+        self._ours, self._theirs, self.difference = self.memory[:size], self.behind, difference
+        self._there = made.at(self._theirs)  # the struct, as Python reads it
         self.other = Exported(library, self._theirs, [key for key in sensors if self.uses(key)])
         self.other.start()
         parts = self._there.bank if isinstance(self._there, HeadingBank) else filters_of(self._there)
         self._numbers = [parameters_of(part) for part in parts]
-
-    def backup(self) -> Kept:
-        return Filter.backup(self)  # of both
 
     def start(self, belief: Gaussian) -> None:
         super().start(belief)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import isfinite
-from typing import NamedTuple
+from math import isfinite, nan
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ from vsense_ros import codegen
 from vsense_ros.codegen import Kernel
 from vsense_ros.errors import InputError
 from vsense_ros.estimation.cascade import Cascade
-from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, Kept, largest_nis
+from vsense_ros.estimation.filter import Array, Filter, Gaussian, Innovation, largest_nis
 from vsense_ros.estimation.state_space import Named, Symbols, expression
 from vsense_ros.model.sensors import SensorBase, words_of
 from vsense_ros.navigation.readings import (
@@ -22,12 +22,15 @@ from vsense_ros.navigation.readings import (
     MEASUREMENTS,
     SINCE_FIX,
     SPEED,
+    Components,
     RollingSpeed,
     travelling_speed,
 )
+from vsense_ros.navigation.reckoning import AXES, Reckoning
 from vsense_ros.navigation.space import Definition, Remembered, filters_of, parameters_of
 
 _NOTHING = Innovation(np.zeros(0), np.zeros((0, 0)), 0.0, True)
+_BEYOND = 1.01  # times the largest normalized innovation squared, of a reading that is refused
 
 
 NEVER = 1e6  # [s] since the last fix, where there has been none
@@ -49,8 +52,10 @@ class Use(NamedTuple):
 class Aided(Filter):
     """The filter of a definition, with numbers of the car, corrected by the readings of its `sensors`.
 
-    A reading is one of a sensor in the axes of the car. Raises `InputError` where none of the sensors tells what an
-    input needs, or nothing tells what any measurement does. `filter` may be given, as `definition` makes it.
+    A reading is one of a sensor in the axes of the car. An axis of the first inertial sensor that drives the filter,
+    and is absent or refused, is reckoned from the other sensors, with what that adds to the covariance (`reckoning`). A
+    subclass may keep as many numbers as `behind` says at the end of the memory. Raises `InputError` where none of the
+    sensors measures what an input needs, or nothing measures what any measurement does.
     """
 
     def __init__(
@@ -59,18 +64,32 @@ class Aided(Filter):
         definition: Definition,
         numbers: Mapping[str, float],
         sensors: Mapping[str, SensorBase],
-        filter: Filter | None = None,
+        behind: int = 0,
     ) -> None:
         self.name, self.definition = name, definition
-        self.filter = definition.make(numbers) if filter is None else filter
-        self.memory, self.inputs, self.names = self.filter.memory, self.filter.inputs, self.filter.names
-        self.sensors = tuple(sensors)
-        self.input_names = self.filter.input_names if isinstance(self.filter, Cascade) else definition.inputs
+        made: Any = definition.make(numbers)
+        self.input_names = made.input_names if isinstance(made, Cascade) else definition.inputs
+        self.inertial = next((key for key, one in sensors.items() if "rates and forces" in one.tells), None)
+        self.driving = {AXES.index(n): i for i, n in enumerate(self.input_names) if n in AXES and self.inertial}
+        self.reckoning: Reckoning | None = None
+        self.filter: Filter = made
+        self.memory = made.memory
+        if hasattr(made, "at"):  # a particle filter has no other place
+            size = len(made.memory)
+            self.memory = np.zeros(size + Reckoning.SIZE + behind)
+            own, axes, self.behind = np.split(self.memory, [size, size + Reckoning.SIZE])
+            self.filter = made.at(own)
+            if self.driving and set(numbers) >= Reckoning.NUMBERS:
+                self.reckoning = Reckoning(axes, list(self.driving), numbers)
+        self.inputs, self.names, self.sensors = self.filter.inputs, self.filter.names, tuple(sensors)
+        self._of_axes: OfAxes | None = None  # made when it is needed
+        self._others = {key: one for key, one in sensors.items() if key != self.inertial}
         self._check(sensors)
         self.since_fix = self.input_names.index(SINCE_FIX) if SINCE_FIX in self.input_names else None
         self.restart_clock()
         radius = numbers.get("rolling_radius", 0.3)
         self.use = {key: self._use(sensor, _speed_of(sensor, sensors, radius)) for key, sensor in sensors.items()}
+        self._factor = np.eye(len(AXES) + len(self.conditions))  # of the newest inertial innovation
         self.fixes = {key for key, sensor in sensors.items() if "course" in sensor.tells}
 
     def _check(self, sensors: Mapping[str, SensorBase]) -> None:
@@ -119,6 +138,21 @@ class Aided(Filter):
         wanted = {INPUTS[name].tells for name in self.input_names if name in INPUTS and not name.startswith("held")}
         return bool(wanted & sensor.tells)
 
+    @property
+    def judged(self) -> tuple[int, ...]:
+        """Axes of the first inertial sensor, places in `AXES`, that drive the filter or correct it."""
+        if self.inertial is None or self.reckoning is None:
+            return ()
+        measured = (place for _, make, _, _ in self.use[self.inertial].measurements for place in _places(make))
+        return tuple(sorted({*self.driving, *measured}))
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Names of what is required of the motion at each inertial reading, one for each number."""
+        if self.inertial is None:
+            return ()
+        return tuple(name for name, nothing, _ in self.use[self.inertial].conditions for _ in nothing)
+
     def start(self, belief: Gaussian) -> None:
         self.filter.start(belief)
 
@@ -126,11 +160,85 @@ class Aided(Filter):
         """There has been no fix yet."""
         if self.since_fix is not None:
             self.inputs[self.since_fix] = NEVER
+        if self.reckoning is not None:
+            self.reckoning.restart()
 
     def predict(self, h: float) -> None:
+        if self.reckoning is not None and self.reckoning.go_on(h):
+            self._reckon(self.reckoning, h)
         self.filter.predict(h)
         if self.since_fix is not None:
             self.inputs[self.since_fix] += h
+
+    def _reckon(self, reckoning: Reckoning, h: float) -> None:
+        """Drive the filter by what the other sensors say of the axes that are not believed, and know it less well."""
+        reckoning.reckon(h)
+        doubted = reckoning.doubted.tolist()
+        density = np.zeros(len(AXES))
+        for axis, place in self.driving.items():
+            if doubted[axis]:
+                self.inputs[place] = reckoning.expected[axis]
+                density[axis] = reckoning.spoils(axis)
+        if self._of_axes is None:
+            self._of_axes = OfAxes(self)
+        self._of_axes.add(density, h)
+
+    def innovation_of_axis(self, axis: int, value: Array, variance: Array) -> Innovation:
+        """How far an axis of a reading (6,) of the first inertial sensor is from what is expected of it, which leaves
+        the filter as it is. Alone it has a number in the innovation."""
+        whitened, factor = np.full(len(AXES) + len(self.conditions), nan), np.eye(len(AXES) + len(self.conditions))
+        far, deviation = nan, 1.0
+        if axis in self.driving and self.reckoning is not None:
+            difference, deviation = self.reckoning.innovation(axis, float(value[axis]), float(variance[axis]))
+            far = difference / deviation
+        else:
+            for name, make, _, usual in self.use[self.inertial or ""].measurements:
+                if axis in (places := _places(make)):
+                    found = self._measure(name, make(value, variance), usual, -1.0, 1.0)
+                    at = places.index(axis)
+                    far, deviation = found.whitened.item(at), found.factor.item(at, at)
+        whitened[axis], factor[axis, axis] = far, deviation
+        return Innovation(whitened, factor, far * far, False)
+
+    def bias(self, axis: int) -> tuple[int, float] | None:
+        """Place in `names` of the bias of an inertial axis, and its standard deviation at start; None without one."""
+        field, direction = ("gyro_bias", "xyz"[axis]) if axis < 3 else ("acceleration_bias", "xyz"[axis - 3])
+        wanted = {f"{field}_{direction}"} | ({"gyro_bias"} if AXES[axis] == "yaw_rate" else set())
+        for element, name in enumerate(self.names):
+            part, _, own = name.rpartition(".")
+            if own in wanted:
+                return element, float(self.definition.parts[part][0].prior[own])
+        return None
+
+    def measures(self, name: str) -> bool:
+        """True if any sensor makes the measurement of this name."""
+        return any(name == made for use in self.use.values() for made, *_ in use.measurements)
+
+    def compares_on_map(self, sensor: str) -> bool:
+        """True if readings of a sensor are compared as they are, east and north."""
+        names = [made for made, *_ in self.use[sensor].measurements]
+        return names in (["gnss_velocity"], ["gnss_position"]) and not isinstance(self.filter, Cascade)
+
+    def move(self, element: int, by: float, deviation: float) -> None:
+        """Let an element of `names` jump by this; its error has this standard deviation and no correlation then."""
+        name, at = self.names[element], element
+        for part in filters_of(self.filter):
+            if at >= len(part.names):
+                at -= len(part.names)
+                continue
+            error = self._error_names(part).index(name.rpartition(".")[2])
+            for one in getattr(part, "bank", [part]):
+                one.mean[at] += by
+                one.covariance[error, :] = one.covariance[:, error] = 0.0
+                one.covariance[error, error] = deviation**2
+            if hasattr(part, "mix"):
+                part.mix()
+            return
+
+    @staticmethod
+    def _error_names(part: Any) -> tuple[str, ...]:
+        system = part.system
+        return tuple(getattr(system, "system", system).error_names)
 
     def give_reading(self, sensor: str, value: Array) -> None:
         """Take the inputs of a reading (m,); NaN leaves one as it is."""
@@ -151,15 +259,15 @@ class Aided(Filter):
         """All that a reading (m,) of a sensor does. The normalized innovation squared that is returned compares with
         the `limit` of the sensor as the worst of its measurements does with its own."""
         use = self.use[sensor]
+        if sensor == self.inertial:
+            return self._correct_inertial(use, value, variance, limit, scale)
+        if self.reckoning is not None:
+            self.reckoning.take(self._others[sensor], value)
         for memory in use.remembered:
             memory.renew(value)
         worst, accepted, found = 0.0, True, _NOTHING
         for name, make, own, usual in use.measurements:
-            made, variances = make(value, variance)
-            if not variances.all():  # of a sensor that the multibody car takes for an input without noise
-                variances = np.where(variances > 0, variances, usual)
-            most = own * (limit / largest_nis(use.gate, len(value))) if isfinite(limit) and isfinite(own) else np.inf
-            found = self.filter.correct(name, made, variances, most, scale)
+            found = self._measure(name, make(value, variance), usual, self._most(use, own, limit, len(value)), scale)
             share = found.nis / own * largest_nis(use.gate, len(value)) if isfinite(own) else 0.0
             worst, accepted = (share if not share <= worst else worst), accepted and (found.accepted or found.nis < 0)
         self._give(sensor, value)
@@ -168,6 +276,53 @@ class Aided(Filter):
         for name, nothing, variances in use.conditions:
             self.filter.correct(name, nothing, variances)
         return found._replace(nis=worst, accepted=accepted)
+
+    @staticmethod
+    def _most(use: Use, own: float, limit: float, components: int) -> float:
+        """The largest normalized innovation squared believed of a measurement, for that of its sensor."""
+        return own * (limit / largest_nis(use.gate, components)) if isfinite(limit) and isfinite(own) else np.inf
+
+    def _measure(self, name: str, made: tuple[Array, Array], usual: Array, most: float, scale: float) -> Innovation:
+        value, variances = made
+        if not variances.all():  # of a sensor that the multibody car takes for an input without noise
+            variances = np.where(variances > 0, variances, usual)
+        return self.filter.correct(name, value, variances, most, scale)
+
+    def _correct_inertial(self, use: Use, value: Array, variance: Array, limit: float, scale: float) -> Innovation:
+        """All that a reading of the first inertial sensor does.
+
+        Its innovation has one component for each of `AXES`, NaN where the filter does not use it, and one for each of
+        `conditions`. An axis that is not believed makes the normalized innovation squared larger than the gate's
+        square. Without a limit, all is believed.
+        """
+        gate = use.gate if isfinite(limit) else np.inf
+        whitened, deviations = [nan] * len(AXES), [1.0] * len(AXES)
+        refused: list[int] = []
+        if self.reckoning is not None:
+            whitened, deviations, refused = self.reckoning.read(value, variance, gate)
+            if refused:
+                value = value.copy()
+                value[refused] = nan
+        for memory in use.remembered:
+            memory.renew(value)
+        for name, make, own, usual in use.measurements:
+            most = self._most(use, own, limit, len(value))
+            found = self._measure(name, make(value, variance), usual, most, scale)
+            for k, place in enumerate(_places(make)):
+                whitened[place], deviations[place] = found.whitened.item(k), found.factor.item(k, k)
+                if not found.accepted and found.nis >= 0:
+                    refused.append(place)
+        self._give(self.inertial or "", value)
+        for name, nothing, variances in use.conditions:
+            found = self.filter.correct(name, nothing, variances)
+            whitened += found.whitened.tolist()
+            deviations += found.factor.diagonal().tolist()
+        worst = max((one * one for one in whitened[: len(AXES)] if one == one), default=-1.0)
+        self.refused = tuple(refused)
+        if refused:
+            worst = max(worst, _BEYOND * gate**2)
+        self._factor.reshape(-1)[:: len(deviations) + 1] = deviations
+        return Innovation(np.array(whitened), self._factor, worst, not refused)
 
     def belief(self) -> Gaussian:
         return self.filter.belief()
@@ -178,8 +333,29 @@ class Aided(Filter):
     def inflate(self) -> None:
         self.filter.inflate()
 
-    def backup(self) -> Kept:
-        return self.filter.backup()
+
+class OfAxes:
+    """What axes of an inertial sensor add to the covariance of a filter that they drive, where they are reckoned."""
+
+    def __init__(self, filter: Aided) -> None:
+        self._parts = []
+        parts = zip(filter.definition.parts.values(), filters_of(filter.filter), strict=True)
+        for (system, _), part in parts:
+            axes = [AXES.index(name) for name in system.inputs if name in AXES]
+            if not axes:
+                continue
+            at, densities = Symbols(system), ca.SX.sym("densities", len(axes))
+            variances = {AXES[axis]: densities[k] / at.h for k, axis in enumerate(axes)}
+            added = system.noise_of_inputs(at.x, at.u, at.theta, at.h, variances)
+            function = ca.Function("added", [*at.now, at.h, densities], [added])
+            self._parts.append((function, axes, getattr(part, "bank", [part])))
+
+    def add(self, density: Array, h: float) -> None:
+        """White noise of these densities (6,) for a step of `h` [s]."""
+        for function, axes, filters in self._parts:
+            for one in filters:
+                added = function(one.mean, one.inputs, parameters_of(one), h, density[axes])
+                one.covariance += np.asarray(added)
 
 
 class Memory:
@@ -212,6 +388,11 @@ class Memory:
         if np.isfinite(found).all():
             self._inputs[self.places] = found
             self._part.inputs[self.own] = found
+
+
+def _places(make: Callable[[Array, Array], tuple[Array, Array]]) -> list[int]:
+    """Components of a reading that a measurement consists of."""
+    return make.places if isinstance(make, Components) else []
 
 
 def usable(sensors: Mapping[str, SensorBase]) -> dict[str, SensorBase]:

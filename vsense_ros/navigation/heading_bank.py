@@ -85,14 +85,14 @@ class HeadingBank(GaussianFilter):
             mean[self._yaw] += 2 * np.pi * i / HYPOTHESES
             one.inputs[:] = self.inputs
             one.start(Gaussian(mean, belief.covariance))
-        self._mix()
+        self.mix()
 
     def predict(self, h: float) -> None:
         """Each filter, with the inputs of the bank."""
         for one in self.bank:
             one.inputs[:] = self.inputs
             one.predict(h)
-        self._mix()
+        self.mix()
 
     def correct(
         self, sensor: str, value: Array, variance: Array, limit: float = np.inf, scale: float = 1.0
@@ -113,11 +113,11 @@ class HeadingBank(GaussianFilter):
         self.log_weights -= self.log_weights.max()
         self.log_weights[:] = np.maximum(self.log_weights, -50.0)
         self.log_weights -= np.log(np.sum(np.exp(self.log_weights)))
-        self._mix()
+        self.mix()
         return likeliest
 
-    def _mix(self) -> None:
-        """Mean and covariance of the mixture; headings are averaged about the likeliest."""
+    def mix(self) -> None:
+        """Make mean and covariance those of the mixture; headings are averaged about the likeliest."""
         weights = np.exp(self.log_weights)
         means = np.array([one.mean for one in self.bank])
         around = means[int(np.argmax(weights)), self._yaw]
@@ -135,7 +135,7 @@ class HeadingBank(GaussianFilter):
         """Each filter."""
         for one in self.bank:
             one.inflate()
-        self._mix()
+        self.mix()
 
 
 _NOTHING = Innovation(np.zeros(0), np.zeros((0, 0)), -1.0, True)

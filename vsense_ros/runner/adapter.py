@@ -35,6 +35,16 @@ class Move(NamedTuple):
     deviation: float
 
 
+class Judged(NamedTuple):
+    """An inertial sensor as the vote sees it: names of its axes, places of those that the filter uses, how many other
+    numbers stand behind its innovations, and its gate [standard deviations]."""
+
+    words: tuple[str, ...]
+    judged: tuple[int, ...]
+    conditions: int
+    gate: float
+
+
 class Adapter(ABC):
     """One filter of one vehicle, as the runner works with it.
 
@@ -62,6 +72,10 @@ class Adapter(ABC):
     def attach(self, intake: Intake[SensorBase], timeline: Timeline) -> None:
         """Take note of the intake and the timeline that the runner has made for this filter."""
         self.intake, self.timeline = intake, timeline
+
+    def uses(self, sensor: str) -> bool:
+        """True if readings of this sensor do anything."""
+        return True
 
     @abstractmethod
     def channels(self) -> list[Channel]:
@@ -125,8 +139,8 @@ class Adapter(ABC):
 
     # Inertial sensors
 
-    def axes(self) -> dict[int, tuple[tuple[str, ...], float]]:
-        """Names of the axes that can be left out, and the gate [standard deviations], by place of the sensor."""
+    def axes(self) -> dict[int, Judged]:
+        """Inertial sensors whose axes can be left out, by their place."""
         return {}
 
     def correct_inertial(self, channel: Channel, event: Event, gate: float) -> Innovation:

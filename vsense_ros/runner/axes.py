@@ -31,11 +31,17 @@ class Out:
 
 @dataclass
 class Axes:
-    """Of one inertial sensor with m components."""
+    """The axes of one inertial sensor, m components of each reading.
+
+    Behind the innovations of its axes may stand others, `conditions` in number, of what is required of the motion at
+    each reading. `judged` are the places of the axes that the filter uses.
+    """
 
     index: int
     channel: Channel
     words: tuple[str, ...]  # what the components are called
+    judged: tuple[int, ...]
+    conditions: int
     gate: float  # largest normalized innovation squared of one component
     out: dict[int, Out] = field(default_factory=dict)
     wait: dict[int, int] = field(default_factory=dict)  # how long an axis must agree next time [ns]
@@ -48,12 +54,13 @@ class Axes:
 
     def __post_init__(self) -> None:
         m = len(self.words)
-        self.sums, self.held = Sums(m), np.ones(m)
+        self.sums, self.held = Sums(m, self.conditions), np.ones(m)
 
     @property
-    def there(self) -> NDArray[np.bool_]:
-        """What came of late, (m,)."""
-        return np.asarray(self.sums.counts[0] > 0)
+    def present(self) -> list[int]:
+        """Places of the axes that came of late."""
+        came = self.sums.counts[0] > 0
+        return [axis for axis in self.judged if came[axis]]
 
     def masked(self, value: Array) -> Array:
         """A measurement without what is out."""
@@ -63,11 +70,12 @@ class Axes:
 
     @property
     def absent(self) -> list[str]:
-        """What did not come of late."""
-        return [
-            word for word, there in zip(self.words, self.there.tolist(), strict=True) if not there and self.sums.begun
-        ]
+        """Names of the axes that did not come of late."""
+        if not self.sums.begun:
+            return []
+        present = self.present
+        return [self.words[axis] for axis in self.judged if axis not in present]
 
     def name(self, axis: int) -> str:
-        """Of an axis, with that of its sensor."""
+        """The name of an axis with that of its sensor."""
         return f"{self.channel.name} {self.words[axis]}"

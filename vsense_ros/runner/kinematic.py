@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from vsense_ros.navigation.beginning import Beginning
 from vsense_ros.navigation.car_numbers import car_numbers
 from vsense_ros.navigation.motion import Readout, Snapshot
 from vsense_ros.navigation.readings import MEASUREMENTS
-from vsense_ros.runner.adapter import Adapter, adapter_of
+from vsense_ros.runner.adapter import Adapter, Judged, Move, adapter_of
 
 Array = NDArray[np.float64]
 
@@ -34,6 +34,7 @@ class KinematicAdapter(Adapter):
 
     def __init__(self, filter: Aided, vehicle: Vehicle, sensors: dict[str, SensorBase]) -> None:
         super().__init__(vehicle)
+        self.merge = vehicle.observer.merge_window
         self.filter, self.sensors = filter, {name: sensors[name] for name in filter.sensors}
         self._list = tuple(self.sensors.values())
         self._names = tuple(self.sensors)
@@ -43,11 +44,34 @@ class KinematicAdapter(Adapter):
         self._beginning = Beginning(filter, car_numbers(vehicle, self._list), self.sensors)
         self._known: Mapping[str, float] = {}
         self._speed = 0.0  # newest over ground [m/s]
+        self._of_car, self._of_sensor, self._order = self._axes_of_car()
+        self.has_position = filter.measures("gnss_position") and {"east", "north"} <= set(filter.names)
         self.readout = Readout(filter)
 
     @property
     def name(self) -> str:
         return self.filter.name
+
+    def _axes_of_car(self) -> tuple[list[int], list[int], Array | None]:
+        """For each axis of the inertial sensor the nearest one of the car, the reverse of that, and the order in which
+        components of an innovation by axes of the car are those of the sensor; None where nothing changes."""
+        same = list(range(6))
+        if self.filter.inertial is None:
+            return same, same, None
+        sensor = self.sensors[self.filter.inertial]
+        of_car = []
+        for axis in range(6):
+            probe = np.zeros((1, 6))
+            probe[0, axis] = np.nan
+            absent = np.flatnonzero(np.isnan(sensor.in_axes_of_car(probe)[0]))
+            of_car.append(int(absent[0]) if len(absent) == 1 else axis)
+        if of_car == same or sorted(of_car) != same:
+            return same, same, None
+        order = np.array([*of_car, *range(6, 6 + len(self.filter.conditions))])
+        return of_car, [of_car.index(axis) for axis in range(6)], order
+
+    def uses(self, sensor: str) -> bool:
+        return self.filter.uses(sensor)
 
     def channels(self) -> list[Channel]:
         return [Channel(k, largest_nis(one.gate, len(one.deviations()))) for k, one in self.sensors.items()]
@@ -117,6 +141,68 @@ class KinematicAdapter(Adapter):
         elif "heading" in sensor.tells and (heading := sensor.heading(value, event.variance)) is not None:
             value = np.array([np.cos(heading[0]), np.sin(heading[0])])
         return value
+
+    # Inertial sensors
+
+    def axes(self) -> dict[int, Judged]:
+        key = self.filter.inertial
+        judged = tuple(self._of_sensor[axis] for axis in self.filter.judged)
+        if key is None or not judged:
+            return {}
+        words = tuple(one.words for one in self.sensors[key].components)
+        conditions = len(self.filter.conditions)
+        return {self._names.index(key): Judged(words, judged, conditions, self.sensors[key].gate)}
+
+    def correct_inertial(self, channel: Channel, event: Event, gate: float) -> Innovation:
+        return self._in_axes_of_sensor(self.correct(channel, event))
+
+    def correct_by_axis(self, channel: Channel, event: Event, gate: float) -> Iterator[tuple[int, Innovation]]:
+        """The axes of the reading that the filter has just used or refused, and the conditions behind them."""
+        refused = {self._of_sensor[axis] for axis in self.filter.refused}
+        all_of_it = self._newest
+        for place, far in enumerate(all_of_it.whitened.tolist()):
+            if np.isfinite(far):
+                alone = np.full_like(all_of_it.whitened, np.nan)
+                alone[place] = far
+                yield place, Innovation(alone, all_of_it.factor, far**2, place not in refused)
+
+    def innovation_of_axis(self, channel: Channel, event: Event, axis: int) -> Innovation:
+        found = self.filter.innovation_of_axis(self._of_car[axis], self._in_axes_of_car(event), event.variance)
+        return self._in_axes_of_sensor(found)
+
+    def _in_axes_of_sensor(self, found: Innovation) -> Innovation:
+        """An innovation whose axes are those of the car, with those of the sensor that are nearest to them."""
+        if self._order is not None:
+            found = found._replace(
+                whitened=found.whitened[self._order], factor=found.factor[self._order][:, self._order]
+            )
+        self._newest = found
+        return found
+
+    def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
+        return self.filter.bias(self._of_car[axis])
+
+    # Resets
+
+    def difference(self, event: Event, innovation: Innovation) -> tuple[Array, Array] | None:
+        if not self.filter.compares_on_map(self._names[event.sensor]):
+            return None
+        factor = innovation.factor
+        return factor @ innovation.whitened, np.sqrt(np.sum(factor**2, axis=1))
+
+    def moves(self, sensor: SensorBase, difference: Array, deviation: Array) -> list[Move]:
+        names, mean = self.filter.names, self.filter.belief().mean
+        spread = float(deviation.max())
+        wanted = ("east", "north") if "position" in sensor.tells else ("velocity_east", "velocity_north")
+        if "course" in sensor.tells and {"forward_velocity", "lateral_velocity", "yaw"} <= set(names):
+            wanted, yaw = ("forward_velocity", "lateral_velocity"), mean[names.index("yaw")]
+            difference = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]) @ difference
+        if not set(wanted) <= set(names):
+            return []
+        return [Move(names.index(name), by, spread) for name, by in zip(wanted, difference.tolist(), strict=True)]
+
+    def move(self, move: Move) -> None:
+        self.filter.move(*move)
 
     # Results
 

@@ -28,7 +28,7 @@ from vsense_ros.observer.sensors import check_sensors
 from vsense_ros.observer.spi import Spi
 from vsense_ros.observer.state import FORWARD, LATERAL, YAW_RATE, U
 from vsense_ros.observer.tilt import Tilt
-from vsense_ros.runner.adapter import Adapter, Move, Report, adapter_of
+from vsense_ros.runner.adapter import Adapter, Judged, Move, Report, adapter_of
 
 Array = NDArray[np.float64]
 
@@ -139,12 +139,13 @@ class CarAdapter(Adapter):
         if self._road_map is not None and self.alignment.known:
             self._road_map.follow(self.filter)
 
-    def axes(self) -> dict[int, tuple[tuple[str, ...], float]]:
-        return {
-            i: (tuple(one.words for one in sensor.components), sensor.gate)
-            for i, sensor in enumerate(self.sensors.values())
-            if "rates and forces" in sensor.tells
-        }
+    def axes(self) -> dict[int, Judged]:
+        found = {}
+        for i, sensor in enumerate(self.sensors.values()):
+            if "rates and forces" in sensor.tells:
+                words = tuple(one.words for one in sensor.components)
+                found[i] = Judged(words, tuple(range(len(words))), 0, sensor.gate)
+        return found
 
     def bias(self, sensor: int, axis: int) -> tuple[int, float] | None:
         element = self.car.layout.biases[sensor].start + axis

@@ -26,8 +26,10 @@ class Sums:
     `VOTE.alarm`², so that one product tells what a sum is to be held against.
     """
 
-    def __init__(self, m: int) -> None:
-        rows, blocks = np.full((VOTE.rows, 2 * m), VOTE.alarm**2), np.zeros((len(_ADDED), 2 * m))
+    def __init__(self, axes: int, conditions: int = 0) -> None:
+        m = axes + conditions
+        self.alarm = np.array([VOTE.alarm] * axes + [VOTE.alarm_of_conditions] * conditions)
+        rows, blocks = np.tile(self.alarm**2, (VOTE.rows, 2)), np.zeros((len(_ADDED), 2 * m))
         self._components, self._rows, self._blocks = m, rows, blocks
         self._values = [row[:m] for row in rows]
         self._first = [rows[:k] for k in range(VOTE.rows + 1)]
@@ -40,7 +42,7 @@ class Sums:
     @property
     def counts(self) -> Array:
         """How many innovations each sum is of (4, m)."""
-        return np.rint(self._limits / VOTE.alarm**2)
+        return np.rint(self._limits / self.alarm**2)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -66,7 +68,7 @@ class Sums:
             values = self._first[row][:, : self._components]
             there = values == values
             self._sums[place][:] = np.hstack(
-                [np.where(there, values, 0.0).sum(axis=0), there.sum(axis=0) * VOTE.alarm**2]
+                [np.where(there, values, 0.0).sum(axis=0), there.sum(axis=0) * self.alarm**2]
             )
         np.dot(_ADDED[place], self._blocks, out=self._windows)
         self._block = place + 1 if place + 1 < len(_ADDED) else 0

@@ -74,7 +74,10 @@ class Vote:
     ) -> None:
         self._adapter = adapter
         self._others_there, self._by_hand, self._tell = others_there, by_hand, tell
-        self.axes = {i: Axes(i, channels[i], words, gate**2) for i, (words, gate) in adapter.axes().items()}
+        self.axes = {
+            i: Axes(i, channels[i], one.words, one.judged, one.conditions, one.gate**2)
+            for i, one in adapter.axes().items()
+        }
         self.returned: list[tuple[int, int, float]] = []  # sensor and axis, and how far its bias may have jumped
         self._frozen: list[tuple[Axes, int, float]] = []  # and at which value
         self._jumped: list[tuple[Axes, int]] = []
@@ -141,7 +144,7 @@ class Vote:
         """Use a message axis by axis, as one of them, or all together, are far from what was expected."""
         seen = Innovation(found.whitened.copy(), found.factor.copy(), found.nis, accepted=False)
         value, used, now = event.value.copy(), 0, event.stamp
-        whitened = np.full_like(value, np.nan)
+        whitened = np.full_like(seen.whitened, np.nan)
         for axis, found in self._adapter.correct_by_axis(axes.channel, replace(event, value=value), axes.gate):
             if found.accepted:
                 used += 1
@@ -168,10 +171,11 @@ class Vote:
     def _is_far(self, axes: Axes, stamp: int) -> None:
         """Raise the alarm where innovations of a sensor add up to more than noise does."""
         far = axes.sums.far()
-        if far[:2].max() > VOTE.jump and stamp - self._begun >= VOTE.settled and self._others_there():
-            self._jumped.append((axes, int(far[:2].max(axis=0).argmax())))
-        for window, furthest in zip(WINDOWS[2:].tolist(), far[2:].max(axis=1).tolist(), strict=True):
-            if furthest > VOTE.alarm:
+        quick = far[:2, : len(axes.words)]
+        if quick.max() > VOTE.jump and stamp - self._begun >= VOTE.settled and self._others_there():
+            self._jumped.append((axes, int(quick.max(axis=0).argmax())))
+        for window, sums in zip(WINDOWS[2:].tolist(), far[2:], strict=True):
+            if np.any(sums > axes.sums.alarm):
                 self._sound(stamp, stamp - window * VOTE.block)
                 break
 
@@ -210,7 +214,7 @@ class Vote:
         if np.count_nonzero(same & (newest[-1] == newest[-VOTE.frozen])):
             values = np.array(newest)[-VOTE.frozen :]
             for axis in np.flatnonzero((values == values[-1]).all(axis=0) & (axes.held < VOTE.lively)).tolist():
-                if axis not in axes.out and self._adapter.moving:
+                if axis in axes.judged and axis not in axes.out and self._adapter.moving:
                     self._frozen.append((axes, axis, float(values[-1, axis])))
         axes.held += VOTE.share * (same - axes.held)
 
@@ -218,7 +222,7 @@ class Vote:
         """All of a sensor has said this for so long that it is frozen."""
         axes = self.axes[index]
         for axis in np.flatnonzero(np.isfinite(value)).tolist():
-            if axis not in axes.out:
+            if axis in axes.judged and axis not in axes.out:
                 self._frozen.append((axes, axis, float(value[axis])))
 
     # Out, and in again
@@ -295,8 +299,8 @@ class Vote:
             return
         found: list[Found] = []
         for axes in self.axes.values():
-            within = [a for a in np.flatnonzero(axes.there).tolist() if a not in axes.out]
-            loud = axes.sums.far()[SHORT].max() > VOTE.own
+            within = [a for a in axes.present if a not in axes.out]
+            loud = axes.sums.far()[SHORT, : len(axes.words)].max() > VOTE.own
             if not loud and self._without(timeline, since, everybody, axes, within).gain < VOTE.worth_a_vote:
                 continue
             found += [self._without(timeline, since, everybody, axes, [a]) for a in within]

@@ -24,6 +24,7 @@ class VoteSettings:
 
     # An alarm: a sum of 0.2 s or 1 s, or a sensor that is refused at large.
     alarm: float = 4.5  # [-]
+    alarm_of_conditions: float = 15.0  # [-] of what is required of the motion at each reading, which is no white noise
     calm: float = 3.0  # [-] mean normalized innovation squared per component of a sensor that agrees
     loud: float = 6.0  # [-] the same, within a second, that is an alarm
     settled: int = 2_000_000_000  # [ns] from the start without a vote: what nobody knows yet is not one axis's fault
